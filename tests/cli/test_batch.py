@@ -18,6 +18,7 @@ from cnc.cli import progress
 from cnc.model.diagnostics import GcodeError, MachineFileError, UsageError
 from tests.support.paths import ROOT
 from tests.support.soak import share
+from tests.support.waiting import HANG, cpu_seconds, wait_until
 
 GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
@@ -100,7 +101,7 @@ def lasting(reports: str) -> list[dict]:
 
 
 def test_one_and_two_processes_give_the_same_findings(cncrun, tmp_path):
-    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 5000))
+    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 2000))
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
     assert one == two
@@ -275,7 +276,10 @@ def test_a_file_name_that_is_not_text(tmp_path):
         (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
     for form in "text", "github":
         done = subprocess.run(
-            command(str(tmp_path), "--format", form), cwd=ROOT, capture_output=True, check=False
+            command(str(tmp_path), "--jobs", "1", "--format", form),
+            cwd=ROOT,
+            capture_output=True,
+            check=False,
         )
         assert (done.returncode, b"Traceback" in done.stderr) == (0, False), form
 
@@ -324,23 +328,19 @@ def test_workers_end_with_their_parent(tmp_path, how):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
-        workers = []
-        while len(workers) < 2:
-            assert process.poll() is None
-            time.sleep(0.05)
-            workers = children(process.pid)
-        time.sleep(1.0)  # in the middle of it
+        wait_until(lambda: len(children(process.pid)) == 2 or process.poll() is not None)
+        assert process.poll() is None
+        workers = children(process.pid)
+        # They have started, and are in the middle of a program.
+        wait_until(lambda: min(map(cpu_seconds, workers)) > 2.0)
         process.send_signal(how)
-        assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
+        assert process.wait(HANG) == (130 if how != signal.SIGKILL else -9)
         if how != signal.SIGKILL:
             assert (
                 process.stderr.read().decode().splitlines()[-1]
                 == "stopped by the operator; nothing has moved"
             )
-    until = time.monotonic() + 20
-    while any(alive(worker) for worker in workers):
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(lambda: not any(alive(worker) for worker in workers))
 
 
 def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):

@@ -65,7 +65,7 @@ class LineMachine:
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
-        dialect, axes = interpreter.dialect, interpreter.motion.axes
+        dialect, axes, policy = interpreter.dialect, interpreter.motion.axes, interpreter.policy
         self._column = np.full(26, kernel.OTHER_WORD, np.int64)
         self._column[[ord(letter) - ord("A") for letter in "NGMFSPIJKR"]] = kernel.TAKEN_WORD
         for index, axis in enumerate(axes):
@@ -84,7 +84,7 @@ class LineMachine:
                 self._group[code] = _GROUPS[group]
         self._m_action = np.full(100, kernel.STOP, np.uint8)
         for m, action in _M_ACTIONS.items():
-            if m in dialect.m:
+            if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
                 self._m_action[m] = action
         self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
@@ -139,7 +139,7 @@ class LineMachine:
                 idle_center=dialect.arc_idle_center,
                 surface_speed=modal.constant_surface,
                 notes=interpreter.unused_words.enabled,
-                dwell=dialect.dwell.get("P", 0.0),
+                dwell=0.0 if "P" in dialect.dwell_point else dialect.dwell.get("P", 0.0),
                 longest_dwell=LONG_DWELL,
             ),
         )
@@ -164,10 +164,13 @@ class LineMachine:
         found = self._actions.get(key)
         if found is None:
             found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
-            legal = interpreter.dialect.g
+            dialect = interpreter.dialect
             for code, action in {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}.items():
-                if code in legal:
+                meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
+                if code in dialect.g and not meant:
                     found[code] = action
+            if dialect.after_g80 != "none":
+                found[G.G80] = kernel.STOP
         return found
 
     def _load(self) -> tuple[int, int]:
@@ -237,14 +240,14 @@ class LineMachine:
         for row, block in zip(others.tolist(), self._blocks(rows, others), strict=True):
             if row > begin:
                 out.moves(rows.points[begin:row], rows.feeds[begin:row], rows.lines[begin:row])
-            out.put(block)
+            out.add(block)
             begin = row + 1
         if count > begin:
             out.moves(rows.points[begin:count], rows.feeds[begin:count], rows.lines[begin:count])
 
     def _blocks(self, rows: kernel.Rows, numbers: NDArray[np.intp]) -> Iterator[Block]:
         """Yield the blocks of rows that are no straight moves."""
-        file = self._interpreter.here.file
+        file, laser = self._interpreter.here.file, self._interpreter.policy.laser
         for kind, line, data, end, feed in zip(
             rows.kinds[numbers].tolist(),
             rows.lines[numbers].tolist(),
@@ -260,7 +263,10 @@ class LineMachine:
                 )
             elif kind == kernel.SPINDLE:
                 speed = (second or 0.0) if first else 0.0
-                yield Spindle(file, line, _SPINDLE[int(first)], speed)
+                with_motion = laser and bool(radius)
+                yield Spindle(
+                    file, line, _SPINDLE[int(first)], speed, with_motion=with_motion
+                )
             elif kind == kernel.COOLANT:
                 yield Coolant(file, line, bool(first), bool(second))
             else:

@@ -124,8 +124,8 @@ class Rows(NamedTuple):
         feeds: (m,) mm/s or degrees/s, NaN for a traverse.
         lines: (m,) line numbers.
         kinds: (m,) kinds.
-        data: (m, 5) centre, radius, turns and plane of an arc; direction and speed of the spindle;
-            mist and flood; seconds.
+        data: (m, 5) centre, radius, turns and plane of an arc; direction and speed of the spindle,
+            and 1 if only the speed changes; mist and flood; seconds.
     """
 
     points: Floats
@@ -296,6 +296,9 @@ def _fits(words: _Words, setup: Setup, now: Record) -> bool:
             return False
         if words.moving or words.curved or words.explicit:
             return False
+        # In some dialects F or S is the time.
+        if words.feed == words.feed or words.speed == words.speed:
+            return False
     elif words.time == words.time:
         return False
     elif words.moving or words.curved:
@@ -350,6 +353,7 @@ def _commit(
     if words.turn >= 0 or (words.speed == words.speed and now["spindle"] > 0):
         if words.turn > 0:
             now["speed_word"] = math.nan
+        rows.data[row, 2] = words.turn < 0 or (words.turn > 0 and words.turn == now["spindle"])
         if words.turn >= 0:
             now["spindle"] = words.turn
         rows.kinds[row], rows.lines[row] = SPINDLE, line
