@@ -171,7 +171,14 @@ def freecad(rng: random.Random) -> Iterator[str]:
 
 def estlcam(rng: random.Random) -> Iterator[str]:
     """Estlcam: F and S on each line, two-digit codes, comments at tools."""
-    yield from ["(Project relief)", "(Created by Estlcam)", "G21", "G90", "M03 S24000", "G00 Z5.0000"]
+    yield from [
+        "(Project relief)",
+        "(Created by Estlcam)",
+        "G21",
+        "G90",
+        "M03 S24000",
+        "G00 Z5.0000",
+    ]
     for stroke in toolpath(rng, 0.1):
         x, y, z = stroke.end
         if stroke.code < 2:
@@ -203,7 +210,7 @@ def pcb2gcode(rng: random.Random) -> Iterator[str]:
     while True:
         for _ in range(rng.randint(400, 900)):
             stroke = next(strokes)
-            x, y, z = stroke.end
+            x, y, _ = stroke.end
             if stroke.code == 0:
                 yield from ["", "G00 Z2.00000 ( retract )", "", f"G00 X{x:.5f} Y{y:.5f} ( rapid )"]
                 yield f"G01 Z{-0.05:.5f} F200.00000 ( plunge. )"

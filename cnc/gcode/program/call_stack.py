@@ -7,7 +7,7 @@ one text. A :class:`Frame` is a call (or the main program); :class:`Flow` is the
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
@@ -133,7 +133,6 @@ class Listing(LineIndex):
                 self._pages.popitem(last=False)
         self._pages.move_to_end(window.first)
         return page
-
 
     def forget_steps(self) -> None:
         """Make the steps of all lines again when they are reached."""

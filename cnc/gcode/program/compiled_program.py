@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.program.parameter_mirror import ParameterMirror
 from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
 from cnc.kernels.gcode import program as kernel
-from cnc.kernels.gcode.coding import CONTROL, UNKNOWN, Coded
+from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
 from cnc.kernels.gcode.line import MOST_ROWS as MOST_LINE_ROWS
 
 MOST_LINES = 100_000
@@ -101,9 +102,7 @@ class CompiledProgram:
             -1,
         )
         setup, state, position, rows, _ = job
-        kernel.run(
-            table.text, values, changes, setup, state, position, rows, self._progress
-        )
+        kernel.run(table.text, values, changes, setup, state, position, rows, self._progress)
         _, index, done, executed, new, highest, _, _, begun, last = self._progress[0].item()
         if not done:
             return None
@@ -120,7 +119,7 @@ class CompiledProgram:
         if int(state[0]["rows"]) + MOST_LINE_ROWS >= len(rows.kinds):
             self._rows = min(2 * self._rows, MOST_ROWS)
         self._machine.finish(job)
-        return first + index
+        return first + int(index)
 
     def register(self, window: Window, index: int, step: Step) -> None:
         """Enter the step of a control line into the table of its window."""
@@ -128,55 +127,14 @@ class CompiledProgram:
         coded, control = table.text.coded, table.text.control
         if coded.kind[index] != CONTROL:
             return
-        values = int(coded.first[index + 1] - coded.first[index])
-        first = window.first
-        action, target, other, wanted = kernel.LEFT_OUT, 0, -1, 0
-        match step:
-            case Nothing():
-                action, target = kernel.JUMP, index + 1
-            case Jump(to=to):
-                action, target = kernel.JUMP, to - first
-            case If(branches=branches, otherwise=otherwise):
-                action, target, wanted = kernel.IF, otherwise - first, 1
-                chain = [index, *(branch - first for branch, _ in branches)]
-                if not all(self._has_one_value(coded, each) for each in chain):
-                    return
-                for before, after in pairwise(chain):
-                    control.other[before] = after
-                control.other[chain[-1]] = -1
-                other = int(control.other[index])
-            case While(loop=loop):
-                action, target, wanted = kernel.WHILE, loop.last + 1 - first, 1
-                table.loops[index] = loop
-            case EndWhile(first=begin):
-                action, target, other = kernel.END_WHILE, begin + 1 - first, begin - first
-                if not self._has_one_value(coded, other):
-                    return
-            case Do(loop=loop):
-                action = kernel.DO
-                table.loops[index] = loop
-            case DoWhile(begin=begin):
-                action, target, wanted = kernel.DO_WHILE, begin - first, 1
-            case Repeat(loop=loop):
-                action, target, wanted = kernel.REPEAT, loop.last + 1 - first, 1
-                table.loops[index], table.repeats[index] = loop, step
-            case EndRepeat(begin=begin):
-                action, target, other = kernel.END_REPEAT, begin - first, begin - 1 - first
-                if other not in table.repeats:
-                    return
-        if action != kernel.LEFT_OUT and values == wanted:
-            control.target[index], control.action[index] = target, action
+        entry = _loop_entry(table, index, step) or _branch_entry(table, index, step)
+        if entry is None:
+            return
+        if int(coded.first[index + 1] - coded.first[index]) == entry.values:
+            control.target[index], control.action[index] = entry.target, entry.action
             # That of an elseif is the next one, whatever the line does when it is reached.
-            if action != kernel.JUMP:
-                control.other[index] = other
-
-    @staticmethod
-    def _has_one_value(coded: Coded, index: int) -> bool:
-        return (
-            0 <= index < len(coded.kind)
-            and coded.kind[index] == CONTROL
-            and int(coded.first[index + 1] - coded.first[index]) == 1
-        )
+            if entry.action != kernel.JUMP:
+                control.other[index] = entry.other
 
     def _table(self, window: Window) -> _Table:
         """Return the table of a window, which is made when it is first asked for."""
@@ -206,3 +164,63 @@ class CompiledProgram:
         for table in self._tables.values():
             for index, loop in table.loops.items():
                 loop.since = max(loop.since, int(table.text.control.since[index]))
+
+
+class _Entry(NamedTuple):
+    """An entry of the table: action, target, other line, and number of values of the line."""
+
+    action: int
+    target: int
+    other: int = -1
+    values: int = 0
+
+
+def _branch_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+    """Return the entry of a line that is no loop; None if it is left to the interpreter."""
+    first, control = table.window.first, table.text.control
+    match step:
+        case Nothing():
+            return _Entry(kernel.JUMP, index + 1)
+        case Jump(to=to):
+            return _Entry(kernel.JUMP, to - first)
+        case If(branches=branches, otherwise=otherwise):
+            chain = [index, *(branch - first for branch, _ in branches)]
+            if not all(_has_one_value(table, each) for each in chain):
+                return None
+            for before, after in pairwise(chain):
+                control.other[before] = after
+            control.other[chain[-1]] = -1
+            return _Entry(kernel.IF, otherwise - first, int(control.other[index]), 1)
+    return None
+
+
+def _loop_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+    """Return the entry of the first or last line of a loop; None if the line is another one."""
+    first = table.window.first
+    match step:
+        case While(loop=loop):
+            table.loops[index] = loop
+            return _Entry(kernel.WHILE, loop.last + 1 - first, values=1)
+        case EndWhile(first=begin) if _has_one_value(table, begin - first):
+            return _Entry(kernel.END_WHILE, begin + 1 - first, begin - first)
+        case Do(loop=loop):
+            table.loops[index] = loop
+            return _Entry(kernel.DO, 0)
+        case DoWhile(begin=begin):
+            return _Entry(kernel.DO_WHILE, begin - first, values=1)
+        case Repeat(loop=loop):
+            table.loops[index], table.repeats[index] = loop, step
+            return _Entry(kernel.REPEAT, loop.last + 1 - first, values=1)
+        case EndRepeat(begin=begin) if begin - 1 - first in table.repeats:
+            return _Entry(kernel.END_REPEAT, begin - first, begin - 1 - first)
+    return None
+
+
+def _has_one_value(table: _Table, index: int) -> bool:
+    """Return whether a line is a control line with one value."""
+    coded = table.text.coded
+    return (
+        0 <= index < len(coded.kind)
+        and coded.kind[index] == CONTROL
+        and int(coded.first[index + 1] - coded.first[index]) == 1
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ MOST_ROWS = 8192
 
 _MOTIONS = (G.G0, G.G1, G.G2, G.G3)
 _PLANES = tuple(PLANES.values())
-_SPINDLE = ("off", "cw", "ccw")
+_SPINDLE: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
 _GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
 _ACTIONS = {
     **dict.fromkeys(_MOTIONS, kernel.MOVE),
@@ -264,9 +264,7 @@ class LineMachine:
             elif kind == kernel.SPINDLE:
                 speed = (second or 0.0) if first else 0.0
                 with_motion = laser and bool(radius)
-                yield Spindle(
-                    file, line, _SPINDLE[int(first)], speed, with_motion=with_motion
-                )
+                yield Spindle(file, line, _SPINDLE[int(first)], speed, with_motion=with_motion)
             elif kind == kernel.COOLANT:
                 yield Coolant(file, line, bool(first), bool(second))
             else:

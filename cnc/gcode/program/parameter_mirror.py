@@ -15,7 +15,7 @@ from cnc.kernels.gcode.expressions import Parameters as Values
 from cnc.kernels.gcode.program import Changes
 
 _SET, _OF_INTERPRETER = 1, 2
-"""Flags: compiled code has set the parameter; it must not, because a function shows the parameter."""
+"""Flags: compiled code has set the parameter; it must not, because a function shows it."""
 
 
 class ParameterMirror:

@@ -84,7 +84,7 @@ class Window:
 
     def names(self, coded: Coded) -> list[str]:
         """Return the different names of parameters in the lines."""
-        text, count = self._data.decode("latin-1").lower(), int(coded.names.count[0])
+        text, count = self._data.decode("latin-1").lower(), int(coded.names.used[0])
         begins, ends = coded.names.begin[:count].tolist(), coded.names.end[:count].tolist()
         return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
 

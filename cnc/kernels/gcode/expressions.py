@@ -37,14 +37,20 @@ MOST_VALUES = 24
 """Most values on the stack of an expression."""
 MOST_OPERATORS = 64
 _MOST_INSTRUCTIONS = 90
-"""Most instructions of an expression. The interpreter limits how deep they are inside each other."""
+"""Most instructions of an expression. The interpreter limits their depth."""
 _LONGEST = 5
 """Letters of the longest function."""
 
 _LEVEL = np.zeros(80, np.int64)
 """Precedence of binary operators; 0 for all else."""
 for _level, _operators in enumerate(
-    ((AND, OR, XOR), (EQ, NE, GT, GE, LT, LE), (ADD, SUBTRACT), (MULTIPLY, DIVIDE, MODULO), (POWER,)),
+    (
+        (AND, OR, XOR),
+        (EQ, NE, GT, GE, LT, LE),
+        (ADD, SUBTRACT),
+        (MULTIPLY, DIVIDE, MODULO),
+        (POWER,),
+    ),
     start=1,
 ):
     _LEVEL[list(_operators)] = _level
@@ -103,21 +109,21 @@ class Names(NamedTuple):
         begin: (names,) position of the first byte.
         end: (names,) position after the last byte.
         table: (a power of two,) hash table of indices of names, -1 for none.
-        count: (1,) number of names.
+        used: (1,) number of names.
     """
 
     begin: Counts
     end: Counts
     table: Counts
-    count: Counts
+    used: Counts
 
 
 class Parameters(NamedTuple):
     """Values of parameters.
 
     Attributes:
-        numbered: (LAST_PARAMETER + 1,) values by number; NaN for one that the interpreter must read.
-        named: (slots,) values of named parameters; NaN for one that the interpreter must read.
+        numbered: (LAST_PARAMETER + 1,) values by number; NaN for one of the interpreter.
+        named: (slots,) values of named parameters; NaN for one of the interpreter.
         slot: (names,) slot of each name of the text.
     """
 
@@ -152,13 +158,13 @@ def _index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
         if same:
             return known
         at = (at + 1) & (places - 1)
-    new = int(names.count[0])
+    new = int(names.used[0])
     if new == len(names.begin):
         return -1
     names.table[at] = new
     names.begin[new] = begin
     names.end[new] = end
-    names.count[0] = new + 1
+    names.used[0] = new + 1
     return new
 
 
@@ -202,7 +208,7 @@ def _read_number(data: Bytes, at: int, stop: int) -> tuple[int, float, bool]:
 
 @njit
 def _read_name(data: Bytes, at: int, stop: int, names: Names) -> tuple[int, int]:
-    """Read ``<name>``: position after it, and index of the name; -1 if it is left to the grammar."""
+    """Read ``<name>``: position after it, and index; -1 if it is left to the grammar."""
     begin = at + 1
     at = begin
     while at < stop and data[at] != _GREATER:
@@ -319,7 +325,7 @@ def _close(
 def compile_value(
     data: Bytes, at: int, stop: int, code: Code, count: int, names: Names, operators: Bytes
 ) -> tuple[int, int]:
-    """Append the instructions of the value at ``data[at]``: a number, ``#1``, ``-[..]``, ``SIN[..]``.
+    """Append the instructions of the value at ``data[at]``, such as ``2``, ``#1`` or ``-SIN[..]``.
 
     Args:
         data: The text.
@@ -338,7 +344,9 @@ def compile_value(
     first = count
     height = values = brackets = 0
     signed = False
-    while count - first < _MOST_INSTRUCTIONS and height + 2 < MOST_OPERATORS and values < MOST_VALUES:
+    while (
+        count - first < _MOST_INSTRUCTIONS and height + 2 < MOST_OPERATORS and values < MOST_VALUES
+    ):
         at = past_blanks(data, at, stop)
         if at >= stop:
             break
@@ -485,7 +493,7 @@ def number_of(value: float) -> int:
     """Return the number of a parameter from a computed value; 0 for one of the interpreter."""
     if not 0.5 < value < LAST_PARAMETER + 0.5:
         return 0
-    whole = int(math.floor(value + 0.5))
+    whole = int(value + 0.5)
     return whole if abs(value - whole) <= NEAR_WHOLE else 0
 
 

@@ -23,19 +23,30 @@ Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Record = NDArray[np.void]
 
-NO_AXIS, OTHER_WORD, TAKEN_WORD = -1, -1, -2
-"""Columns of letters: of words that are left to the interpreter, and of all words that are not axes."""
+OTHER_WORD, TAKEN_WORD = -1, -2
+"""Columns of letters that are no axes: words of the interpreter, and words that are known here."""
 NO_MOTION = -1
 """The motion mode if it is none of G0 to G3, whose modes are 0 to 3."""
-STOP, IDLE, MOVE, CANCEL, PLANE, ABSOLUTE, INCREMENTAL, DWELL, TURN, COOL = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+STOP, IDLE, MOVE, CANCEL, PLANE, ABSOLUTE, INCREMENTAL, DWELL, TURN, COOL = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+    9,
+)
 """Actions of codes. STOP leaves the line to the interpreter; IDLE changes nothing."""
 STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE = 0, 1, 2, 3, 4
 """Kinds of rows."""
 MOST_ROWS = 4
 """Most rows of a line."""
 MOST_OTHERS = 512
-"""Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object, and
-the garbage collector takes less time if few of them exist at once.
+"""Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object,
+and the garbage collector takes less time if few of them exist at once.
 """
 
 STATE = np.dtype(
@@ -59,8 +70,8 @@ STATE = np.dtype(
 )
 """Modal state: motion mode, plane (0 to 2: G17 to G19), G90, feeds of linear and rotary axes (mm/s
 and degrees/s, NaN for none), direction and speed of the spindle (0 to 2: M5, M3, M4; rpm, NaN for
-none), coolants, the F and S words that nothing has used yet (NaN for none) with their lines, and the
-numbers of all rows and of those that are no straight moves.
+none), coolants, the F and S words that nothing has used yet (NaN for none) with their lines, and
+the numbers of all rows and of those that are no straight moves.
 """
 
 
@@ -149,7 +160,7 @@ def _arc_row(
     end: Floats,
     data: Floats,
 ) -> bool:
-    """Fill the data of an arc from I, J, K and R (NaN for a missing word); False if there is none."""
+    """Fill the data of an arc from I, J, K and R (NaN for a missing word); False for no arc."""
     i, j = setup.planes[plane, 0], setup.planes[plane, 1]
     if i < 0 or j < 0:
         return False
@@ -206,12 +217,10 @@ class _Words(NamedTuple):
 
 
 @njit
-def _read_words(
-    letters: Bytes, numbers: Floats, setup: Setup, now: Record
-) -> tuple[bool, _Words]:
+def _read_words(letters: Bytes, numbers: Floats, setup: Setup, now: Record) -> tuple[bool, _Words]:
     """Sort the words of a line; False if it has one that is left to the interpreter."""
-    mode, plane, absolute = now["mode"], now["plane"], now["absolute"]
-    linear, rotary = now["linear"], now["rotary"]
+    mode, plane, absolute = int(now["mode"]), int(now["plane"]), int(now["absolute"])
+    linear, rotary = float(now["linear"]), float(now["rotary"])
     feed = speed = time = radius = ci = cj = ck = math.nan
     turn = cool = -1
     groups = 0
@@ -280,8 +289,10 @@ def _read_words(
 @njit
 def _is_kept(words: _Words, now: Record) -> bool:
     """Return whether the S word of a line waits for a start of the spindle."""
-    return words.speed == words.speed and words.speed != 0.0 and (
-        words.turn >= 0 or now["spindle"] == 0
+    return (
+        words.speed == words.speed
+        and words.speed != 0.0
+        and (words.turn >= 0 or now["spindle"] == 0)
     )
 
 
@@ -318,12 +329,11 @@ def _fits(words: _Words, setup: Setup, now: Record) -> bool:
         return False
     if rules.notes:
         # The interpreter reports a word that replaces another one without effect.
-        if words.feed == words.feed and now["feed_word"] == now["feed_word"]:
-            if words.feed != now["feed_word"]:
-                return False
-        if _is_kept(words, now) and now["speed_word"] == now["speed_word"]:
-            if words.speed != now["speed_word"]:
-                return False
+        kept_feed, kept_speed = float(now["feed_word"]), float(now["speed_word"])
+        if words.feed == words.feed and kept_feed == kept_feed and words.feed != kept_feed:
+            return False
+        if _is_kept(words, now) and kept_speed == kept_speed and words.speed != kept_speed:
+            return False
     return True
 
 
@@ -331,7 +341,12 @@ def _fits(words: _Words, setup: Setup, now: Record) -> bool:
 def _count_events(words: _Words, now: Record) -> int:
     """Return the number of rows after the events of a line, which stand before its move."""
     speaks = words.speed == words.speed and now["spindle"] > 0 and words.turn < 0
-    return now["rows"] + int(speaks or words.turn >= 0) + int(words.cool >= 0) + int(words.pausing)
+    return (
+        int(now["rows"])
+        + int(speaks or words.turn >= 0)
+        + int(words.cool >= 0)
+        + int(words.pausing)
+    )
 
 
 @njit
@@ -345,7 +360,7 @@ def _commit(
         now["feed_word"] = math.nan
     now["mode"], now["plane"], now["absolute"] = words.mode, words.plane, words.absolute
     now["linear"], now["rotary"] = words.linear, words.rotary
-    row = now["rows"]
+    row = int(now["rows"])
     if words.speed == words.speed:
         now["speed"] = words.speed
         if _is_kept(words, now) and now["speed_word"] != now["speed_word"]:
@@ -408,7 +423,7 @@ def _execute_any(
     if not known or not _fits(words, setup, now):
         return False
     is_move = not words.pausing and (words.moving or words.curved)
-    row = now["rows"]
+    row = int(now["rows"])
     if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
         row = _count_events(words, now)
     if is_move:
@@ -463,7 +478,7 @@ def execute_line(
     for w in range(len(letters)):
         straight = straight and setup.column[int(letters[w]) - _A] >= 0
     if straight:
-        row = now["rows"]
+        row = int(now["rows"])
         rotates = _end(letters, numbers, now["absolute"], setup, position, rows.points[row])
         rate = now["rotary"] if rotates else now["linear"]
         rows.kinds[row] = STRAIGHT

@@ -59,9 +59,10 @@ PROGRESS = np.dtype(
         ("last", np.int64),
     ]
 )
-"""Progress: number of the first line of the text, index of the next line, lines executed in this call
-and in all, lines executed for the first time, index of the highest line that was ever executed, the
-limits of lines that are repeated and of lines of a call, whether a word was executed, and index of the last line that was no control line.
+"""Progress: number of the first line of the text, index of the next line, lines executed in this
+call and in all, lines executed for the first time, index of the highest line that was ever
+executed, the limits of lines that are repeated and of lines of a call, whether a word was executed,
+and index of the last line that was no control line.
 """
 
 
@@ -149,7 +150,7 @@ def _assign(
 def _next_line(
     k: int, executed: int, coded: Coded, control: Control, parameters: Parameters, stack: Floats
 ) -> int:
-    """Return the index of the line after a control line; NOWHERE if it is left to the interpreter."""
+    """Return the index of the line after a control line; NOWHERE for the interpreter."""
     action = control.action[k]
     target, other = int(control.target[k]), int(control.other[k])
     if action == JUMP:

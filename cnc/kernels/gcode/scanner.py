@@ -36,7 +36,7 @@ class Lines(NamedTuple):
         head: (lines,) first letter after blanks, comments, ``/`` and N; a capital, 0 for none.
         label: (lines,) N number, -1 for none.
         plain: (lines,) number of consecutive plain lines from here on; 0 if this one is not plain.
-        simple: (lines,) number of consecutive plain lines from here on in which no word is repeated.
+        simple: (lines,) number of consecutive plain lines from here on without a repeated word.
         first: (lines + 1,) index of the first word; the last entry is the number of words.
     """
 

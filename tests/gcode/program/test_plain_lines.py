@@ -61,7 +61,9 @@ class Reader:
         rules = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
         self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None)
-        self.on_arrays = PlainLines(self.interpreter, LineMachine(self.interpreter)) if fast else None
+        self.on_arrays = (
+            PlainLines(self.interpreter, LineMachine(self.interpreter)) if fast else None
+        )
         self.syntax = Syntax(rules.flavour)
         self.runs = self.executed = 0
         self.error = ""
@@ -71,9 +73,7 @@ class Reader:
         while window := self.text.window(line):
             index = line - window.first
             count = (
-                self.on_arrays.run(window, index)
-                if self.on_arrays and window.simple[index]
-                else 0
+                self.on_arrays.run(window, index) if self.on_arrays and window.simple[index] else 0
             )
             self.runs += count
             if not count:
