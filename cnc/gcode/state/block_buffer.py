@@ -20,6 +20,7 @@ from cnc.model.blocks import (
     Polyline,
     Probe,
     Spindle,
+    Stop,
     Tool,
     WaitInput,
 )
@@ -174,8 +175,9 @@ class BlockBuffer:
 
     def _changes(self, block: Block) -> bool:
         """Return whether a block changes a state that is known from an earlier block."""
-        if isinstance(block, Tool | Orient | BoardCommand):
-            # Spindle and outputs may have another state afterwards.
+        if isinstance(block, Tool | Orient | BoardCommand | Stop):
+            # Spindle and outputs may have another state afterwards. At a stop the operator may
+            # have switched the spindle off by hand, and the next move would cut without it.
             self._in_effect.clear()
         state = _state(block)
         if state is None:
