@@ -26,7 +26,7 @@ from cnc.model.diagnostics import BoardError
 
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """Codes of the faults at a port without a GRBL board."""
-HELLO_S = 1.0
+HELLO_S = 0.8
 """Timeout of a stepper board that is up already, because the queries for GRBL took seconds."""
 
 

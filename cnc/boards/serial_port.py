@@ -103,15 +103,20 @@ class SerialLink:
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """Raise DTR and RTS if :func:`open_port` left them low.
+
+        Returns:
+            Whether they were low.
 
         Raises:
             PortLost: The connection is lost.
         """
         try:
-            if not self._serial.dtr:
+            low = not self._serial.dtr
+            if low:
                 self._serial.dtr = self._serial.rts = True
+            return low
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 

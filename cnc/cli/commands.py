@@ -238,9 +238,13 @@ def boards(
     """
     terminal.open_log()
     from cnc.boards.discovery import port_report, probe_ports
+    from cnc.boards.serial_port import identity
+    from cnc.session.kept_offsets import write_offsets
 
     found = probe_ports(ports, baud)
     for each in found:
+        if each.info is not None:
+            write_offsets(identity(each.port), each.info.named_places())
         print(*port_report(each, baud), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")
