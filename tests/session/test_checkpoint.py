@@ -127,11 +127,11 @@ def test_an_interrupted_run_continues_at_its_checkpoint(
     assert found["position"]["x"] == pytest.approx(
         stands[0], abs=0.2 if kind in ("e-stop", "stopped") else 5.0
     )
-    told: list[str] = []
+    reported: list[str] = []
     before = len(simulator.moves()[1])
 
     def agree(story) -> bool:
-        told.extend(story)
+        reported.extend(story)
         return True
 
     second = on_board(
@@ -141,8 +141,8 @@ def test_an_interrupted_run_continues_at_its_checkpoint(
     made = simulator.moves()[1]
     assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
     assert (made[before, :2] == 0).all() and made[before, 2] == 1, "up before anything else"
-    assert told[0] == f"from line {found['line']}:"
-    assert any("spindle cw" in line for line in told)
+    assert reported[0] == f"from line {found['line']}:"
+    assert any("spindle cw" in line for line in reported)
     assert not Path(f"{program}.checkpoint").exists(), "it came to its end"
     assert not second.warnings
 
@@ -203,8 +203,8 @@ def test_a_run_that_ends_in_a_subprogram_continues_at_the_call(tmp_path: Path) -
 
 def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> None:
     """The last line that the board has taken may be a planner buffer ahead."""
-    box, control = GrblSimulator(), Control()
-    port = GrblSimulatorPort(box)
+    simulator, control = GrblSimulator(), Control()
+    port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the simulator")
     board.connect()
 
@@ -222,7 +222,7 @@ def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> 
     )
     board.close()
     assert report.resume_line is not None
-    assert report.resume_line - 4 <= np.ceil(box.position[0])
+    assert report.resume_line - 4 <= np.ceil(simulator.position[0])
     assert report.resume_line >= 7
 
 

@@ -143,6 +143,16 @@ def empty_cells(n: int, columns: int) -> Cells:
 
 
 @njit
+def copy_part(source: Floats, first: int, count: int, target: Floats, at: int) -> None:
+    """Copy ``count`` numbers from ``first`` on to ``target``, from ``at`` on.
+
+    An assignment of arrays would compile several times as much.
+    """
+    for k in range(count):
+        target[at + k] = source[first + k]
+
+
+@njit
 def with_motion(cells: Cells, v: Floats, a: Floats) -> Cells:
     """Return the same cells with another motion."""
     return Cells(cells.s, v, a, cells.length, cells.top, cells.share, cells.pace, cells.q)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import Cells, cell_phases, empty_cells
+from cnc.kernels.planner.cell_motion import Cells, cell_phases, copy_part, empty_cells
 from cnc.kernels.planner.intervals import (
     SAMPLES,
     Intervals,
@@ -371,8 +371,10 @@ def with_phases(cells: Cells, stretch: Stretch) -> Cells:
 def part_of(cells: Cells, first: int, last: int) -> Cells:
     """Return copies of the cells [first, last), without what follows from the path."""
     out = empty_cells(last - first, cells.q.shape[3])
-    out.s[:] = cells.s[first : last + 1]
-    out.v[:] = cells.v[first : last + 1]
-    out.a[:] = cells.a[first : last + 1]
-    out.length[:] = out.s[1:] - out.s[:-1]
+    n = last - first
+    copy_part(cells.s, first, n + 1, out.s, 0)
+    copy_part(cells.v, first, n + 1, out.v, 0)
+    copy_part(cells.a, first, n + 1, out.a, 0)
+    for m in range(n):
+        out.length[m] = out.s[m + 1] - out.s[m]
     return out

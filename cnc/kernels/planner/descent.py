@@ -218,7 +218,7 @@ def newton_step(first: int, last: int, cells: Cells, damping: float, system: New
     step[first] = 0.0
     step[last] = 0.0
     for k in range(first + 1, last):
-        step[k] = gradient[k]
+        step[k, 0], step[k, 1] = gradient[k, 0], gradient[k, 1]
         if damping > 0.0:
             square = cells.v[k] * cells.v[k]
             reach = min(cells.length[k - 1], cells.length[k]) / square

@@ -21,13 +21,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import Cells, duration_of, with_motion
+from cnc.kernels.planner.cell_motion import Cells, copy_part, duration_of, with_motion
 from cnc.kernels.planner.cells import describe
 from cnc.kernels.planner.descent import HIGH, TOUCH, centre, merit, system_for
 from cnc.kernels.planner.examination import Shares, examine, passable, tighten, with_cuts
 from cnc.kernels.planner.intervals import Intervals, SumLimits
+
+Floats = NDArray[np.float64]
 
 FIRST_WEIGHT = 2.0
 WEIGHT_STEP = 6.0
@@ -56,6 +59,13 @@ SLOWINGS = 12
 
 END_CELLS = 8
 """Cells beside an end at speed in which the clock is slowed less."""
+
+
+@njit
+def copy_motion(v: Floats, a: Floats, to_v: Floats, to_a: Floats) -> None:
+    """Copy the speeds and accelerations of a motion."""
+    copy_part(v, 0, len(v), to_v, 0)
+    copy_part(a, 0, len(a), to_a, 0)
 
 
 @njit
@@ -156,10 +166,10 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
     level = tries = failed = 0
     kept = 1
     kept_v, kept_a = np.empty((LEVELS + 2, len(cells.v))), np.empty((LEVELS + 2, len(cells.v)))
-    kept_v[0], kept_a[0] = cells.v, cells.a
+    copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
     shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
     while level < LEVELS and tries <= TRIES:
-        cells.v[:], cells.a[:] = kept_v[kept - 1], kept_a[kept - 1]
+        copy_motion(kept_v[kept - 1], kept_a[kept - 1], cells.v, cells.a)
         weight = FIRST_WEIGHT * WEIGHT_STEP**level
         legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
         used = 0.0
@@ -169,7 +179,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
             if level >= CHECKED_LEVEL:
                 good = with_motion(cells, cells.v.copy(), cells.a.copy())
                 good_level = level
-            kept_v[kept], kept_a[kept] = cells.v, cells.a
+            copy_motion(cells.v, cells.a, kept_v[kept], kept_a[kept])
             kept += 1
             level += 1
             continue
@@ -184,7 +194,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
                 failed += 1
                 if failed % 3 == 0:
                     slow_clock(cells, SLOWER)
-                kept_v[0], kept_a[0] = cells.v, cells.a
+                copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
             continue
         last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
         cells = after_violation(last, cells, shares, known, limits)
@@ -194,7 +204,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
             kept_v, kept_a = np.empty((LEVELS + 2, n + 1)), np.empty((LEVELS + 2, n + 1))
             shares = Shares(np.empty(n), np.empty(n))
         kept = 1
-        kept_v[0], kept_a[0] = cells.v, cells.a
+        copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
     if good_level < LEVELS - 1 and not moving:
         last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
         if slowed_to_legal(last, known, limits) and (

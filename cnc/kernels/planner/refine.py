@@ -37,6 +37,7 @@ from cnc.kernels.planner.cell_motion import (
     Cells,
     H,
     cell_phases,
+    copy_part,
     empty_cells,
 )
 from cnc.kernels.planner.cells import (
@@ -178,10 +179,12 @@ def window_of(head: Cells, plan: Cells, first: int, last: int, known: Intervals)
     """Return the cells of ``head``, and behind them the cells [first, last) of the plan."""
     n = len(head.length)
     out = empty_cells(n + last - first, plan.q.shape[3])
-    out.s[: n + 1], out.v[: n + 1], out.a[: n + 1] = head.s, head.v, head.a
-    out.s[n + 1 :] = plan.s[first + 1 : last + 1]
-    out.v[n + 1 :] = plan.v[first + 1 : last + 1]
-    out.a[n + 1 :] = plan.a[first + 1 : last + 1]
+    copy_part(head.s, 0, n + 1, out.s, 0)
+    copy_part(head.v, 0, n + 1, out.v, 0)
+    copy_part(head.a, 0, n + 1, out.a, 0)
+    copy_part(plan.s, first + 1, last - first, out.s, n + 1)
+    copy_part(plan.v, first + 1, last - first, out.v, n + 1)
+    copy_part(plan.a, first + 1, last - first, out.a, n + 1)
     describe(out, known)
     return out
 
@@ -192,7 +195,8 @@ def with_space(out: Phases, count: int, more: int) -> Phases:
     if count + more <= len(out):
         return out
     grown = np.empty(2 * (count + more), PHASE)
-    grown[:count] = out[:count]
+    for k in range(count):
+        grown[k] = out[k]
     return grown
 
 
