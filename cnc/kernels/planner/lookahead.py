@@ -203,6 +203,42 @@ def insert(chain: Chain, free: int, i: int, first: int, last: int, v: float) -> 
 
 
 @njit
+def retreat(
+    bound_s: Floats,
+    known: Intervals,
+    chain: Chain,
+    pending: int,
+    free: int,
+    i: int,
+    faster: int,
+    slower: int,
+) -> tuple[int, int]:
+    """Take back the faster end of the span behind node ``i``, through which no profile leads.
+
+    A node at a bound that was exceeded is removed: at the lower speed perhaps none is. The speed of
+    a forced node is lowered.
+
+    Returns:
+        The height of the stack, and the first node that may be free.
+    """
+    before = chain.preceding[faster]
+    if chain.kind[faster] == FOUND:
+        after = chain.following[faster]
+        chain.following[before] = after
+        chain.preceding[after] = before
+        chain.kind[faster] = UNUSED
+        free = min(free, faster)
+    else:
+        first, last = chain.last[i], chain.first[chain.following[i]]
+        a, j = span_bounds(known, first, last, math.inf)
+        reached = reachable_speed(chain.v[slower], bound_s[last] - bound_s[first], a, j)
+        chain.v[faster] = max(chain.v[slower], min(chain.v[faster], reached))
+        pending = push(chain, pending, faster)
+    chain.cap[before] = math.inf
+    return push(chain, pending, before), free
+
+
+@njit
 def write_chain(bound_s: Floats, chain: Chain, phases: Phases) -> int:
     """Write the phases of a finished chain; return their number."""
     written = 0
@@ -286,21 +322,7 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
         if profile.time == math.inf and v[faster] > 0.0:
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
-            before = chain.preceding[faster]
-            if kind[faster] == FOUND:
-                # The node stood where a bound was exceeded; at the lower speed perhaps none is.
-                after = chain.following[faster]
-                chain.following[before] = after
-                chain.preceding[after] = before
-                kind[faster] = UNUSED
-                free = min(free, faster)
-            else:
-                a, j = span_bounds(known, first, last, math.inf)
-                reached = reachable_speed(v[slower], distance, a, j)
-                v[faster] = max(v[slower], min(v[faster], reached))
-                pending = push(chain, pending, faster)
-            cap[before] = math.inf
-            pending = push(chain, pending, before)
+            pending, free = retreat(bound_s, known, chain, pending, free, i, faster, slower)
             continue
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], profile)
         if worst < 0:

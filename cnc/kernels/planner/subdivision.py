@@ -44,9 +44,9 @@ MARGIN_OF_FEED = 1.25
 at two samples may be below it between them.
 """
 
-REFINED = 1.6
+REFINED = 2.0
 """The refinement may cross an interval this much faster than the bound that leaves acceleration for
-any direction. The interval is cut for that speed.
+any direction, and no faster: the interval is cut for that speed, and its samples hold up to it.
 """
 
 BENT_SHARE = 1.0 / 16.0
@@ -234,10 +234,11 @@ def chunk_intervals(
             while True:
                 sample(pieces, k, start, end, q)
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
+                top = min(top, REFINED * v)
                 if line or end - start <= SHORTEST:
                     break
                 spacing = (end - start) / (SAMPLES - 1)
-                if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
+                if not bounds_vary(sampling, top, spacing, limits):
                     break
                 end = start + 0.5 * (end - start)
             if end - start <= SHORTEST and (
