@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.settings_command import settings
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -47,6 +48,7 @@ app = App(
 )
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
+app.command(settings)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -65,7 +67,7 @@ def run(
         return check(program, common=common)
     common.prepare(program, on_board.port)
     api = library()
-    control = Control(common.feed_override)
+    control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
