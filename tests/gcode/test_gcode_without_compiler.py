@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.support.soak import check_without_compiler, share, share
+from tests.support.soak import check_without_compiler, share
 
 FOLDER = Path(__file__).parent
 FILES = [
