@@ -33,7 +33,8 @@ class ParameterMirror:
         )
         # A place that is no parameter.
         self._numbered[0], self._changes.numbered[0] = math.nan, _OF_INTERPRETER
-        for number in range(1, LAST_PARAMETER + 1):
+        # All others are 0.
+        for number in parameters.known_numbers(LAST_PARAMETER):
             self._read(number)
         parameters.changed = set()
 
