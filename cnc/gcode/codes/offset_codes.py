@@ -43,6 +43,8 @@ class OffsetCodes:
                     "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
                 )
             index = self._more(word)
+        elif code.number == G.G500:
+            index = EXTERNAL
         else:
             index = SYSTEM_CODES.index(code.g)
         self._coordinates.select(index)

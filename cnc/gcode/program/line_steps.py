@@ -9,7 +9,13 @@ from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
-from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program import (
+    block_matching,
+    control_flow,
+    numbered_programs,
+    siemens_cycles,
+    subprograms,
+)
 from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.line_index import Place
@@ -21,7 +27,7 @@ from cnc.machine.program_codes import CodeAction
 
 _JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS | subprograms.MAKERS
+    block_matching.MAKERS | subprograms.MAKERS | siemens_cycles.MAKERS
 )
 
 

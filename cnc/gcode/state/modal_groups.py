@@ -25,8 +25,8 @@ _GROUPS: dict[str, tuple[G, ...]] = {
         G.G85, G.G86, G.G87, G.G88, G.G89,
     ),
     "non-modal": (
-        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G66, G.G92, G.G92_1, G.G92_2,
-        G.G92_3,
+        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G66, G.G92, G.G92_1,
+        G.G92_2, G.G92_3,
     ),
     "plane": (G.G17, G.G18, G.G19),
     "units": (G.G20, G.G21),
@@ -36,7 +36,7 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "compensation": (G.G40, G.G41, G.G41_1, G.G42, G.G42_1),
     "tool-length": (G.G43, G.G43_1, G.G43_2, G.G44, G.G49),
     "system": (
-        G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1,
+        G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1, G.G500,
     ),
     "path": (G.G61, G.G61_1, G.G64),
     "spindle-mode": (G.G96, G.G97),
