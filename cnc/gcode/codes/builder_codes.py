@@ -156,11 +156,14 @@ class BuilderCodes:
         return True
 
 
+_SIDES = (G.G41.code, G.G42.code)
+
+
 def _activate_edge(words: LineWords) -> None:
     """Put SINUMERIK's D and M6 into words of the tool length: D0 ends it, M6 activates edge 1."""
     edge = words.rest.pop("D", None)
     changes = any(word.number == M.M6 for word in words.m)
-    if edge is None and not changes:
+    if (edge is None and not changes) or any(word.number in _SIDES for word in words.g):
         return
     at = edge or words.m[0]
     code = G.G49 if edge is not None and edge.number == 0 else G.G43

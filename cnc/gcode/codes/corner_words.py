@@ -64,8 +64,8 @@ def take(words: LineWords) -> Word | None:
         GcodeError: ``corner-angle`` for ``,A``, ``word-wanted-twice``.
     """
     if ",A" in words.rest:
-        word = words.rest[",A"]
-        raise fault("corner-angle", f"{word.written}: the angle of a line is not supported", word)
+        angle = words.rest[",A"]
+        raise fault("corner-angle", f"{angle.written}: the angle of a line is not supported", angle)
     chamfer, rounding = words.take(",C", "G1"), words.take(",R", "G1")
     if chamfer and rounding:
         raise fault("word-wanted-twice", "a corner takes ,C or ,R, not both", rounding)

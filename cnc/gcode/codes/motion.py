@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.gcode.codes.arc_words import ArcMoves
 from cnc.gcode.codes import corner_words
+from cnc.gcode.codes.arc_words import ArcMoves
 from cnc.gcode.codes.axis_words import MIN_FEED, AxisWords
 from cnc.gcode.codes.corner_words import Corner
 from cnc.gcode.codes.prepared_lines import Known, QuickMove
