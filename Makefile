@@ -20,7 +20,7 @@ test: lint
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.
 quick: lint
-	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report tests/checks
+	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report
 
 # The same tests with large amounts of work.
 soak: $(VENV)/installed-test

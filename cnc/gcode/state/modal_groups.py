@@ -36,7 +36,7 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "compensation": (G.G40, G.G41, G.G41_1, G.G42, G.G42_1),
     "tool-length": (G.G43, G.G43_1, G.G43_2, G.G44, G.G49),
     "system": (
-        G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1, G.G500,
+        G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1,
     ),
     "path": (G.G61, G.G61_1, G.G64),
     "spindle-mode": (G.G96, G.G97),

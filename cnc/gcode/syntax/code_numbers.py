@@ -106,7 +106,6 @@ class G(IntEnum):
     G97 = 970
     G98 = 980
     G99 = 990
-    G500 = 5000
     BSPLINE = -10
     """Siemens' motion code that is a word. A program can read this number as #<_motion_mode>."""
 
