@@ -1,0 +1,349 @@
+"""Compilation of kernels by numba, and their code on disk.
+
+numba puts the code of all kernels that a kernel calls into its own code, and optimises all of it
+again. Most of the time of a compilation went into that. Here a kernel contains only the small
+kernels that it calls, which LLVM would inline. It refers to the others by name:
+
+    pulses ---calls---> half_step_rows ---calls---> curve_eval       three files of compiled code
+       '--contains---> rests                                         inside the file of pulses
+
+A file lists the kernels that its code refers to. They are loaded before it. So the names of
+compiled functions must be the same in all processes: numba's count of compilations, which it puts
+into them, is left out.
+
+A kernel that Python calls needs a function that converts the arguments. It is made, and kept,
+apart, and only for kernels that are called so.
+
+numba's documented interface has no means for this, so the classes here derive from its compiler
+(0.68): a change of numba's version needs a run of the tests in ``tests/kernels``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from copy import copy
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite
+import numba
+from llvmlite import binding
+from numba.core import types
+from numba.core.caching import _Cache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompileResult, CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.lowering import Environment
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
+
+from cnc.kernels import code_cache
+from cnc.kernels.jit import Kernel, kernels
+
+INLINED = 100
+"""Lines of a function in LLVM's language up to which callers contain it. LLVM inlines functions of
+up to about 50 instructions, and some more if they have many arguments.
+"""
+OPTIONS = {
+    "nopython": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+PORTABLE = ("generic", "")
+"""Name and features of the processor for which installed code was compiled."""
+
+Types = tuple[Any, ...]
+watchers: list[Callable[[Kernel], None]] = []
+"""Functions that are called before a kernel is compiled."""
+
+
+class Callee(NamedTuple):
+    """A kernel for one set of argument types, to which compiled code refers."""
+
+    module: str
+    name: str
+    arguments: Types
+
+
+class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The compiled code of one kernel.
+
+    Attributes:
+        kernel: the kernel and its argument types.
+        symbol: name of its function.
+        callees: kernels to which the code refers, in the order of their calls.
+    """
+
+    def __init__(self, codegen: Any, kernel: Callee) -> None:
+        super().__init__(codegen, kernel.name)
+        self.kernel = kernel
+        self.symbol = ""
+        self.callees: dict[Callee, None] = {}
+        self._bitcode = b""
+        self.enable_object_caching()
+
+    def finalize(self) -> None:
+        """Link the small kernels and numba's own functions, and compile."""
+        linked = []
+        for library in dict.fromkeys(self._linking_libraries):
+            if isinstance(library, KernelLibrary):
+                if library.is_small:
+                    self.callees.update(library.callees)
+                else:
+                    self.callees[library.kernel] = None
+                    continue
+            linked.append(library)
+        self._linking_libraries = linked
+        super().finalize()
+
+    @cached_property
+    def is_small(self) -> bool:
+        """Whether callers contain this code."""
+        function = super()._get_module_for_linking().get_function(self.symbol)
+        return str(function).count("\n") <= INLINED
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None and self._bitcode:
+            self._shared_module = binding.parse_bitcode(self._bitcode)
+        return super()._get_module_for_linking()
+
+    def state(self) -> tuple[Any, ...]:
+        """Return what :meth:`restored` needs."""
+        bitcode = self._get_module_for_linking().as_bitcode() if self.is_small else b""
+        return self.kernel, self.symbol, list(self.callees), self._get_compiled_object(), bitcode
+
+    @classmethod
+    def restored(cls, codegen: Any, state: tuple[Any, ...]) -> KernelLibrary:
+        """Load the code of :meth:`state`, behind that of the kernels to which it refers."""
+        kernel, symbol, callees, code, bitcode = state
+        for callee in callees:
+            kernels[callee.module, callee.name].dispatcher.compile(callee.arguments)
+        self = cls(codegen, kernel)
+        self.symbol, self.callees = symbol, dict.fromkeys(callees)
+        self.is_small, self._bitcode = bool(bitcode), bitcode
+        self._set_compiled_object(code)
+        self._finalize_final_module()
+        codegen._engine._defined_symbols.add(symbol)
+        return self
+
+
+class Wrapper(NamedTuple):
+    """The function by which Python calls a kernel.
+
+    Attributes:
+        library: its code.
+        descriptor: names of the kernel and its environment, from numba.
+        environment: Python objects that the function uses, such as the classes of named tuples.
+    """
+
+    library: KernelLibrary
+    descriptor: Any
+    environment: Any
+
+
+class KernelCompiler(CompilerBase):  # type: ignore[misc]
+    """numba's compiler, with :class:`KernelLibrary` and names without a count."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return numba's passes."""
+        state = self.state
+        function = state.func_id
+        function.unique_id, function.unique_name = 0, function.func_qualname
+        kernel = Callee(function.modname, function.func_qualname, tuple(state.args))
+        state.library = KernelLibrary(state.targetctx.codegen(), kernel)
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
+    """Compiles, loads and calls a kernel."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        super().__init__(kernel.py_func, targetoptions=OPTIONS, pipeline_class=KernelCompiler)
+        self._kernel = kernel
+        self._cache = KernelFiles(kernel)
+        self._entries: list[Any] = []  # numba's C code refers to them, but does not keep them
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the type of a call by another kernel.
+
+        A constant has a type of its own, for which numba would compile the called kernel once more.
+        Here it has the type of its value.
+        """
+        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+    def compile(self, sig: Any) -> Any:
+        """Compile the kernel for these types, or load it, for calls by other kernels."""
+        arguments = tuple(sig)
+        with global_compiler_lock:
+            if arguments in self.overloads:
+                return self.overloads[arguments].entry_point
+            if self._cache.has(arguments):
+                return super().compile(sig)
+            with code_cache.locked(self._cache.name(arguments)):
+                if not self._cache.has(arguments):
+                    for watcher in watchers:
+                        watcher(self._kernel)
+                return super().compile(sig)
+
+    def add_overload(self, cres: Any) -> None:
+        """Keep compiled code; Python does not call it as it is."""
+        cres.library.symbol = cres.fndesc.llvm_func_name
+        self.overloads[tuple(cres.signature.args)] = cres
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
+        """Compile for a call by Python; numba's C code calls this for types that are new."""
+        arguments = tuple(types.unliteral(self.typeof_pyval(each)) for each in args)
+        with global_compiler_lock:
+            self.compile(arguments)
+            result = self.overloads[arguments]
+            wrapper = self._cache.load_wrapper(arguments, self.targetctx) or self._wrap(arguments)
+            entry = self.targetctx.get_executable(*wrapper)
+            self._insert([each._code for each in arguments], entry, False)
+            self._entries.append(entry)
+        return entry
+
+    def _wrap(self, arguments: Types) -> Wrapper:
+        """Make the function that converts the arguments of a call by Python."""
+        result, context = self.overloads[arguments], self.targetctx.subtarget(enable_nrt=True)
+        context.refresh()
+        library = KernelLibrary(context.codegen(), result.library.kernel)
+        library.callees = {result.library.kernel: None}
+        descriptor = copy(result.fndesc)
+        descriptor.env_name += ".wrapper"
+        environment = Environment.from_fndesc(descriptor)
+        with context.push_code_library(library):
+            context.create_cpython_wrapper(library, descriptor, environment, None)
+        library.finalize()
+        library.symbol, library.is_small = descriptor.llvm_cpython_wrapper_name, False
+        wrapper = Wrapper(library, descriptor, environment)
+        self._cache.save_wrapper(arguments, wrapper)
+        return wrapper
+
+
+class KernelFiles(_Cache):  # type: ignore[misc]
+    """Files of the compiled code of one kernel: one for each set of argument types.
+
+    Installed code is looked up first, then code that was compiled on this computer.
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._folder, self._name = kernel.folder, kernel.__qualname__
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the code that was compiled on this computer."""
+        return str(code_cache.cache_folder() / (self._folder or ""))
+
+    def name(self, arguments: Types, target: tuple[str, str] | None = None) -> str:
+        """Return the name of a file, which depends on the types, the processor and numba."""
+        triple, *host = CPUDispatcher.targetdescr.target_context.codegen().magic_tuple()
+        versions = numba.__version__, llvmlite.__version__
+        key = repr((self._folder, str(arguments), triple, *(target or host), *versions))
+        return f"{self._name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.code"
+
+    def _path(self, arguments: Types) -> Path:
+        return Path(self.cache_path) / self.name(arguments)
+
+    def _paths(self, arguments: Types) -> list[Path]:
+        """Return the files in which code may be, the first to look at first."""
+        if self._folder is None:
+            return []
+        installed = code_cache.SHIPPED / self._folder / self.name(arguments, PORTABLE)
+        return [installed, self._path(arguments)]
+
+    def has(self, arguments: Types) -> bool:
+        """Return whether there is code for these types."""
+        return any(path.exists() for path in self._paths(arguments))
+
+    def _load(self, arguments: Types, suffix: str, rebuild: Callable[[Any], Any]) -> Any:
+        """Return what ``rebuild`` makes of the first file that can be used; None for none."""
+        for path in self._paths(arguments):
+            code = code_cache.read(path.with_suffix(suffix))
+            if code is not None:
+                try:
+                    return rebuild(pickle.loads(code))
+                except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, KeyError):
+                    continue  # written by an interrupted computer, or for a kernel that is not here
+        return None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return compiled code, None if there is none.
+
+        numba's own cache imports the whole compiler first, which is not needed to load code.
+        """
+        arguments = tuple(sig)
+
+        def rebuild(state: Any) -> Any:
+            library, descriptor, environment, signature, reload_init, environments = state
+            for function in reload_init:
+                function()
+            loaded = KernelLibrary.restored(target_context.codegen(), library)
+            for each in environments:
+                loaded.codegen.set_env(each.env_name, each)
+            return CompileResult(
+                target_context=target_context,
+                typing_context=target_context.typing_context,
+                library=loaded,
+                environment=environment,
+                entry_point=target_context.get_executable(loaded, descriptor, environment),
+                fndesc=descriptor,
+                type_annotation="",
+                signature=signature,
+                objectmode=False,
+                lifted=(),
+                typing_error=None,
+                call_helper=None,
+                metadata=None,
+                reload_init=reload_init,
+                referenced_envs=environments,
+            )
+
+        rtsys.initialize(target_context)
+        return self._load(arguments, ".code", rebuild)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write compiled code."""
+        if self._folder is None:
+            return
+        descriptor = data.fndesc
+        descriptor.typemap = descriptor.calltypes = None
+        environments = data._find_referenced_environments()
+        state = (
+            data.library.state(),
+            descriptor,
+            data.environment,
+            data.signature,
+            data.reload_init,
+            tuple(environments),
+        )
+        code_cache.write(self._path(tuple(sig)), dumps(state))
+
+    def load_wrapper(self, arguments: Types, target_context: Any) -> Wrapper | None:
+        """Return the function that converts arguments; None if there is none."""
+
+        def rebuild(state: Any) -> Wrapper:
+            library, descriptor, environment = state
+            loaded = KernelLibrary.restored(target_context.codegen(), library)
+            return Wrapper(loaded, descriptor, environment)
+
+        return self._load(arguments, ".wrapper", rebuild)
+
+    def save_wrapper(self, arguments: Types, wrapper: Wrapper) -> None:
+        """Write the function that converts arguments."""
+        if self._folder is not None:
+            state = wrapper.library.state(), wrapper.descriptor, wrapper.environment
+            code_cache.write(self._path(arguments).with_suffix(".wrapper"), dumps(state))
+
+    def enable(self) -> None:
+        """Do nothing: the cache is always in use."""
+
+    def disable(self) -> None:
+        """Do nothing: the cache is always in use."""
+
+    def flush(self) -> None:
+        """Do nothing: code of another text has another name."""
