@@ -24,7 +24,7 @@ import hashlib
 import pickle
 from collections.abc import Callable
 from copy import copy
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,7 +184,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
                 return self.overloads[arguments].entry_point
             if self._cache.has(arguments):
                 return super().compile(sig)
-            with code_cache.locked(self._cache.name(arguments)):
+            with code_cache.locked(f"{self._kernel.label} {arguments}"):
                 if not self._cache.has(arguments):
                     for watcher in watchers:
                         watcher(self._kernel)
@@ -225,6 +225,18 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         return wrapper
 
 
+@cache
+def target() -> tuple[str, str, str]:
+    """Return system, name and features of the processor for which kernels are compiled."""
+    return CPUDispatcher.targetdescr.target_context.codegen().magic_tuple()
+
+
+def _digest(arguments: Types, *processor: str) -> str:
+    """Return a short name for argument types, processor and version of numba."""
+    key = repr((str(arguments), *processor, numba.__version__, llvmlite.__version__))
+    return hashlib.sha256(key.encode()).hexdigest()[:16]
+
+
 class KernelFiles(_Cache):  # type: ignore[misc]
     """Files of the compiled code of one kernel: one for each set of argument types.
 
@@ -239,22 +251,17 @@ class KernelFiles(_Cache):  # type: ignore[misc]
         """Folder of the code that was compiled on this computer."""
         return str(code_cache.cache_folder() / (self._folder or ""))
 
-    def name(self, arguments: Types, target: tuple[str, str] | None = None) -> str:
-        """Return the name of a file, which depends on the types, the processor and numba."""
-        triple, *host = CPUDispatcher.targetdescr.target_context.codegen().magic_tuple()
-        versions = numba.__version__, llvmlite.__version__
-        key = repr((self._folder, str(arguments), triple, *(target or host), *versions))
-        return f"{self._name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.code"
-
-    def _path(self, arguments: Types) -> Path:
-        return Path(self.cache_path) / self.name(arguments)
-
-    def _paths(self, arguments: Types) -> list[Path]:
+    @cache  # noqa: B019 - dispatchers live as long as the process
+    def _paths(self, arguments: Types) -> tuple[Path, ...]:
         """Return the files in which code may be, the first to look at first."""
         if self._folder is None:
-            return []
-        installed = code_cache.SHIPPED / self._folder / self.name(arguments, PORTABLE)
-        return [installed, self._path(arguments)]
+            return ()
+        triple, *host = target()
+        places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), tuple(host))
+        return tuple(
+            folder / self._folder / f"{self._name}-{_digest(arguments, triple, *processor)}.code"
+            for folder, processor in places
+        )
 
     def has(self, arguments: Types) -> bool:
         """Return whether there is code for these types."""
@@ -279,12 +286,9 @@ class KernelFiles(_Cache):  # type: ignore[misc]
         arguments = tuple(sig)
 
         def rebuild(state: Any) -> Any:
-            library, descriptor, environment, signature, reload_init, environments = state
-            for function in reload_init:
-                function()
+            library, descriptor, signature = state
             loaded = KernelLibrary.restored(target_context.codegen(), library)
-            for each in environments:
-                loaded.codegen.set_env(each.env_name, each)
+            environment = Environment.from_fndesc(descriptor)
             return CompileResult(
                 target_context=target_context,
                 typing_context=target_context.typing_context,
@@ -299,29 +303,24 @@ class KernelFiles(_Cache):  # type: ignore[misc]
                 typing_error=None,
                 call_helper=None,
                 metadata=None,
-                reload_init=reload_init,
-                referenced_envs=environments,
+                reload_init=(),
+                referenced_envs=(),
             )
 
         rtsys.initialize(target_context)
         return self._load(arguments, ".code", rebuild)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write compiled code."""
-        if self._folder is None:
-            return
-        descriptor = data.fndesc
-        descriptor.typemap = descriptor.calltypes = None
-        environments = data._find_referenced_environments()
-        state = (
-            data.library.state(),
-            descriptor,
-            data.environment,
-            data.signature,
-            data.reload_init,
-            tuple(environments),
-        )
-        code_cache.write(self._path(tuple(sig)), dumps(state))
+        """Write compiled code.
+
+        The Python objects that numba's own functions use for messages are left out. Kernels make no
+        messages, and loading them takes longer than loading the code.
+        """
+        arguments, descriptor = tuple(sig), data.fndesc
+        if self._folder is not None and not data.reload_init:
+            descriptor.typemap = descriptor.calltypes = None
+            state = data.library.state(), descriptor, data.signature
+            code_cache.write(self._paths(arguments)[-1], dumps(state))
 
     def load_wrapper(self, arguments: Types, target_context: Any) -> Wrapper | None:
         """Return the function that converts arguments; None if there is none."""
@@ -337,7 +336,8 @@ class KernelFiles(_Cache):  # type: ignore[misc]
         """Write the function that converts arguments."""
         if self._folder is not None:
             state = wrapper.library.state(), wrapper.descriptor, wrapper.environment
-            code_cache.write(self._path(arguments).with_suffix(".wrapper"), dumps(state))
+            path = self._paths(arguments)[-1].with_suffix(".wrapper")
+            code_cache.write(path, dumps(state))
 
     def enable(self) -> None:
         """Do nothing: the cache is always in use."""
