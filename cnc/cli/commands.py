@@ -317,8 +317,11 @@ def papers(
 @app.command
 def schema(
     document: Annotated[
-        Literal["machine", "summary"],
-        Parameter(help="machine: the machine file. summary: the summary that --json writes."),
+        Literal["machine", "summary", "checkpoint"],
+        Parameter(
+            help="machine: the machine file. summary: the summary that --json writes. "
+            "checkpoint: the file that a run keeps beside its program."
+        ),
     ],
     /,
 ) -> int:
@@ -327,9 +330,14 @@ def schema(
 
     from cnc.machine.schema import machine_schema
     from cnc.report.models import summary_schema
+    from cnc.session.checkpoint import checkpoint_schema
 
-    found = machine_schema() if document == "machine" else summary_schema()
-    print(json.dumps(found, indent=2, ensure_ascii=False))
+    schemas = {
+        "machine": machine_schema,
+        "summary": summary_schema,
+        "checkpoint": checkpoint_schema,
+    }
+    print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
     return 0
 
 

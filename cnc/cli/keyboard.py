@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -146,6 +147,10 @@ def _read_file(file: int) -> str:
     """Return the keys of a POSIX terminal. Raises OSError if it is gone."""
     import select
 
+    # A process in the background that read the terminal would be stopped.
+    if not _in_foreground(file):
+        time.sleep(POLL)
+        return ""
     if not select.select([file], [], [], POLL)[0]:
         return ""
     keys = os.read(file, 64)
@@ -154,10 +159,16 @@ def _read_file(file: int) -> str:
     return keys.decode("latin-1")
 
 
+def _in_foreground(file: int) -> bool:
+    try:
+        return os.tcgetpgrp(file) == os.getpgrp()
+    except OSError:
+        # It is not the terminal of this session, so nothing stops its readers.
+        return True
+
+
 def _read_console() -> str:
     """Return the keys of a Windows console."""
-    import time
-
     if sys.platform == "win32":
         import msvcrt
 

@@ -158,6 +158,7 @@ class _Stream:
                 board.buffered,
                 file=self.file,
                 at=board.moving_line,
+                at_rest=self.control.held and board.holds,
             )
             self.on_progress(now)
 
@@ -172,6 +173,8 @@ class _Stream:
         answer = self.board.execute(block, round(self.clock * 1e9))
         if isinstance(block, Probe):
             block.answer.values = answer
+        elif isinstance(block, BoardCommand) and block.homes:
+            block.answer.values = self.board.position
         elif isinstance(block, BoardCommand):
             self.compare()
 

@@ -141,6 +141,7 @@ class Translator:
             return
         if not isinstance(item, Message):
             yield from self.end()
+            yield from self._writer.power_alone(item.line)
             self._rests = False
             self._probing = None
         yield from self._begin(item.line)
@@ -212,6 +213,12 @@ class Translator:
     def _move(self, move: Move) -> Iterator[GcodeLine]:
         """Yield the lines of one move."""
         writer, arc = self._writer, move.arc
+        for block in move.commands:
+            power = self._commands.power(block)
+            if power is None:
+                yield from self._commands.lines(block)
+            else:
+                writer.set_power(power)
         if self._rests:
             yield GcodeLine(SHORT_REST, move.line, LineEffect(LineKind.DWELL))
         if self._to_name and not math.isnan(move.feed):

@@ -102,6 +102,10 @@ class Summary(BaseModel):
 
     program: Text = Field(description="Name of the program")
     machine: Text = Field(description="Name of the machine")
+    dialect: str = Field(
+        description="Dialect that the program was read in; auto if none was recognised. Empty if "
+        "the program could not be read"
+    )
     ok: bool = Field(description="Whether there is no error")
     lines: Count = Field(description="Source lines that were read")
     blocks: Count = Field(description="Canonical blocks; each straight move counts")

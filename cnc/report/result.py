@@ -102,6 +102,8 @@ class Report:
         hidden_faults: faults that are only counted.
         hidden_warnings: warnings and notes that are only counted.
         board: name of the board; None after a check.
+        dialect: dialect that the program was read in.
+        recognition: the dialect with the evidence for it; empty if the user chose it.
         lines: source lines that were read.
         blocks: canonical blocks; each move of a run of lines counts.
         duration_s: machine time with dwells.
@@ -127,6 +129,8 @@ class Report:
     hidden_faults: int = 0
     hidden_warnings: int = 0
     board: str | None = None
+    dialect: str = ""
+    recognition: str = ""
     lines: int = 0
     blocks: int = 0
     duration_s: float = 0.0
@@ -200,6 +204,7 @@ class Report:
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
+            dialect=self.dialect,
             ok=self.ok,
             lines=self.lines,
             blocks=self.blocks,

@@ -62,6 +62,7 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
         f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)",
     )
     facts.add_row("machine", escape(report.machine.name))
+    facts.add_row("dialect", escape(_dialect(report, verbose)))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
     facts.add_row("time", clock(report.duration_s))
     facts.add_row("path length", f"{number(report.path_length_mm)} mm")
@@ -82,6 +83,15 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
             f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, "
             f"planning {timing.plan_s:.3f}, interpolating {timing.interpolate_s:.3f}"
         )
+
+
+def _dialect(report: Report, verbose: bool) -> str:
+    """Return the dialect, and how it was found."""
+    if not report.recognition:
+        return report.dialect
+    if verbose:
+        return report.recognition
+    return report.dialect if report.dialect == "auto" else f"{report.dialect} (recognised)"
 
 
 def _axes(report: Report, verbose: bool) -> RenderableType:

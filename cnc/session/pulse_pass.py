@@ -190,6 +190,7 @@ class PulsePass:
                 on_progress=self._sent,
                 control=self._control,
                 ramp_down=planner.ramp_down,
+                laser=self._machine.kind == "laser",
             )
         except BoardError:
             self._record_position(board.position_steps)

@@ -69,7 +69,12 @@ class RunRecord:
         checks_only = isinstance(board, LineSink) and board.check_only
         if self._hash and (known.moves or isinstance(board, Loopback)) and not checks_only:
             machine = context.reader.machine
-            first = Checkpoint(context.report.program, self._hash, machine.name, known.board)
+            first = Checkpoint(
+                program=context.report.program,
+                sha256=self._hash,
+                machine=machine.name,
+                board=known.board,
+            )
             context.observer.checkpoint = CheckpointWriter(first, machine.axis_names)
 
     def end(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
+from cnc.boards.protocols import BoardTraits, LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.executor.homing import home
+from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine
@@ -95,6 +97,7 @@ class Session:
             start_position(machine),
             SavedState(machine),
             observer.checking,
+            block_delete=options.block_delete,
         )
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
@@ -115,11 +118,16 @@ class Session:
         """
         context, report, began = self._context, self.report, perf_counter()
         reader = context.reader
+        reader.policy = self._policy(board)
         ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
         self._log_begin()
-        if isinstance(board, LineSink):
-            self._adopt_board(board)
+        try:
+            if isinstance(board, LineSink):
+                self._adopt_board(board)
+        except BoardError as error:
+            report.faults.append(error)
+            return report
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))
@@ -128,6 +136,9 @@ class Session:
                     self._process(board)
                 except CncError as error:
                     report.faults.append(error)
+                report.dialect = reader.dialect_in_use
+                if reader.recognition is not None:
+                    report.recognition = reader.recognition.described()
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),
@@ -144,6 +155,18 @@ class Session:
         self._log_end()
         return report
 
+    def _policy(self, board: Board | None) -> ReadingPolicy:
+        """Return the user's choices. A machine never moves by lengths that nobody gave."""
+        options, machine = self._context.options, self._context.reader.machine
+        lengths = options.tool_lengths
+        if lengths is None:
+            traits = getattr(board, "traits", BoardTraits())
+            moves = board is not None and not traits.simulated
+            lengths = "table" if moves or options.outputs.lines is not None else "zero"
+        return ReadingPolicy(
+            lengths, options.unknown_codes, machine.program.codes, options.default_feed
+        )
+
     def _adopt_board(self, board: LineSink) -> None:
         """Read the program with the travel, offsets and position of the board."""
         if self._context.options.outputs.pulses is not None:
@@ -153,6 +176,8 @@ class Session:
         reader = self._context.reader
         reader.machine = board.limited_to_board(reader.machine)
         reader.start = np.array(board.position)
+        reader.homed = board.homed_position
+        reader.ceiling = board.ceiling
         reader.saved.adopt(board_parameters(board, reader.machine))
 
     def _process(self, board: Board | None) -> None:
@@ -161,6 +186,7 @@ class Session:
         capabilities = CapabilityCheck.of(
             board, report.board, reader.machine, self._is_attended(board)
         )
+        capabilities = replace(capabilities, skips_commands=reader.dialect == "auto")
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
         if isinstance(board, RemembersPosition):

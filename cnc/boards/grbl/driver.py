@@ -155,6 +155,21 @@ class GrblBoard:
         return self._machine_axes(self.stream.position)
 
     @property
+    def homed_position(self) -> tuple[float, ...]:
+        """Machine position of each axis of the machine after homing, mm, by the settings."""
+        return tuple(self.info.homed(column) for column in self._columns)
+
+    @property
+    def holds(self) -> bool:
+        """Whether a hold has come to rest, as last reported; a door counts as a hold."""
+        return self.status.state in ("Hold", "Door") and self.status.at_rest
+
+    @property
+    def ceiling(self) -> float | None:
+        """Highest position of Z that keeps clear of its limit switch, mm; None without one."""
+        return self.info.top(AXIS_LETTERS.index("z")) if self.info.homes else None
+
+    @property
     def work_offset(self) -> tuple[float, ...]:
         """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
         return self._machine_axes(self._g54_offset())
@@ -183,7 +198,16 @@ class GrblBoard:
         return "M" in self.info.options
 
     def limited_to_board(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the soft limits of the board."""
+        """Return the machine as the board limits it: travel by its soft limits, laser by its mode.
+
+        Raises:
+            BoardError: ``laser-mode-off`` if the board is not in laser mode, but the machine is a
+                laser: the beam would stay on in traverses and stops.
+        """
+        if machine.kind == "laser" and not self.info.laser:
+            message = "the machine is a laser, but the board is not in laser mode ($32=0)"
+            hint = "switch it on: cncrun settings 32=1"
+            raise board_error("laser-mode-off", message, hint=hint)
         return self.info.narrowed(machine)
 
     @property

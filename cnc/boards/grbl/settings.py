@@ -13,7 +13,8 @@ from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.boards.grbl.status import MM_PER_INCH
 from cnc.machine.models import Machine
 
-ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
+ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
+HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
@@ -148,6 +149,34 @@ class BoardInfo:
         return (0.0, reach) if "Z" in self.options and downwards else (-reach, 0.0)
 
     @property
+    def homes(self) -> bool:
+        """Whether the board homes the machine (``$22``)."""
+        return self.number(HOMING) not in (None, 0.0)
+
+    @property
+    def laser(self) -> bool:
+        """Whether the power changes during motion (``$32``)."""
+        return self.number(LASER_MODE) == 1.0
+
+    def top(self, column: int) -> float | None:
+        """Return the highest machine position that keeps clear of the limit switch, mm."""
+        travel = self.travel(column)
+        if travel is None:
+            return None
+        return travel[1] - (0.0 if "Z" in self.options else self.number(PULL_OFF) or 0.0)
+
+    def homed(self, column: int) -> float:
+        """Return the machine position of an axis after homing, mm.
+
+        The axis rests the pull-off (``$27``) from its switch. With option Z that is machine zero.
+        """
+        if "Z" in self.options:
+            return 0.0
+        off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
+        downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
+        return travel[0] + off if travel is not None and downwards else -off
+
+    @property
     def soft_limits(self) -> bool:
         """Whether the board refuses targets outside its travel (``$20``)."""
         return self.number(SOFT_LIMITS) not in (None, 0.0)
@@ -162,7 +191,12 @@ class BoardInfo:
         return max(times, default=1.0)
 
     def narrowed(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the board's soft limits, if they are on."""
+        """Return the machine with its travel limited to the board's soft limits, if they are on.
+
+        A board in laser mode makes it a laser.
+        """
+        if self.laser:
+            machine = machine.model_copy(update={"kind": "laser"})
         if not self.soft_limits:
             return machine
         axes = dict(machine.axes)

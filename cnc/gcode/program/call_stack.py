@@ -7,8 +7,9 @@ one text. A :class:`Frame` is a call (or the main program); :class:`Flow` is the
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, Protocol
 
 from cnc.gcode.program.interpreter import Interpreter
@@ -47,6 +48,16 @@ class Loop:
     first: int
     last: int
     since: int = 0
+
+
+class Files(Protocol):
+    """Files of subroutines, for the call at a place. Each method may raise GcodeError."""
+
+    def find(self, label: str, at: Place) -> Listing | None:
+        """Return the file of a label, or None if there is none."""
+
+    def open(self, path: Path, at: Place) -> Listing:
+        """Return the file at a path."""
 
 
 class Nothing:
@@ -99,7 +110,9 @@ class Listing(LineIndex):
         last_executed: The highest line that was ever executed.
     """
 
-    def __init__(self, text: Text, syntax: Syntax, *, block_delete: bool = False) -> None:
+    def __init__(
+        self, text: Text, syntax: Syntax, *, block_delete: frozenset[int] | bool = False
+    ) -> None:
         super().__init__(text, syntax, block_delete=block_delete)
         self.steps: dict[int, Step] = {}
         self.labels: dict[tuple[int, str], int] = {}
@@ -177,7 +190,7 @@ class Flow:
     Attributes:
         interpreter: Executes statements.
         parameters: The parameters of the program.
-        find_file: Finds the file of a subroutine by label, for the call at a place.
+        library: The files of subroutines.
         limits: The limits of repetition.
         main: The text of the main program.
         listing: The text that is being executed.
@@ -194,14 +207,14 @@ class Flow:
         self,
         interpreter: Interpreter,
         listing: Listing,
-        find_file: Callable[[str, Place], Listing | None],
+        library: Files,
         limits: Limits,
         *,
         mark_calls: bool = False,
     ) -> None:
         self.interpreter = interpreter
         self.parameters = interpreter.parameters
-        self.find_file = find_file
+        self.library = library
         self.limits = limits
         self.main = self.listing = listing
         self._mark_calls = mark_calls

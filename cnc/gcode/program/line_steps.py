@@ -5,16 +5,19 @@ All other lines are executed as statements and have no step class.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightRuns
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
+from cnc.gcode.syntax.words import Word
+from cnc.machine.program_codes import CodeAction
 
 _JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
@@ -25,8 +28,11 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
 class StepMaker:
     """Makes the steps of lines when they are reached for the first time."""
 
-    def __init__(self, flow: Flow, dialect: dialects.Dialect) -> None:
+    def __init__(
+        self, flow: Flow, dialect: dialects.Dialect, codes: Mapping[int, CodeAction]
+    ) -> None:
         self._flow = flow
+        self._builder_codes = codes
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
         self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
@@ -118,6 +124,8 @@ class StepMaker:
                 else:
                     self._dialect.check_g(word)
                 return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+        if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
+            return step
         if statement.words or statement.assignments or statement.remarks or statement.board:
             return statement
         return NOTHING
@@ -194,11 +202,40 @@ class _Percent:
             if line == frame.first and not frame.scope:  # of a file without an O line
                 return line + 1
             raise control_flow.not_ended(flow, f"before the % in line {line}")
+        if interpreter.begun and not flow.percent:
+            self._check_unopened(flow, line)
         if interpreter.begun or flow.percent:
             interpreter.end_of_file()
             interpreter.ended = True
         flow.percent = True
         return line + 1
+
+    @staticmethod
+    def _check_unopened(flow: Flow, line: int) -> None:
+        """Refuse a % that would end a program without a first one.
+
+        As the last line it is what other controllers leave of a pair of %.
+        """
+        at = Place(line, 1)
+        message = "this % ends the program, and no % begins it"
+        hint = "begin the program with %, or end it with M2 or M30"
+        if not flow.interpreter.dialect.lenient or _has_code(flow, line + 1):
+            raise flow.listing.fault(at, "percent-place", message, hint)
+        percent = Word("%", 0.0, "%", 1, 1)
+        flow.interpreter.here.line = line
+        flow.interpreter.here.report_warning("percent-unopened", message, percent, hint)
+
+
+def _has_code(flow: Flow, line: int) -> bool:
+    """Whether a line from here on is not empty."""
+    while (window := flow.listing.window(line)) is not None:
+        if any(
+            window.text(index).strip(" \t\0\x1a")
+            for index in range(line - window.first, window.count)
+        ):
+            return True
+        line = window.first + window.count
+    return False
 
 
 _PERCENT = _Percent()

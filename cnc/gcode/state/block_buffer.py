@@ -8,13 +8,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.model.blocks import Block, Polyline, Probe, WaitInput
+from cnc.model.blocks import (
+    AnalogOutput,
+    Block,
+    BoardCommand,
+    Coolant,
+    DigitalOutput,
+    Orient,
+    Overrides,
+    PathMode,
+    Polyline,
+    Probe,
+    Spindle,
+    Stop,
+    Tool,
+    WaitInput,
+)
+from cnc.model.motion_commands import command_array, goes_with_motion
 
 MAX_MOVES = 4096
 """Most moves of a Polyline. Arrays of this length are efficient, and the first pulse does not wait
 long for them.
 """
 
+Question = Probe | WaitInput | BoardCommand
 TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
 
@@ -32,7 +49,7 @@ class BlockBuffer:
 
     def __init__(self, here: SourceLocation, axes: int) -> None:
         self.ready: list[Block] = []
-        self.unanswered: list[tuple[Probe | WaitInput, TakeAnswer]] = []
+        self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
         self.assumed = False
         self._here = here
@@ -40,6 +57,8 @@ class BlockBuffer:
         self._points: list[float] = []
         self._feeds: list[float] = []
         self._lines: list[int] = []
+        self._commands: dict[int, tuple[Block, ...]] = {}
+        self._in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
@@ -87,7 +106,9 @@ class BlockBuffer:
         )
 
     def add(self, block: Block) -> None:
-        """Add any other block."""
+        """Add any other block, unless it changes nothing."""
+        if not self._changes(block):
+            return
         if self.defer is None:
             self.put(block)
         else:
@@ -107,10 +128,14 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
+        if self._feeds and goes_with_motion(block):
+            place = len(self._feeds)
+            self._commands[place] = (*self._commands.get(place, ()), block)
+            return
         self.flush()
         self.ready.append(block)
 
-    def ask(self, block: Probe | WaitInput, take: TakeAnswer) -> None:
+    def ask(self, block: Question, take: TakeAnswer) -> None:
         """Add a block that the board answers.
 
         ``take`` gets the answer before the next line is executed.
@@ -130,6 +155,8 @@ class BlockBuffer:
         """Complete the current run of straight moves."""
         if not self._feeds:
             return
+        count = len(self._feeds)
+        behind = self._commands.pop(count, ())
         self.ready.append(
             Polyline(
                 self._here.file,
@@ -137,6 +164,41 @@ class BlockBuffer:
                 np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
                 np.array(self._feeds, dtype=np.float64),
                 np.array(self._lines, dtype=np.int32),
+                command_array(count, self._commands),
             )
         )
-        self._points, self._feeds, self._lines = [], [], []
+        self.ready.extend(behind)
+        self._points, self._feeds, self._lines, self._commands = [], [], [], {}
+
+    def _changes(self, block: Block) -> bool:
+        """Return whether a block changes a state that is known from an earlier block."""
+        if isinstance(block, Tool | Orient | BoardCommand | Stop):
+            # Spindle and outputs may have another state afterwards. At a stop the operator may
+            # have switched the spindle off by hand, and the next move would cut without it.
+            self._in_effect.clear()
+        state = _state(block)
+        if state is None:
+            return True
+        kind, values = state
+        if self._in_effect.get(kind) == values:
+            return False
+        self._in_effect[kind] = values
+        return True
+
+
+def _state(block: Block) -> tuple[tuple[str, int], tuple[object, ...]] | None:
+    """Return what a block sets, and its values; None for a block that sets nothing lasting."""
+    match block:
+        case Spindle(state=state, rpm=rpm, surface_speed=speed):
+            return ("spindle", 0), (state, rpm, speed)
+        case Coolant(mist=mist, flood=flood):
+            return ("coolant", 0), (mist, flood)
+        case Overrides(feed=feed, spindle=spindle, adaptive_feed=adaptive, feed_stop=stop):
+            return ("overrides", 0), (feed, spindle, adaptive, stop)
+        case PathMode(control=control, tolerance=tolerance):
+            return ("path", 0), (control, tolerance)
+        case DigitalOutput(number=number, on=on):
+            return ("digital", number), (on,)
+        case AnalogOutput(number=number, value=value):
+            return ("analog", number), (value,)
+    return None

@@ -181,6 +181,12 @@ class Text:
         self._keep(index, found)
         return found
 
+    def first_lines(self) -> Iterator[str]:
+        """Yield the lines of the first window."""
+        window = self.window(1)
+        if window is not None:
+            yield from map(window.text, range(window.count))
+
     def _keep(self, index: int, window: Window) -> None:
         self._kept[index] = window
         self._kept.move_to_end(index)

@@ -125,7 +125,7 @@ def agree(
 
 @pytest.mark.timeout(3600)
 def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 500)):
+    for seed in range(share(30_000, 250)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         lines = [
@@ -152,7 +152,7 @@ def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.timeout(3600)
 def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 300)):
+    for seed in range(share(30_000, 150)):
         written = Author(seed).program()
         agree(
             monkeypatch,

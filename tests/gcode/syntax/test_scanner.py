@@ -270,7 +270,7 @@ def decoded(line: bytes) -> str:
 @pytest.mark.timeout(3600)
 def test_plain_lines_have_the_words_of_the_grammar() -> None:
     """The lines equal those of the file, with any kind of line end."""
-    amount, batch = share(1_000_000, 30_000), 1000
+    amount, batch = share(1_000_000, 15_000), 1000
     plain = 0
     syntaxes = itertools.cycle(SYNTAXES)
     for seed in range(amount // batch):
@@ -291,7 +291,7 @@ def test_plain_lines_have_the_words_of_the_grammar() -> None:
 
 def test_other_lines_have_the_statement_of_the_grammar(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "a.nc"
-    path.write_bytes(Adversary(-1).data(share(20_000, 2_000)))
+    path.write_bytes(Adversary(-1).data(share(20_000, 1_000)))
     text, line = Text.of_file(path), 1
     while window := text.window(line):
         for index in range(window.count):
