@@ -42,7 +42,7 @@ _SOURCES = Path(__file__).parent
 _TAG = sys.implementation.cache_tag or sys.implementation.name
 _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""
-_COMPILER = ()
+_COMPILER = ("jit", "code_cache", "compiler")
 """Modules that are not kernels, but decide how kernels are compiled."""
 
 SHIPPED = _SOURCES / "compiled"

@@ -31,15 +31,15 @@ from typing import Any, NamedTuple
 import llvmlite
 import numba
 from llvmlite import binding
-from numba.core import types
 from numba.core.caching import _Cache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompileResult, CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.lowering import Environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
+from numba.core.types import unliteral  # type: ignore[attr-defined]
 
 from cnc.kernels import code_cache
 from cnc.kernels.jit import Kernel, kernels
@@ -85,11 +85,13 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         self.symbol = ""
         self.callees: dict[Callee, None] = {}
         self._bitcode = b""
+        self._linking_libraries: list[Any] = []
+        self._shared_module: Any = None
         self.enable_object_caching()
 
     def finalize(self) -> None:
         """Link the small kernels and numba's own functions, and compile."""
-        linked = []
+        linked: list[Any] = []
         for library in dict.fromkeys(self._linking_libraries):
             if isinstance(library, KernelLibrary):
                 if library.is_small:
@@ -174,7 +176,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         A constant has a type of its own, for which numba would compile the called kernel once more.
         Here it has the type of its value.
         """
-        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+        return super().get_call_template(tuple(map(unliteral, args)), kws)
 
     def compile(self, sig: Any) -> Any:
         """Compile the kernel for these types, or load it, for calls by other kernels."""
@@ -197,10 +199,9 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
         """Compile for a call by Python; numba's C code calls this for types that are new."""
-        arguments = tuple(types.unliteral(self.typeof_pyval(each)) for each in args)
+        arguments = tuple(unliteral(self.typeof_pyval(each)) for each in args)
         with global_compiler_lock:
             self.compile(arguments)
-            result = self.overloads[arguments]
             wrapper = self._cache.load_wrapper(arguments, self.targetctx) or self._wrap(arguments)
             entry = self.targetctx.get_executable(*wrapper)
             self._insert([each._code for each in arguments], entry, False)
@@ -231,10 +232,14 @@ def target() -> tuple[str, str, str]:
     return CPUDispatcher.targetdescr.target_context.codegen().magic_tuple()
 
 
-def _digest(arguments: Types, *processor: str) -> str:
-    """Return a short name for argument types, processor and version of numba."""
-    key = repr((str(arguments), *processor, numba.__version__, llvmlite.__version__))
-    return hashlib.sha256(key.encode()).hexdigest()[:16]
+def version(processor: tuple[str, str] | None = None) -> tuple[str, ...]:
+    """Return everything besides the kernels on which their code depends.
+
+    Args:
+        processor: name and features; by default those of this computer.
+    """
+    triple, *host = target()
+    return triple, *(processor or host), numba.__version__, llvmlite.__version__
 
 
 class KernelFiles(_Cache):  # type: ignore[misc]
@@ -244,7 +249,7 @@ class KernelFiles(_Cache):  # type: ignore[misc]
     """
 
     def __init__(self, kernel: Kernel) -> None:
-        self._folder, self._name = kernel.folder, kernel.__qualname__
+        self._folder, self._name = kernel.folder, kernel.name
 
     @property
     def cache_path(self) -> str:
@@ -256,12 +261,11 @@ class KernelFiles(_Cache):  # type: ignore[misc]
         """Return the files in which code may be, the first to look at first."""
         if self._folder is None:
             return ()
-        triple, *host = target()
-        places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), tuple(host))
-        return tuple(
-            folder / self._folder / f"{self._name}-{_digest(arguments, triple, *processor)}.code"
-            for folder, processor in places
-        )
+        paths = []
+        for place, processor in ((code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), None)):
+            key = hashlib.sha256(repr((str(arguments), version(processor))).encode()).hexdigest()
+            paths.append(place / self._folder / f"{self._name}-{key[:16]}.code")
+        return tuple(paths)
 
     def has(self, arguments: Types) -> bool:
         """Return whether there is code for these types."""

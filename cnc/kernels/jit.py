@@ -23,7 +23,8 @@ from cnc.kernels import code_cache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_interpreted = ContextVar("_interpreted", default=False)
+_compiled: ContextVar[frozenset[str] | None] = ContextVar("_compiled", default=None)
+"""Modules whose kernels are compiled; None for all."""
 
 
 class Kernel:
@@ -31,12 +32,13 @@ class Kernel:
 
     Attributes:
         py_func: the Python function.
-        called: names of the global variables that it uses, among them the kernels that it calls.
+        name: its name in its module.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
+        self.name = function.__qualname__
         self._call: Callable[..., Any] = self._first_call
         kernels[function.__module__, function.__qualname__] = self
 
@@ -45,14 +47,15 @@ class Kernel:
         return self._call(*arguments)
 
     def _first_call(self, *arguments: Any) -> Any:
-        if _interpreted.get():
+        modules = _compiled.get()
+        if modules is not None and self.__module__ not in modules:
             return self.py_func(*arguments)
         self._call = self.dispatcher
         return self.dispatcher(*arguments)
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """numba's dispatcher of this function, which compiles and loads it."""
+        """The dispatcher of numba for this function, which compiles and loads it."""
         from cnc.kernels.compiler import KernelDispatcher
 
         return KernelDispatcher(self)
@@ -68,9 +71,18 @@ class Kernel:
         return code_cache.folder_name(Path(self.py_func.__code__.co_filename))
 
     @property
+    def is_on_disk(self) -> bool:
+        """Whether there is compiled code, for whatever types and processor."""
+        places = (code_cache.SHIPPED, code_cache.cache_folder())
+        return self.folder is not None and any(
+            next((place / self.folder).glob(f"{self.name}-*.code"), None) is not None
+            for place in places
+        )
+
+    @property
     def label(self) -> str:
         """Name for people: ``path.curve.curve_eval``."""
-        return f"{self.__module__.removeprefix('cnc.kernels.')}.{self.__qualname__}"
+        return f"{self.__module__.removeprefix('cnc.kernels.')}.{self.name}"
 
     def callees(self) -> list[Kernel]:
         """Return the kernels that this one calls itself."""
@@ -96,10 +108,10 @@ def compiling() -> bool:
 
 
 @contextmanager
-def interpreted() -> Iterator[None]:
-    """Run kernels that have not been loaded as plain Python."""
-    before = _interpreted.set(True)
+def interpreted(*, except_in: frozenset[str] = frozenset()) -> Iterator[None]:
+    """Run kernels that have not been loaded as plain Python, except those of some modules."""
+    before = _compiled.set(except_in)
     try:
         yield
     finally:
-        _interpreted.reset(before)
+        _compiled.reset(before)
