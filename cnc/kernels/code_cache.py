@@ -42,8 +42,9 @@ _SOURCES = Path(__file__).parent
 _TAG = sys.implementation.cache_tag or sys.implementation.name
 _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""
-_COMPILER = ("jit", "code_cache", "compiler")
-"""Modules that are not kernels, but decide how kernels are compiled."""
+
+_DIGEST_BYTES = hashlib.sha256().digest_size
+"""Each file begins with a digest of its code, because a process that runs damaged code crashes."""
 
 SHIPPED = _SOURCES / "compiled"
 """Compiled code that was installed with the sources. It is only read."""
@@ -118,8 +119,7 @@ def _imported(file: Path) -> frozenset[Path]:
 def _digest(files: frozenset[Path]) -> str:
     """Return a short name for the texts of ``files``, the compiler and this version of Python."""
     total = hashlib.sha256(sys.version.encode())
-    compiler = {(_SOURCES / name).with_suffix(".py") for name in _COMPILER}
-    for file in sorted(files | compiler):
+    for file in sorted(files | {_SOURCES / "compiler.py"}):
         total.update(_text(file))
     return total.hexdigest()[:16]
 
@@ -141,11 +141,13 @@ def folder_name(source: Path) -> str | None:
 
 
 def read(path: Path) -> bytes | None:
-    """Return the contents of a file of compiled code; None if there is none."""
+    """Return the contents of a file of compiled code; None if there is none, or it is damaged."""
     try:
-        return path.read_bytes()
+        data = path.read_bytes()
     except OSError:
         return None
+    digest, code = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
+    return code if hashlib.sha256(code).digest() == digest else None
 
 
 def write(path: Path, code: bytes) -> None:
@@ -155,7 +157,7 @@ def write(path: Path, code: bytes) -> None:
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
             temporary = Path(file.name)
             try:
-                file.write(code)
+                file.write(hashlib.sha256(code).digest() + code)
                 file.close()
                 temporary.replace(path)
             finally:

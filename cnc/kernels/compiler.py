@@ -278,8 +278,8 @@ class KernelFiles(_Cache):  # type: ignore[misc]
             if code is not None:
                 try:
                     return rebuild(pickle.loads(code))
-                except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, KeyError):
-                    continue  # written by an interrupted computer, or for a kernel that is not here
+                except (AttributeError, ImportError, KeyError):
+                    continue  # it refers to something that this installation does not have
         return None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -5,7 +5,7 @@ argument types, or loaded, when it is called from Python or when a kernel that c
 (:mod:`cnc.kernels.compiler`). numba is imported then, because its import takes as long as
 ``cncrun --help``.
 
-Inside :func:`interpreted`, a kernel whose code has not been loaded runs as plain Python. A small
+Inside :func:`as_python`, a kernel whose code has not been loaded runs as plain Python. A small
 program is read so, while nothing is compiled.
 """
 
@@ -102,13 +102,18 @@ def njit(function: Function) -> Function:
     return cast(Function, Kernel(function))
 
 
+def interpreted(kernel: Function) -> Function:
+    """Return a kernel as plain Python, for single calls that are not worth a compilation."""
+    return cast(Function, getattr(kernel, "py_func", kernel))
+
+
 def compiling() -> bool:
     """Return whether kernels are compiled, and not run as plain Python."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 
 
 @contextmanager
-def interpreted(*, except_in: frozenset[str] = frozenset()) -> Iterator[None]:
+def as_python(*, except_in: frozenset[str] = frozenset()) -> Iterator[None]:
     """Run kernels that have not been loaded as plain Python, except those of some modules."""
     before = _compiled.set(except_in)
     try:

@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 
 from cnc.kernels import code_cache
-from cnc.kernels.jit import Kernel, compiling, interpreted, kernels
+from cnc.kernels.jit import Kernel, as_python, compiling, kernels
 from cnc.session.kernel_jobs import JOBS
 
 OnKernel = Callable[[int, int, str], None]
@@ -198,7 +198,7 @@ def _tell(line: str) -> None:
 
 def compile_job(job: str) -> None:
     """Compile the kernels of a job, and record that."""
-    with interpreted(except_in=JOBS[job].modules):
+    with as_python(except_in=JOBS[job].modules):
         JOBS[job].example()
     code_cache.write(_marks(job)[-1], b"")
 

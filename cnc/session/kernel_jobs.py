@@ -39,18 +39,16 @@ class Job(NamedTuple):
 
 
 def read() -> None:
-    """Read a straight move."""
-    from cnc.gcode import dialects
-    from cnc.gcode.program.interpreter import Interpreter
-    from cnc.gcode.program.plain_lines import StraightRuns
-    from cnc.gcode.syntax.parameters import Parameters
+    """Read straight moves, and lines with expressions."""
+    from cnc.gcode.program.line_steps import MANY_LINES
+    from cnc.gcode.program.plain_lines import SHORTEST
+    from cnc.gcode.program.program import interpret
     from cnc.gcode.syntax.source_text import Text
 
-    window = Text.of_lines(["G0 X1"], "").window(1)
-    assert window is not None
-    StraightRuns(
-        Interpreter("", AXES, dialects.load("auto"), [0.0] * len(AXES), Parameters(), None)
-    ).run(window, 0)
+    for _ in interpret(Text.of_lines(["G0 X1"] * SHORTEST, "")):
+        pass
+    for _ in interpret(Text.of_lines(["#1=1", "G0 X#1"] * MANY_LINES, "")):
+        pass
 
 
 def build_simple() -> None:

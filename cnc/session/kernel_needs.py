@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
-from cnc.kernels.jit import interpreted
+from cnc.kernels.jit import as_python
 from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
@@ -34,7 +34,7 @@ class KernelNeeds:
         """Return the context in which the check pass reads the program."""
         self._interprets = _is_small(program) and not all(map(is_compiled, READING))
         if self._interprets:
-            return interpreted()
+            return as_python()
         self._compile(*READING)
         return nullcontext()
 

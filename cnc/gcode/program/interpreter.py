@@ -91,6 +91,7 @@ class Interpreter:
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect = dialect
+        self.policy = policy
         self.parameters = parameters
         self.coordinates = Coordinates(
             axes,
