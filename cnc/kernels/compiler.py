@@ -184,13 +184,23 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         with global_compiler_lock:
             if arguments in self.overloads:
                 return self.overloads[arguments].entry_point
-            if self._cache.has(arguments):
-                return super().compile(sig)
+            if self._load(arguments):
+                return self.overloads[arguments].entry_point
             with code_cache.locked(f"{self._kernel.label} {arguments}"):
-                if not self._cache.has(arguments):
-                    for watcher in watchers:
-                        watcher(self._kernel)
+                if self._load(arguments):  # another process has compiled it meanwhile
+                    return self.overloads[arguments].entry_point
+                for watcher in watchers:
+                    watcher(self._kernel)
                 return super().compile(sig)
+
+    def _load(self, arguments: Types) -> bool:
+        """Load the code for these types, if there is some."""
+        result = self._cache.load(arguments, self.targetctx)
+        if result is None:
+            return False
+        self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+        self.add_overload(result)
+        return True
 
     def add_overload(self, cres: Any) -> None:
         """Keep compiled code; Python does not call it as it is."""
@@ -267,10 +277,6 @@ class KernelFiles(_Cache):  # type: ignore[misc]
             paths.append(place / self._folder / f"{self._name}-{key[:16]}.code")
         return tuple(paths)
 
-    def has(self, arguments: Types) -> bool:
-        """Return whether there is code for these types."""
-        return any(path.exists() for path in self._paths(arguments))
-
     def _load(self, arguments: Types, suffix: str, rebuild: Callable[[Any], Any]) -> Any:
         """Return what ``rebuild`` makes of the first file that can be used; None for none."""
         for path in self._paths(arguments):
@@ -282,12 +288,14 @@ class KernelFiles(_Cache):  # type: ignore[misc]
                     continue  # it refers to something that this installation does not have
         return None
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return compiled code, None if there is none.
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        """Return nothing: numba asks when :meth:`load` has found nothing."""
+
+    def load(self, arguments: Types, target_context: Any) -> Any:
+        """Return compiled code; None if there is none.
 
         numba's own cache imports the whole compiler first, which is not needed to load code.
         """
-        arguments = tuple(sig)
 
         def rebuild(state: Any) -> Any:
             library, descriptor, signature = state
