@@ -117,8 +117,8 @@ def _imported(file: Path) -> frozenset[Path]:
 
 
 def _digest(files: frozenset[Path]) -> str:
-    """Return a short name for the texts of ``files``, the compiler and this version of Python."""
-    total = hashlib.sha256(sys.version.encode())
+    """Return a short name for the texts of ``files`` and of the compiler, and Python's ABI."""
+    total = hashlib.sha256(getattr(sys, "abiflags", "").encode())
     for file in sorted(files | {_SOURCES / "compiler.py"}):
         total.update(_text(file))
     return total.hexdigest()[:16]
