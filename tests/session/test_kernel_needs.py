@@ -112,7 +112,7 @@ def test_what_a_program_calls_it_has_asked_for(name: str, asked, called) -> None
 
 
 @compiled
-def test_no_kernel_has_a_second_set_of_types() -> None:
+def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
     """The examples of the jobs call the kernels with the types with which programs call them."""
     code = """
 from cnc.kernels import jit
@@ -123,7 +123,8 @@ for job in JOBS.values():
 for name in ("trident", "engraving"):
     check(f"programs/{name}.nc")
 several = [k.label for k in jit.kernels.values()
-           if "dispatcher" in vars(k) and len(k.dispatcher.overloads) > 1]
+           if "dispatcher" in vars(k) and len(k.dispatcher.overloads) > 1
+           and not k.label.startswith("gcode.")]  # text comes in two kinds of arrays
 assert not several, several
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
