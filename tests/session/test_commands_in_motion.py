@@ -342,3 +342,31 @@ def test_check_reports_the_time_of_a_laser(tmp_path: Path) -> None:
     program.write_text(lines(100))
     assert laser == pytest.approx(check(program, LASER, RunOptions()).duration_s)
     assert math.isfinite(laser)
+
+
+@pytest.mark.parametrize("pitch", [0.1, 0.2, 0.5])
+def test_a_raster_streams_as_fast_as_by_plain_character_counting(
+    tmp_path: Path, pitch: float
+) -> None:
+    pixels = [f"X{pitch * k:.2f}S{power(0, k)}" for k in range(1, 400)]
+    program = ["G21G90", "M4S0", "G1F3000", *pixels]
+    plain = GrblSimulator(settings=FAST)
+    port = GrblSimulatorPort(plain)
+    while b"help]" not in port.read(2.0):
+        pass
+    sizes: list[int] = []
+    for line in program:
+        while sum(sizes) + len(line) + 1 > 127:
+            del sizes[: port.read(0.05).count(b"ok")]
+        port.write(line.encode() + b"\n")
+        sizes.append(len(line) + 1)
+    while sizes or plain.core.planner.blocks:
+        del sizes[: port.read(0.05).count(b"ok")]
+    box, report = on_grbl(tmp_path, "\n".join([*program, "M2"]), GRBL_LASER)
+    assert report.ok, report.faults
+
+    def seconds(simulator: GrblSimulator) -> float:
+        return simulator.moves[-1].end_time - simulator.moves[0].begin_time
+
+    assert seconds(box) <= 1.03 * seconds(plain)
+    assert report.duration_s == pytest.approx(seconds(box), rel=0.03)
