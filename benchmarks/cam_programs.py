@@ -172,7 +172,7 @@ def freecad(rng: random.Random) -> Iterator[str]:
             feed = " F900.000" if stroke.code else ""
             yield f"G{stroke.code} X{x:.3f} Y{y:.3f} Z{z:.3f}{feed}"
         else:
-            yield f"G{stroke.code} {_center(stroke)} K0.000 X{x:.4f} Y{y:.4f} Z{z:.3f} F900.000"
+            yield f"G{stroke.code} {_center(stroke)} X{x:.4f} Y{y:.4f} Z{z:.3f} F900.000"
 
 
 def estlcam(rng: random.Random) -> Iterator[str]:
