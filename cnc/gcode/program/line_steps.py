@@ -9,7 +9,13 @@ from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
-from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program import (
+    block_matching,
+    control_flow,
+    numbered_programs,
+    siemens_cycles,
+    subprograms,
+)
 from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.compiled_program import CompiledProgram
@@ -25,7 +31,7 @@ MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS | subprograms.MAKERS
+    block_matching.MAKERS | subprograms.MAKERS | siemens_cycles.MAKERS
 )
 
 
@@ -73,13 +79,21 @@ class StepMaker:
             self._flow.new += 1
         return step
 
-    def end_of_file(self, line: int) -> None:
-        """End the program at the end of the text, which is before ``line``.
+    def end_of_file(self, line: int) -> int | None:
+        """End the program, or the file of a builder's code, at the end of the text.
+
+        Args:
+            line: The line after the last one.
+
+        Returns:
+            The line of the caller to continue at; None at the end of the program.
 
         Raises:
             GcodeError: The program is not complete.
         """
         flow = self._flow
+        if flow.frame.ends_with_file:
+            return flow.leave()
         if flow.frame.kind != "main":
             raise control_flow.not_ended(flow, "before the end of the file")
         flow.interpreter.end_of_file()
@@ -96,8 +110,11 @@ class StepMaker:
             )
             hint = "end it with M2 or M30, or put it between two lines of %"
             raise flow.listing.fault(at, "program-end-missing", message, hint)
+        return None
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
+        if self._flow.has_modal:
+            return self._of_statement(window, line, index)
         if (
             self._compiled is not None
             and (self._is_long or window.count >= MANY_LINES)
@@ -117,6 +134,8 @@ class StepMaker:
             GcodeError: The line is faulty, or the block that it opens.
         """
         flow = self._flow
+        if flow.has_modal:
+            return self._of_statement(window, line, index)
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
@@ -125,23 +144,23 @@ class StepMaker:
                 return NOTHING
             if move := move_of(letters, numbers, self._kinds):
                 return _Move(move, window)
+        return self._of_statement(window, line, index)
+
+    def _of_statement(self, window: Window, line: int, index: int) -> Step | Statement:
+        """Return the step of a line from its statement."""
+        flow = self._flow
         statement = flow.listing.statement(window, index)
         if statement is None:
             return NOTHING
         if statement.control is None:
-            return self._of_words(line, statement)
+            found = self._of_words(line, statement)
+            if flow.has_modal and isinstance(found, Statement):
+                return _Followed(found)
+            return found
         step = self._of_control(line, statement.control)
         if self._compiled is not None and (self._is_long or window.count >= MANY_LINES):
             self._compiled.register(window, index, step)
         return _Announced(statement, step) if statement.remarks else step
-
-    def run_single(self, flow: Flow, window: Window, line: int) -> int:
-        """Execute a line on its own; return the line to continue at."""
-        step = self.single(window, line, line - window.first)
-        if isinstance(step, Statement):
-            flow.interpreter.execute(step, line)
-            return line + 1
-        return step.run(flow, line)
 
     def _of_control(self, line: int, control: Control) -> Step:
         flow = self._flow
@@ -175,6 +194,14 @@ class StepMaker:
         return NOTHING
 
 
+def run_alone(flow: Flow, step: Step | Statement, line: int) -> int:
+    """Execute a line on its own; return the line to continue at."""
+    if isinstance(step, Statement):
+        flow.interpreter.execute(step, line)
+        return line + 1
+    return step.run(flow, line)
+
+
 class _Run:
     """The first line of a run of plain lines."""
 
@@ -190,7 +217,7 @@ class _Run:
         window, listing = self._window, flow.listing
         count = self._runs.run(window, line - window.first)
         if not count:
-            return self._maker.run_single(flow, window, line)
+            return run_alone(flow, self._maker.single(window, line, line - window.first), line)
         last = line + count - 1
         flow.executed += count - 1
         flow.new += max(0, last - listing.last_executed)
@@ -201,17 +228,23 @@ class _Run:
 class _Compiled:
     """A line that compiled code may execute, with those after it."""
 
-    __slots__ = ("_maker", "_program", "_window")
+    __slots__ = ("_maker", "_program", "_single", "_window")
 
     def __init__(self, program: CompiledProgram, maker: StepMaker, window: Window) -> None:
         self._program = program
         self._maker = maker
         self._window = window
+        self._single: Step | Statement | None = None
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute lines in compiled code, or else the line on its own."""
         after = self._program.run(self._window, line)
-        return self._maker.run_single(flow, self._window, line) if after is None else after
+        if after is not None:
+            return after
+        step = self._single
+        if step is None:
+            step = self._single = self._maker.single(self._window, line, line - self._window.first)
+        return run_alone(flow, step, line)
 
 
 class _Move:
@@ -238,6 +271,22 @@ def _execute_statement(flow: Flow, window: Window, line: int) -> int:
     assert statement is not None
     flow.interpreter.execute(statement, line)
     return line + 1
+
+
+class _Followed:
+    """A line after which the macro of G66 is called if it moved."""
+
+    __slots__ = ("_statement",)
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the line, then the macro."""
+        motion = flow.interpreter.motion
+        before = motion.position
+        flow.interpreter.execute(self._statement, line)
+        return line + 1 if motion.position is before else flow.call_after(line)
 
 
 class _Announced:

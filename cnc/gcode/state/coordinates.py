@@ -17,16 +17,16 @@ system".
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
+from cnc.gcode.geometry.figure import Figure, cosine_sine
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 
 EXTERNAL = -1
-"""Index of the offset that is added to every system (FANUC's P0)."""
+"""Index of FANUC's offset of all systems (P0)."""
 SYSTEM_CODES = (G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3)
 """The code of each system, as #<_coord_system> reads it. All other systems are G54.1's."""
 _HOMES: dict[G, int] = {G.G28: numbers.G28_POSITION, G.G30: numbers.G30_POSITION}
@@ -43,6 +43,7 @@ class Coordinates:
         system: Index of the system in use, 0 for G54.
         systems: Number of systems without G54.1's.
         axes: Letters of the machine's axes.
+        figure_is_new: Whether no point was given since G68.
     """
 
     def __init__(
@@ -69,15 +70,15 @@ class Coordinates:
         self.rotation = 0.0
         self.zero: list[float] = []
         self.axes = axes
+        self.figure = Figure.none(len(axes))
+        self.figure_is_new = False
         self._fanuc = fanuc
         self._values = parameters.values
         self._places = [AXIS_LETTERS.index(axis) for axis in axes]
         self._xy = (axes.index("x"), axes.index("y")) if {"x", "y"} <= set(axes) else None
         self._turn = (1.0, 0.0)
-        self._origin = [0.0] * len(axes)
-        self._tool = [0.0] * len(axes)
-        self._local = [0.0] * len(axes)
-        self._external = [0.0] * len(axes)
+        self._origin, self._tool = [0.0] * len(axes), [0.0] * len(axes)
+        self._local, self._external = [0.0] * len(axes), [0.0] * len(axes)
         if not shift_stays:
             self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = (
@@ -95,8 +96,28 @@ class Coordinates:
         """Whether the machine has the two axes that a rotation needs."""
         return self._xy is not None
 
+    @property
+    def figure(self) -> Figure:
+        """Scaling, mirroring and rotation of the figure."""
+        return self._figure
+
+    @figure.setter
+    def figure(self, figure: Figure) -> None:
+        self._figure = figure
+        self.figure_is_new = False
+
+    @property
+    def turned(self) -> bool:
+        """Whether a machine position is more than a sum."""
+        return self.rotation != 0.0 or self._figure.changes
+
+    def coupled(self, columns: set[int]) -> set[int]:
+        """Return the columns of axes that move with those of a program's words."""
+        return self._figure.coupled(self._changed_axes(dict.fromkeys(columns, 0.0), self._turn))
+
     def to_machine(self, program: list[float]) -> list[float]:
         """Return the machine position of a point in program coordinates."""
+        program = self._figure.point(program) if self._figure.changes else program
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
         added = [
@@ -111,6 +132,10 @@ class Coordinates:
 
     def to_program(self, machine: list[float]) -> list[float]:
         """Return the program coordinates of a machine position."""
+        found = self._unshifted(machine)
+        return self._figure.original(found) if self._figure.changes else found
+
+    def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
         return [
@@ -122,6 +147,7 @@ class Coordinates:
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""
+        delta = self._figure.vector(delta) if self._figure.changes else delta
         return self._rotated(delta, self._turn) if self.rotation else delta
 
     def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
@@ -172,6 +198,7 @@ class Coordinates:
     def end(self) -> None:
         """Select the first system without a local offset at the program end (M2, M30)."""
         self._local = [0.0] * len(self.axes)
+        self.figure = Figure.none(len(self.axes))
         self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
 
@@ -208,7 +235,7 @@ class Coordinates:
         The shift and the tool offset stay.
         """
         first = self._first(system)
-        origin, turn = self._stored(first), _cosine_sine(self._rotation_of(system))
+        origin, turn = self._stored(first), cosine_sine(self._rotation_of(system))
         from_offsets = [
             value - base
             for value, base in zip(position, self._base([0.0] * len(position)), strict=True)
@@ -232,7 +259,7 @@ class Coordinates:
         self._origin = self._stored(self._first(system))
         self._external = self._stored(numbers.EXTERNAL_OFFSET) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
-        self._turn = _cosine_sine(self.rotation)
+        self._turn = cosine_sine(self.rotation)
         self._update_zero()
 
     def _first(self, system: int) -> int:
@@ -286,8 +313,7 @@ class Coordinates:
 
     def suspend_shift(self) -> None:
         """Suspend the shift; the stored one stays for G92.3 (G92.2)."""
-        self._values[numbers.SHIFT_IN_EFFECT] = 0.0
-        self._shift = [0.0] * len(self.axes)
+        self._values[numbers.SHIFT_IN_EFFECT], self._shift = 0.0, [0.0] * len(self.axes)
         self._update_zero()
 
     def restore_shift(self) -> None:
@@ -335,7 +361,7 @@ class Coordinates:
         """
         if fixture:
             last = self.systems - 1
-            origin, turn = self._stored(self._first(last)), _cosine_sine(self._rotation_of(last))
+            origin, turn = self._stored(self._first(last)), cosine_sine(self._rotation_of(last))
             moved = [0.0] * len(old)
         else:
             origin, turn = self._origin, self._turn
@@ -370,12 +396,3 @@ class Coordinates:
         """Store the machine position that G28 or G30 goes to."""
         for place, value in zip(self._places, position, strict=True):
             self._values[_HOMES[code] + place] = value
-
-
-def _cosine_sine(rotation: float) -> tuple[float, float]:
-    """Cosine and sine of an angle in degrees; exact at multiples of 90."""
-    quarters = rotation / 90.0
-    if quarters.is_integer():
-        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]
-    angle = math.radians(math.fmod(rotation, 360.0))
-    return math.cos(angle), math.sin(angle)
