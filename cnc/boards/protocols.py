@@ -75,10 +75,12 @@ class BoardTraits:
     Attributes:
         has_port: The board is found at a port, so that ``--port`` can name one.
         takes_lines: The board takes G-code lines and plans its motion itself.
+        simulated: No machine moves: the board is a model, or writes a file.
     """
 
     has_port: bool = True
     takes_lines: bool = False
+    simulated: bool = False
 
 
 class Board(Protocol):
@@ -232,6 +234,10 @@ class LineSink(Board, Protocol):
     @property
     def holds(self) -> bool:
         """Whether a hold has come to rest, as last reported."""
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the machine itself holds, and how to go on; "" if it does not."""
 
     @property
     def moving_line(self) -> int:

@@ -22,9 +22,10 @@ from cnc.machine.models import (
     Machine,
     PathLimits,
     Program,
-    Section,
     Stock,
 )
+from cnc.machine.program_codes import with_absolute_files
+from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 
@@ -249,6 +250,7 @@ def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Mach
             "tool_table": program.tool_table and folder / program.tool_table,
             "parameters": program.parameters and folder / program.parameters,
             "subroutines": tuple(folder / path for path in program.subroutines),
+            "codes": with_absolute_files(program.codes, folder),
         }
     )
     return machine.model_copy(update={"program": absolute})

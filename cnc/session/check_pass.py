@@ -69,6 +69,8 @@ class CheckPass:
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)
+                if skipped := self._capabilities.skipped(item):
+                    self._observer.warn(skipped)
                 survey.between(item)
                 if isinstance(item, Probe | WaitInput) or (
                     isinstance(item, BoardCommand) and item.homes

@@ -191,7 +191,7 @@ def test_an_internal_error_is_reported_and_the_rest_is_checked(tmp_path, monkeyp
 
 def test_faults_keep_their_type_when_pickled(tmp_path):
     (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
-    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"])
+    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"], jobs=1)
     assert type(bad.faults[0]) is GcodeError
     assert type(missing.faults[0]) is UsageError
     assert (bad.exit_code, missing.exit_code) == (1, 2)
@@ -251,7 +251,7 @@ def test_a_format_uses_standard_output_and_the_rest_standard_error(cncrun, tmp_p
 
 def test_json_uses_standard_output_and_the_lines_standard_error(cncrun, tmp_path):
     write_folder(tmp_path / "shop", 3, 10)
-    code, out, err = cncrun("check", str(tmp_path / "shop"), "--format", "sarif")
+    code, out, err = cncrun("check", "--jobs", "1", str(tmp_path / "shop"), "--format", "sarif")
     assert code == 1
     assert len(json.loads(out)["runs"][0]["results"]) == 3
     assert err.count("1 error\n") == 3
@@ -264,7 +264,11 @@ def command(*arguments: str) -> list[str]:
 def test_standard_input_can_be_one_of_many(tmp_path):
     (tmp_path / "a.nc").write_bytes(GOOD)
     done = subprocess.run(
-        command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False
+        command("--jobs", "1", str(tmp_path / "a.nc"), "-"),
+        cwd=ROOT,
+        input=GOOD,
+        capture_output=True,
+        check=False,
     )
     assert (done.returncode, done.stderr) == (0, b"")
     assert [line.split(b": ")[1][:2] for line in done.stdout.splitlines()] == [b"ok", b"ok"]
@@ -290,7 +294,7 @@ def test_modules_beside_the_programs_are_not_imported(tmp_path):
     (tmp_path / "numpy.py").write_text("raise SystemExit('imported')\n")
     code = f"import sys; sys.path[0] = {str(ROOT)!r}; from cnc.cli import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", code, "check", "."],
+        [sys.executable, "-c", code, "check", "--jobs", "1", "."],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -32,9 +32,7 @@ ABORT = 7
 
 
 class Feeling(Loopback):
-    """A board whose probe answers as told; what it plays is kept, and how often it has been waited
-    for.
-    """
+    """A board whose probe gives set answers. It keeps the pulses, and counts the waits."""
 
     def __init__(self, contact: float, fault: bool = False) -> None:
         super().__init__(3)
@@ -114,7 +112,10 @@ def test_another_answer_completes_the_program(program: Path) -> None:
 
 
 def test_check_without_an_answer_warns(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """What a check assumes, contact, would abort; what stands behind it is checked all the same."""
+    """A check assumes contact, which would abort.
+
+    It checks the rest of the program all the same.
+    """
     written(program, PROBED.format(1))
     assert cli.exit_code(["check", str(program)]) == 0
     assert (

@@ -1,6 +1,4 @@
-"""The operator and the board: holds, overrides and stops at machine times; the same pulses in the
-end; the time of the plan.
-"""
+"""Holds, overrides and stops at machine times: the same pulses, in the time of the plan."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ def mill() -> Machine:
 
 
 class Timed(Loopback):
-    """Notes the times of its pulses, and refuses them while the motion is held."""
+    """Keeps the times of its pulses, and refuses pulses during a hold."""
 
     def __init__(self) -> None:
         super().__init__(3)
@@ -66,8 +64,8 @@ def program(tmp_path: Path) -> Path:
 def scripted(
     program: Path, *script: tuple[float, Callable[[Control], None]]
 ) -> tuple[Report, Timed, list[Progress]]:
-    """Run with an operator who acts at machine times, and resumes as soon as the machine has come
-    to rest.
+    """Run with an operator who acts at machine times, and resumes when the machine has come to
+    rest.
     """
     control, board, reported, left = Control(), Timed(), [], list(script)
 
@@ -137,8 +135,8 @@ def test_stop_during_a_hold_is_an_operator_stop(program):
 
 
 def test_hold_waits_without_polling(program):
-    """From another thread: nothing is asked of the board, nor of the operator, until the operator
-    goes on.
+    """Until the operator resumes from another thread, the run calls neither the board nor the
+    operator.
     """
     control, board, resting, reported = Control(), Timed(), threading.Event(), []
 
@@ -203,8 +201,9 @@ def test_override_does_not_scale_traverses(program, percent):
 
 
 def test_traverses_reach_the_limits_of_the_axes(tmp_path):
-    """G0 along a line at which X binds in speed and Y in acceleration and jerk; the machine's
-    largest feed does not matter.
+    """X limits the speed of this G0, and Y its acceleration and jerk.
+
+    The machine's largest feed has no effect.
     """
     fast = Axis(steps_per_mm=10.0, max_velocity=300.0, max_acceleration=5000.0, max_jerk=200000.0)
     heavy = Axis(steps_per_mm=10.0, max_velocity=400.0, max_acceleration=1000.0, max_jerk=20000.0)

@@ -79,7 +79,14 @@ class MachineCodes:
     def speed_and_tool(self, words: LineWords, codes: Codes) -> None:
         """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
-        if "S" in words.rest and "spindle-mode" not in codes and (word := words.take("S", "S")):
+        dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
+        is_time = dwell and "S" in self._dialect.dwell
+        if (
+            "S" in words.rest
+            and "spindle-mode" not in codes
+            and not is_time
+            and (word := words.take("S", "S"))
+        ):
             state.speed = self._speed(word)
             if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
                 self._spindle(with_motion=self._laser)
@@ -271,14 +278,17 @@ class MachineCodes:
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
-        seconds = not_negative(time, "the time") * letters[letter]
+        unit = letters[letter]
+        if "." in time.written:
+            unit = self._dialect.dwell_point.get(letter, unit)
+        seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(
                 "value-out-of-range",
                 f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
                 time,
             )
-        if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
+        if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count milliseconds "
                 f"take {seconds / 1000.0:g} s"

@@ -64,7 +64,7 @@ def test_stop_does_not_replace_an_alarm(host: Host) -> None:
 
 @pytest.mark.parametrize("touch", [False, True])
 def test_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) -> None:
-    """After a probe's touch, too."""
+    """This holds after the touch of a probe, too."""
     host.stream(
         outputs(0b01001) + (arm(0x10, 0) + straight(200, 2_000) if touch else b"") + END_OF_STREAM,
         220,
@@ -111,7 +111,7 @@ def test_all_alarms_end_spindle_and_coolant_but_not_the_drivers(host: Host, alar
 
 
 def test_alarm_at_rest_is_reported(simulator: Simulator) -> None:
-    """The driver turns it off with an abort at once, not when the watchdog bites."""
+    """An abort of the driver ends the spindle at once, long before the watchdog."""
     with board(simulator) as driver:
         driver.start(np.zeros(3, np.int64))
         driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
@@ -124,8 +124,9 @@ def test_alarm_at_rest_is_reported(simulator: Simulator) -> None:
 
 @pytest.mark.parametrize("ms", share(list(range(20, 120, 5)), [37, 80]))
 def test_slow_host_loses_no_step(host: Host, ms: int) -> None:
-    """It asks, so it lives, but the stream ends without saying so: all axes come to rest together,
-    and what was made is what is told.
+    """The host asks for statuses, but the stream ends without its end flag.
+
+    All axes come to rest together. The reported position counts all steps that were made.
     """
     moves = ms * 2_000 // 50
     both = b"".join(straight(min(200, moves - at), 50, 3, down=2) for at in range(0, moves, 200))
@@ -147,8 +148,9 @@ def test_slow_host_loses_no_step(host: Host, ms: int) -> None:
 def test_silent_host_ends_the_motion_by_a_ramp(
     host: Host,
 ) -> None:
-    """What is left of the speed at x of the ramp is 1 - x^2 (3 - 2 x), to one of its 32 steps; the
-    fourth is the first that shows.
+    """At x of the ramp the speed is 1 - x^2 (3 - 2 x) of that before, in 32 steps.
+
+    The fourth is the first that can be measured.
     """
     ramp, gap = 0.2, 100e-6
     assert host.configure(ramp=round(ramp * 1e3))

@@ -59,7 +59,7 @@ def test_inexact_baud_rate_is_refused() -> None:
 
 @pytest.mark.parametrize(("axes", "baud"), share(EVERY_BUILD[6:], BUILDS))
 def test_all_builds_play_as_planned(axes: int, baud: int) -> None:
-    """Moves without any order, then from rest to rest at a speed that 250 000 baud can feed."""
+    """Random moves, then a motion from rest to rest at a speed that 250 000 baud can carry."""
     simulator = Simulator(axes, baud)
     port = SimulatorPort(simulator)
     wild_ns, wild = wander(5, 400, 250_000)

@@ -55,8 +55,9 @@ def test_request_is_carried_out_once(host: Host) -> None:
 
 
 def test_damaged_frame_has_no_effect(host: Host) -> None:
-    """Every single bit of a request and of a piece of the stream: whole for COBS or not, its CRC is
-    wrong.
+    """Each bit of a request and of a data frame is inverted.
+
+    The CRC is wrong, even where COBS is valid.
     """
     before = host.ask()
     for whole in (
@@ -74,9 +75,7 @@ def test_damaged_frame_has_no_effect(host: Host) -> None:
 
 
 def test_reset_discards_earlier_moves(host: Host) -> None:
-    """Whatever numbers the frames under way have: they may be those that the board wants after its
-    reset.
-    """
+    """Frames on their way are ignored, even if the board expects their numbers after its reset."""
     host.stream(b"".join(straight(100, 200) for _ in range(10)), 100, end=False)
     assert host.request(Kind.RUN)
     host.hear(0.02)
@@ -122,7 +121,7 @@ def test_driver_detects_a_reset(simulator: Simulator) -> None:
 
 
 def test_driver_detects_a_slow_reset(simulator: Simulator) -> None:
-    """A bootloader says nothing for a second or more."""
+    """A bootloader is silent for a second or more."""
     time_ns, step = line(6_000, 50_000)
     port = SimulatorPort(simulator)
     reset_at = 0.0

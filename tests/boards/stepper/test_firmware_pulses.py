@@ -28,9 +28,7 @@ from tests.support.soak import share
 
 @pytest.mark.parametrize(("axes", "pulse_us", "setup_us"), [(3, 5, 5), (3, 20, 12), (4, 3, 25)])
 def test_pulse_length_and_direction_setup(axes: int, pulse_us: int, setup_us: int) -> None:
-    """From the first move on, with turns at every chance, and moves that come sooner than they can
-    be made.
-    """
+    """Many moves turn, and some are due sooner than the board can make them."""
     simulator = Simulator(axes)
     known = with_axes(axes, step_pulse=pulse_us * 1e-6, direction_setup=setup_us * 1e-6)
     least_ns = max(18_000, (pulse_us + max(pulse_us, setup_us) + 4) * 1000)
@@ -84,8 +82,9 @@ def test_closest_steps_of_long_pulses_are_on_time(
 
 
 class Noise(SimulatorPort):
-    """Spikes on the switches' wires, at any moment: shorter than a switch is looked at, but
-    often.
+    """Adds spikes to the wires of the switches at random times.
+
+    They are shorter than the debounce time.
     """
 
     def __init__(self, simulator: Simulator, seed: int, pause: float) -> None:
@@ -116,13 +115,12 @@ class Noise(SimulatorPort):
 
 @pytest.mark.parametrize("pause", [1e-3, 60e-6])
 def test_noise_on_switches_loses_no_step(simulator: Simulator, pause: float) -> None:
-    """An interrupt that looks at the inputs must not keep the ends of pulses waiting until the next
-    ones are due.
+    """The interrupt of the inputs must not delay the ends of pulses beyond the next pulse.
 
-    Thirty thousand spikes a second leave the board no time for all of it: then it may come to rest.
+    With 30 000 spikes a second the processor time is too short: then the board may come to rest.
     """
     fault = ""
-    time_ns, step = line(share(20_000, 3_000), 18_000)
+    time_ns, step = line(share(20_000, 1_500), 18_000)
     port = Noise(simulator, 1, pause)
     with board(simulator, port) as driver:
         driver.start(np.zeros(3, np.int64))

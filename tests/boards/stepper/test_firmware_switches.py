@@ -43,9 +43,7 @@ from tests.support.soak import share
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", range(share(40, 3)))
 def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -> None:
-    """At full speed, at any cycle, while bytes come as fast as the line has them, and statuses go
-    out.
-    """
+    """The board runs at full speed, receives bytes at the full line rate, and sends statuses."""
     simulator = Simulator()
     host = Host(simulator)
     host.hear()
@@ -79,7 +77,7 @@ def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", share(list(range(40)), [2, 9, 10]))
 def test_bouncing_contact_ends_the_motion_as_fast(pin: int, within: float, seed: int) -> None:
-    """A change that comes while the board looks at the one before is not forgotten."""
+    """The board does not lose a change during the debounce of the change before."""
     simulator = Simulator()
     host = Host(simulator)
     host.hear()
@@ -123,7 +121,10 @@ NORMALLY_CLOSED = {
 def test_broken_wire_stops_the_machine(
     simulator: Simulator, name: str, pin: int, code: str
 ) -> None:
-    """Normally closed, the switch holds its input low; broken, the pull-up makes it high."""
+    """A normally closed switch holds its input low.
+
+    If the wire breaks, the pull-up makes it high.
+    """
     for each in NORMALLY_CLOSED[name]:
         simulator.set_pin(each, 0)
     time_ns, step = eased(3_000, 50_000)
@@ -145,7 +146,7 @@ def test_broken_wire_stops_the_machine(
 
 
 def test_machine_file_sets_the_level_of_switches(simulator: Simulator) -> None:
-    """Told wrongly, every switch is pressed; told otherwise, the alarm that this made is gone."""
+    """With the wrong level every switch counts as pressed. With the right level that alarm ends."""
     names = tuple(NORMALLY_CLOSED)
     with (
         pytest.raises(BoardError) as caught,
@@ -165,7 +166,7 @@ def test_machine_file_sets_the_level_of_switches(simulator: Simulator) -> None:
 def test_machine_file_sets_the_level_of_the_enable_pin(
     simulator: Simulator, inverted: bool
 ) -> None:
-    """From the start of a program on, alarms included; configured again, they stay as they are."""
+    """The drivers stay enabled from the start of a program, through alarms and configurations."""
     known = with_axes(3, invert_enable=inverted)
     simulator.run(0.01)
     assert simulator.level(ENABLE_PIN) == 1
@@ -249,8 +250,9 @@ def test_bouncing_button_counts_once(host: Host) -> None:
     ("pin", "code"), [(EMERGENCY_STOP_PIN, "board-emergency-stop"), (None, "board-silent")]
 )
 def test_fault_during_a_hold_ends_the_run(tmp_path: Path, pin: int | None, code: str) -> None:
-    """Nobody waits for a resume that can't help; time is the link's thread's, as with a real
-    port.
+    """The run does not wait for a resume that cannot help.
+
+    The thread of the link advances the time, as with a real port.
     """
     (tmp_path / "p.ngc").write_text(PROGRAM)
     simulator = Simulator()
@@ -260,7 +262,7 @@ def test_fault_during_a_hold_ends_the_run(tmp_path: Path, pin: int | None, code:
     quiet_read = port.read
 
     def read(timeout: float) -> bytes:
-        """A look at the port takes a little, even where it waits for nothing."""
+        """Read the port; each call takes some time, even with a timeout of 0."""
         return quiet_read(max(timeout, 0.02))
 
     def on_sent(sent: object) -> None:

@@ -1,4 +1,4 @@
-"""The command line on a board behind a real serial port (a pseudo-terminal), in real time."""
+"""The command line with a board at a serial port (a pseudo-terminal), in real time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
 
 
 class Terminal:
-    """The simulator's program, its terminal, and the edges that it wrote down."""
+    """The simulator's program, its terminal, and the file of the pins' edges."""
 
     def __init__(self, folder: Path) -> None:
         self.edges = folder / "edges.csv"
@@ -46,7 +46,7 @@ class Terminal:
         self.process.stdout.close()
 
     def position(self) -> list[int]:
-        """Where the counted edges of the pins have led."""
+        """Return the position that the edges of the pins add up to, steps."""
         level = dict.fromkeys(range(20), 0)
         at = [0, 0, 0]
         for _, pin, value in np.loadtxt(self.edges, delimiter=",", dtype=np.int64):
