@@ -201,6 +201,9 @@ class Overlaps:
         choose_ends(path, plan.arrays, moves, limits.arrays, ends)
         out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
         count = write_ends(plan.arrays, moves, ends, out)
+        if count < 0:
+            ends.t[:], ends.part[:] = 0.0, 1.0
+            return plan.arrays, ends
         here = slice(count + 1)
         changed = PlanArrays(
             plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]

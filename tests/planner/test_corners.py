@@ -370,6 +370,43 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     assert interpolator.error_blu <= 0.5 + 1e-6
 
 
+def any_mill(rng):
+    """A machine with limits over three decades, of unequal axes, along the path, or both."""
+    kind = rng.integers(3)
+    along, each = kind > 0, kind != 1
+    accel, jerk = 10 ** rng.uniform(1.5, 4.5), 10 ** rng.uniform(3, 6)
+    axes = {}
+    for name in AXES:
+        a, j = 10 ** rng.uniform(-0.7, 0.7, 2) if rng.random() < 0.5 else (1.0, 1.0)
+        axes[name] = Axis(
+            steps_per_mm=100.0,
+            max_velocity=10 ** rng.uniform(1.5, 3),
+            max_acceleration=accel * a if each else None,
+            max_jerk=jerk * j if each else None,
+        )
+    path = PathLimits(
+        max_feed=10 ** rng.uniform(1, 3),
+        max_tangential_acceleration=accel * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+        max_normal_acceleration=accel * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+        max_jerk=jerk * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+    )
+    return Machine(axes=axes, path=path)
+
+
+@settings(max_examples=share(2000, 8), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_corners_are_legal_on_any_machine(seed):
+    rng = np.random.default_rng(seed)
+    points, mill = random_chain(rng), any_mill(rng)
+    tolerance = 10 ** rng.uniform(-3, -0.3)
+    chunks, ahead = planned(points, tolerance, mill, 10 ** rng.uniform(0, 2.5))
+    assert not ahead.audit.violations
+    off, _ = distances(
+        sampled(chunks, duration(chunks) / 3000), np.concatenate((np.zeros((1, 3)), points))
+    )
+    assert off.max() <= tolerance * (1 + 1e-6)
+
+
 @settings(max_examples=share(500, 8), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_corners_are_the_same_wherever_plans_are_cut(seed):

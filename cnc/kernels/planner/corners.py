@@ -175,8 +175,10 @@ def choose(
         t1 = ramp_shape(v1, line1.a, line1.j)[0]
         t2 = ramp_shape(v2, line2.a, line2.j)[0]
         part = common_jerk(u, turn, line1.j, line2.j, limits)
-        before = Leg(part * line1.j, softening_time(t1, part), LEGS_SHARE * length1)
-        after = Leg(part * line2.j, softening_time(t2, part), LEGS_SHARE * length2)
+        end1 = softening_time(v1, line1.a, line1.j, part)
+        end2 = softening_time(v2, line2.a, line2.j, part)
+        before = Leg(part * line1.j, end1, LEGS_SHARE * length1)
+        after = Leg(part * line2.j, end2, LEGS_SHARE * length2)
         common = overlap_time(turn, before, after, eps, limits)
         if common > 0.0:
             saved = time_saved(common, part, t1, t2)

@@ -45,6 +45,7 @@ from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.planner.legs import PHASE_SHARE, REVERSED, Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
+from cnc.kernels.planner.scurve import ramp_shape
 
 SHORTEST = 1e-6
 """mm; where less than this of a leg would be cut, the corner is a stop."""
@@ -52,8 +53,14 @@ SHORTEST = 1e-6
 ROUNDING = 1e-9
 """Relative; larger than the rounding error of a jerk."""
 
-SOFT_SHARE = 0.5
-"""The part of the acceleration of a ramp's last phase that it may lose at a lower jerk."""
+HOLDS = 2.0
+"""A ramp to this many times the speed at which it reaches its acceleration holds it for a time."""
+
+SOFT_SHARE = 0.9
+SHORT_SHARE = 0.5
+"""The part of its acceleration that a ramp may lose at a lower jerk, if it holds the acceleration,
+and if not.
+"""
 
 POINTS = 33
 """Points at which an overlap is compared with the limits along the path."""
@@ -99,9 +106,17 @@ def common_jerk(u: Floats, turn: Turn, j1: float, j2: float, limits: LimitArrays
 
 
 @njit
-def softening_time(t: float, part: float) -> float:
-    """Return the longest end of a ramp at a part of its jerk, s; its last phase took ``t`` s."""
-    return t if part == 1.0 else SOFT_SHARE * t / part
+def softening_time(peak: float, accel: float, jerk: float, part: float) -> float:
+    """Return the longest end of a ramp at a part of its jerk, s.
+
+    At the whole jerk it is the last phase of the ramp, and can be overlapped whole. At less the
+    ramp has to rise to a lower speed than ``peak``, because the end is longer.
+    """
+    t = ramp_shape(peak, accel, jerk)[0]
+    if part == 1.0:
+        return t
+    holds = peak * jerk > HOLDS * accel * accel
+    return (SOFT_SHARE if holds else SHORT_SHARE) * t / part
 
 
 @njit

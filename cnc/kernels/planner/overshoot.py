@@ -151,7 +151,7 @@ def write_leg(
         written: number of phases written so far.
 
     Returns:
-        The new number.
+        The new number; -1 if the move is too short for these ends.
     """
     top, a, j = bounds.v, bounds.a, bounds.j
     e1, part1, e2, part2 = ends
@@ -162,6 +162,8 @@ def write_leg(
     peak = peak_speed(v1, v2, distance, top, a, j)
     t1, c1, _ = ramp_shape(peak - v1, a, j)
     t2, c2, _ = ramp_shape(peak - v2, a, j)
+    if peak <= max(v1, v2) or min(t1 - part1 * e1, t2 - part2 * e2) <= SPLIT:
+        return -1
     cruise = (
         max(distance - ramp_distance(v1, peak, a, j) - ramp_distance(peak, v2, a, j), 0.0) / peak
     )
@@ -281,8 +283,10 @@ def choose_ends(
             continue
         part = common_jerk(u, turn, j1, j2, limits)
         if part < 1.0:
-            before = Leg(part * j1, softening_time(t1, part), LEGS_SHARE * path.length[b])
-            after = Leg(part * j2, softening_time(t2, part), LEGS_SHARE * path.length[b + 1])
+            end1 = softening_time(peak1, accel1, j1, part)
+            end2 = softening_time(peak2, accel2, j2, part)
+            before = Leg(part * j1, end1, LEGS_SHARE * path.length[b])
+            after = Leg(part * j2, end2, LEGS_SHARE * path.length[b + 1])
             common = overlap_time(turn, before, after, tolerance, limits)
             if common > 0.0 and time_saved(common, part, t1, t2) > GAIN:
                 ends.t[b] = common / PHASE_SHARE
@@ -322,7 +326,7 @@ def write_ends(plan: PlanArrays, moves: RestToRest, ends: Ends, out: PlanArrays)
         out: space for the new phases, PHASES_OF_MOVE more for each piece.
 
     Returns:
-        The number of phases.
+        The number of phases; -1 if a move is too short for its ends.
     """
     pieces = len(ends.t)
     piece_s = plan.piece_s
@@ -344,6 +348,8 @@ def write_ends(plan: PlanArrays, moves: RestToRest, ends: Ends, out: PlanArrays)
             length = piece_s[b + 1] - piece_s[b]
             t = plan.t[k] + later
             written = write_leg(piece_s[b], t, length, (e1, part1, e2, part2), bounds, out, written)
+            if written < 0:
+                return -1
             k = moves.end[b]
             later = out.t[written] - plan.t[k]
         else:
