@@ -92,9 +92,9 @@ class Blend(NamedTuple):
 
 
 @njit
-def largest_reach(eps: float, turn: Turn) -> float:
-    """Return the reach of the blend with the largest swing, mm; ``eps`` is the tolerance."""
-    return 0.25 * eps / (turn.widest * E_SWINGING)
+def largest_reach(eps: float, turn: Turn, swing: float) -> float:
+    """Return the reach of the blend of a swing that takes the whole tolerance ``eps``, mm."""
+    return 0.25 * eps / (turn.widest * (E_INSIDE + swing * (E_SWINGING - E_INSIDE)))
 
 
 @njit

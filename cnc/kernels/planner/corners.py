@@ -190,11 +190,12 @@ def choose(
     best *= 1.0 - BETTER
     longest = (ALONE_SHARE if alone1 else LEGS_SHARE) * length1
     longest = min(longest, (ALONE_SHARE if alone2 else LEGS_SHARE) * length2)
-    largest = min(longest, largest_reach(eps, turn))
     cosine = math.sqrt(1.0 - turn.sine * turn.sine)
     per_axis = False
     for i in range(len(limits.axis_jerk)):
         per_axis = per_axis or min(limits.axis_acceleration[i], limits.axis_jerk[i]) < math.inf
+    # With limits of an axis the bounds on a curve that swings take seven times as many intervals.
+    largest = min(longest, largest_reach(eps, turn, 0.0 if per_axis else 1.0))
     for m in range(SIZES):
         blend = fitted_blend(largest * SMALLER**m, eps, turn)
         d = blend.reach
