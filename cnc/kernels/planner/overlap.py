@@ -98,7 +98,9 @@ def common_jerk(u: Floats, turn: Turn, j1: float, j2: float, limits: LimitArrays
     """
     part = 1.0
     for i in range(u.shape[1]):
-        part = min(part, limits.axis_jerk[i] / abs(j1 * u[0, i] + j2 * u[1, i]))
+        total = abs(j1 * u[0, i] + j2 * u[1, i])
+        if total > limits.axis_jerk[i]:
+            part = min(part, limits.axis_jerk[i] / total)
     if limits.tangential_jerk < math.inf:
         most = largest_along(j1, j2, 1.0 - 2.0 * turn.sine * turn.sine)[0]
         part = min(part, limits.tangential_jerk / most)
