@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -312,6 +313,9 @@ def papers(
     if not quiet:
         print(written)
     return 0
+
+
+app.command(tools)
 
 
 @app.command

@@ -316,6 +316,15 @@ class MachineCodes:
         self._state.path, self._state.tolerance = control, tolerance
         self._path()
 
+    def stop_exactly(self, *, on: bool) -> None:
+        """Begin or end the exact stop of one line (G9)."""
+        if self._state.path == "exact-stop":
+            return
+        if on:
+            self._out.add(PathMode(self._here.file, self._here.line, "exact-stop", 0.0))
+        else:
+            self._path()
+
     def _path(self) -> None:
         self._out.add(
             PathMode(self._here.file, self._here.line, self._state.path, self._state.tolerance)

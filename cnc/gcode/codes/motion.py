@@ -26,6 +26,8 @@ from cnc.model.diagnostics import GcodeError
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
+_FIGURES = ("figure-scaling", "figure-mirror", "figure-rotation")
+_FIGURE_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68)
 _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.
@@ -116,6 +118,10 @@ class Motion(AxisWords):
         if special and special.number == G.G4 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
+        for group in _FIGURES:
+            figure = codes.get(group)
+            if figure and figure.number in _FIGURE_TAKES_AXES:
+                taker = taker or figure
         if (length := codes.get("tool-length")) and (
             length.number == G.G43_1 or (length.number == G.G43_2 and "H" not in words.rest)
         ):
@@ -139,7 +145,8 @@ class Motion(AxisWords):
                         f"both {taker.word.written} and {code.word.written} take axis words",
                         code.word,
                     )
-                state.motion = code.g if beside else None
+                if taker.number not in _FIGURE_TAKES_AXES:
+                    state.motion = code.g if beside else None
             return None
         if code:
             return self._explicit(words, code, special, has_axis)

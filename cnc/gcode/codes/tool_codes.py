@@ -129,6 +129,7 @@ class ToolCodes:
             return [0.0] * len(self._motion.axes)
         entry = self.entry(number, word or at)
         letters = self._dialect.length_axes
+        self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0
             for axis in (name.upper() for name in self._motion.axes)
@@ -159,6 +160,13 @@ class ToolCodes:
             "name one in the machine file: tool_table under [program]; cncrun tools writes a "
             "skeleton; --tool-lengths zero takes every length as 0",
         )
+
+    def _check_length(self, entry: ToolEntry, at: Word) -> None:
+        """Report a tool of a table from a file that has no length."""
+        if self._table.file and not entry.offsets and "Z" in self._motion.column:
+            message = f"{at.written}: tool {entry.number} has no length in {self._table.file}"
+            hint = f"measure it, and add Z to the line of T{entry.number}"
+            self._here.report_warning("tool-length-zero", message, at, hint)
 
     def _report_zero(self, at: Word) -> None:
         """Report once that lengths and radii are taken as 0."""

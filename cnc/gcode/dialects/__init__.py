@@ -136,6 +136,7 @@ class Dialect:
     lenient: bool
     after_g80: Literal["none", "previous"]
     local_calls: bool
+    scale_unit: float
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     cycles: CycleRules
@@ -264,7 +265,7 @@ _PLAIN = (
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
     "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
-    "local_calls", "dwell", "dwell_point",
+    "local_calls", "scale_unit", "dwell", "dwell_point",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -10,10 +10,11 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 from __future__ import annotations
 
 from cnc.gcode import dialects
-from cnc.gcode.codes import macro_variables, probing, system_parameters
+from cnc.gcode.codes import circular_pocket, macro_variables, probing, system_parameters
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.figure_codes import FigureCodes
 from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
@@ -124,6 +125,7 @@ class Interpreter:
             zero_without_table=policy.tool_lengths == "zero",
         )
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
+        self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
             dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
         )
@@ -134,6 +136,7 @@ class Interpreter:
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
+        circular_pocket.register(self.motion, self.modal, self.here, self.tool_codes)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
         system_parameters.bind(parameters, self.modal, self.here)
@@ -253,7 +256,8 @@ class Interpreter:
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
             and motion.collector is None
-            and not self.coordinates.rotation
+            and not self.coordinates.turned
+            and self.motion.polar.plane is None
         )
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
@@ -332,7 +336,11 @@ class Interpreter:
             return
         self._execute_machine_codes(words, codes)
         self._execute_settings(words, codes)
+        if "exact-stop-once" in codes:
+            self.machine_codes.stop_exactly(on=True)
         self.motion.move(words, moving, codes.get("motion"))
+        if "exact-stop-once" in codes:
+            self.machine_codes.stop_exactly(on=False)
         if code := codes.get("stop"):
             self._stop(code)
 
@@ -381,6 +389,7 @@ class Interpreter:
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
+        self.figure_codes.execute(words, codes)
         if (code := codes.get("non-modal")) and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 

@@ -81,6 +81,8 @@ class StepMaker:
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
         flow = self._flow
+        if flow.has_modal:
+            return self._of_statement(window, line, index)
         if window.straight[index] >= SHORTEST:
             return _Run(self._runs, window)
         if window.plain[index] and not (
@@ -91,11 +93,19 @@ class StepMaker:
                 return NOTHING
             if move := move_of(letters, numbers, self._kinds):
                 return _Move(move, window)
+        return self._of_statement(window, line, index)
+
+    def _of_statement(self, window: Window, line: int, index: int) -> Step | Statement:
+        """Return the step of a line from its statement."""
+        flow = self._flow
         statement = flow.listing.statement(window, index)
         if statement is None:
             return NOTHING
         if statement.control is None:
-            return self._of_words(line, statement)
+            found = self._of_words(line, statement)
+            if flow.has_modal and isinstance(found, Statement):
+                return _Followed(found)
+            return found
         step = self._of_control(line, statement.control)
         return _Announced(statement, step) if statement.remarks else step
 
@@ -177,6 +187,22 @@ def _execute_statement(flow: Flow, window: Window, line: int) -> int:
     assert statement is not None
     flow.interpreter.execute(statement, line)
     return line + 1
+
+
+class _Followed:
+    """A line after which the macro of G66 is called if it moved."""
+
+    __slots__ = ("_statement",)
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the line, then the macro."""
+        motion = flow.interpreter.motion
+        before = motion.position
+        flow.interpreter.execute(self._statement, line)
+        return line + 1 if motion.position is before else flow.call_after(line)
 
 
 class _Announced:

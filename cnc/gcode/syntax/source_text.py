@@ -181,6 +181,13 @@ class Text:
         self._keep(index, found)
         return found
 
+    def all_lines(self) -> Iterator[str]:
+        """Yield all lines."""
+        line = 1
+        while (window := self.window(line)) is not None:
+            yield from map(window.text, range(window.count))
+            line += window.count
+
     def first_lines(self) -> Iterator[str]:
         """Yield the lines of the first window."""
         window = self.window(1)
