@@ -9,8 +9,17 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import fields, replace
+
 from cnc.gcode import dialects
-from cnc.gcode.codes import circular_pocket, macro_variables, probing, system_parameters
+from cnc.gcode.codes import (
+    circular_pocket,
+    macro_variables,
+    probing,
+    system_parameters,
+    turning,
+)
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
@@ -22,8 +31,9 @@ from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import unused
-from cnc.gcode.cycles import drilling, threading
+from cnc.gcode.cycles import drilling, threading, turning_cycles
 from cnc.gcode.cycles.cycle_runner import CycleRunner
+from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
@@ -48,7 +58,7 @@ from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
-from cnc.model.blocks import Abort, BoardCommand
+from cnc.model.blocks import Abort, ArcFeed, Block, BoardCommand, Polyline
 from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 from cnc.model.units import MM_PER_INCH
 
@@ -89,6 +99,8 @@ class Interpreter:
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
         self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
+        if dialect.lathe:
+            turning.power_on(self.modal)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect = dialect
@@ -124,6 +136,11 @@ class Interpreter:
             ToolTable() if tools is None else tools,
             zero_without_table=policy.tool_lengths == "zero",
         )
+        self._turret: turning.Turret | None = None
+        if dialect.lathe:
+            self._turret = turning.Turret(
+                self.here, self.modal, self.motion, self.tool_codes, self.out
+            )
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
         self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
@@ -136,6 +153,11 @@ class Interpreter:
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
+        self.turning_cycles: TurningCycles | None = None
+        if dialect.lathe:
+            self.turning_cycles = turning_cycles.register(
+                self.motion, dialect, self.modal, self.here, self.out
+            )
         circular_pocket.register(self.motion, self.modal, self.here, self.tool_codes)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
@@ -234,6 +256,34 @@ class Interpreter:
         if self._saved_state.leave():
             self._update_plain()
 
+    def path_of(self, lines: Iterable[tuple[Statement, int]], line: int) -> list[Block]:
+        """Return the moves of lines without making them.
+
+        Position and modes are as before afterwards, and the current line is ``line``.
+        """
+        motion, modal, position = self.motion, replace(self.modal), self.motion.position
+        notes, self.unused_words.enabled = self.unused_words.enabled, False
+        with self.out.captured() as found:
+            for statement, number in lines:
+                self.execute(statement, number)
+        self.unused_words.enabled = notes
+        for each in fields(modal):
+            setattr(self.modal, each.name, getattr(modal, each.name))
+        motion.position, self.here.line = position, line
+        self._update_plain()
+        return [block for block in found if isinstance(block, Polyline | ArcFeed)]
+
+    def finish(self, lines: Iterable[tuple[int, Statement]], line: int) -> None:
+        """Execute the lines of a profile (G70), and return to the position before."""
+        start = self.motion.position
+        for number, statement in lines:
+            self.execute(statement, number)
+        self.here.line = line
+        if self.motion.compensated:
+            self.compensation_codes.off()
+        self.motion.traverse(start)
+        self._update_plain()
+
     def _prepare(self, statement: Statement) -> PreparedLine:
         if len(self._prepared) >= MOST_PREPARED:
             self._prepared.clear()
@@ -295,6 +345,8 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
+        if self.dialect.increments:
+            turning.take_increments(words, codes, self.dialect)
         collector = self.motion.collector
         if not (collector and collector.line(words, codes)) and (
             codes or not self._is_program_number(words)
@@ -332,6 +384,8 @@ class Interpreter:
         if not codes:
             self._feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)
+            if self._turret:
+                self._turret.turn(words)
             self.motion.move(words, moving)
             return
         self._execute_machine_codes(words, codes)
@@ -357,6 +411,8 @@ class Interpreter:
         self._feed(words, codes)
         self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
+        if self._turret:
+            self._turret.turn(words)
         self.input_output_codes.execute(words, codes)
         functions.tool_change(words, codes)
         if change := codes.get("tool-change"):
@@ -394,8 +450,13 @@ class Interpreter:
             self.offset_codes.non_modal(words, code)
 
     def _feed(self, words: LineWords, codes: Codes) -> None:
-        """Execute F. In inverse time mode the move of the line uses it instead."""
+        """Execute F. In inverse time mode the move of the line uses it instead.
+
+        On a lathe F of a thread is its lead, which the thread takes.
+        """
         if "F" not in words.rest or self._is_dwell_time("F", codes):
+            return
+        if self.dialect.lathe and self._moving in turning.THREADS:
             return
         if self.modal.feed_mode == "inverse-time":
             if self._moving in _NO_FEED:

@@ -14,6 +14,7 @@ from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightRuns
+from cnc.gcode.program.turning_profiles import profile_cycle
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
@@ -134,6 +135,8 @@ class StepMaker:
                 else:
                     self._dialect.check_g(word)
                 return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+        if self._dialect.lathe and (cycle := profile_cycle(line, statement, self._dialect)):
+            return cycle
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:
