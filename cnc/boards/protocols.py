@@ -236,6 +236,10 @@ class LineSink(Board, Protocol):
         """Whether a hold has come to rest, as last reported."""
 
     @property
+    def hold_reason(self) -> str:
+        """Why the machine itself holds, and how to go on; "" if it does not."""
+
+    @property
     def moving_line(self) -> int:
         """Source line of the move at the last report, 0 where that is not known."""
 

@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.settings_command import settings
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -48,6 +49,7 @@ app = App(
 )
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
+app.command(settings)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -239,9 +241,13 @@ def boards(
     """
     terminal.open_log()
     from cnc.boards.discovery import port_report, probe_ports
+    from cnc.boards.serial_port import identity
+    from cnc.session.kept_offsets import write_offsets
 
     found = probe_ports(ports, baud)
     for each in found:
+        if each.info is not None:
+            write_offsets(identity(each.port), each.info.named_places())
         print(*port_report(each, baud), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")

@@ -63,7 +63,7 @@ class Keyboard:
             message = "there is no terminal to ask whether to begin like this"
             hint = "run it in a terminal, or with --yes"
             raise UsageError(Diagnostic("needs-yes", message, hint=hint))
-        print("press y to begin, any other key to end: ", end="", file=sys.stderr, flush=True)
+        print("press y to go on, any other key to end: ", end="", file=sys.stderr, flush=True)
         self._answers = SimpleQueue()
         answer = self._answers.get()
         self._answers = None

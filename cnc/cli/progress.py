@@ -69,8 +69,8 @@ class ProgressDisplay:
         if self._bar is not None:
             self._bar.note = self._status(sent)
         if sent.held and not self._held and not self._quiet:
-            reason = f" ({sent.hold_reason})" if sent.hold_reason else ""
-            print(f"held at line {sent.line}{reason}; {HELP}", file=sys.stderr, flush=True)
+            place = f"{sent.hold_reason}, line" if sent.hold_reason else "held at line"
+            print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
         if sent.at_rest:
             self._signals.at_rest()

@@ -21,8 +21,8 @@ def tools(
 ) -> int:
     """Write a skeleton of the tool table: the tools of a program, without lengths.
 
-    The tools come from T, H and D words and from the comments of CAM systems. Measure each tool, add
-    its length, and name the file in the machine file: tool_table under [program].
+    The tools come from T, H and D words and from the comments of CAM systems. Measure each tool,
+    add its length, and name the file in the machine file: tool_table under [program].
     """
     check_files((file,), (program,))
     from cnc.checks.tool_list import ToolList

@@ -36,6 +36,7 @@ import numpy as np
 
 from cnc.grbl_lines.arc_fit import fit_moves
 from cnc.grbl_lines.commands import CommandLines, probe_word
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
 from cnc.grbl_lines.path_samples import PathSampler, PathSamples
@@ -122,6 +123,11 @@ class Translator:
         self._assumed: Probe | None = None
         """A probe without an answer, as in a dry run."""
         self._position: Point | None = None
+
+    @property
+    def lowered(self) -> LoweredFeeds:
+        """Feeds that the lines so far lower."""
+        return self._writer.lowered
 
     @property
     def position(self) -> Point | None:
@@ -227,22 +233,26 @@ class Translator:
         if arc is not None:
             if not writer.position_known and self._position is not None:
                 yield from writer.move(replace(move, end=self._position, arc=None))
+            most, length = self._arc_speed(arc, move.end)
+            writer.lowered.lowered("small arcs", move.line, length, most, move.feed)
             if arc.fitted:
-                move = replace(move, speed=min(move.speed, self._arc_speed(arc, move.end)))
+                move = replace(move, speed=min(move.speed, most))
         yield from writer.move(move)
         self._position, self._rests = move.end, move.rests
 
-    def _arc_speed(self, arc: PlaneArc, end: Point) -> float:
+    def _arc_speed(self, arc: PlaneArc, end: Point) -> tuple[float, float]:
         """Return the speed, mm/s, at which an arc takes up the acceleration of its axes.
 
-        A fitted arc may be bent more than the path that it replaces.
+        The second value is its length, mm. A fitted arc may be bent more than the path that it
+        replaces.
         """
         i, j, across = PLANE_COLUMNS[arc.plane]
         radius = math.dist((end[i], end[j]), arc.center)
         climb = 0.0 if self._position is None else end[across] - self._position[across]
         level = radius * abs(arc.sweep)
         acceleration = min(self._normal, self._accelerations[i], self._accelerations[j])
-        return math.sqrt(acceleration * radius) * math.hypot(level, climb) / max(level, 1e-9)
+        length = math.hypot(level, climb)
+        return math.sqrt(acceleration * radius) * length / max(level, 1e-9), length
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import (
     CENTER_LETTERS,
@@ -47,6 +48,9 @@ class LineWriter:
         baud: Speed of the link, bit/s.
         letters: The axes of XYZ that the machine has.
         chord: Largest distance of the board's own chords from an arc, mm.
+
+    Attributes:
+        lowered: Feeds that the lines lower.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class LineWriter:
         self._feed = self._printed_feed = 0.0
         self._ahead = 0.0
         self._power = ""
+        self.lowered = LoweredFeeds()
         self._named: set[str] = set()
 
     @property
@@ -235,6 +240,9 @@ class LineWriter:
         speed = max(min(move.speed, feed), 1e-6)
         if length / speed + self._ahead < line_time:
             speed = length / (line_time - self._ahead)
+            self.lowered.lowered("short lines", move.line, length, speed, feed)
+        if length < math.inf:
+            self.lowered.moved(length, speed)
         self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD / LINES_PER_S)
         wanted = feed if speed >= (1.0 - FEED_STEP) * feed else speed
         if (

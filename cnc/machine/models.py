@@ -180,7 +180,9 @@ class Board(Section):
     port: str | None = Field(
         default=None,
         description=(
-            "Serial port of the board, such as /dev/ttyUSB0 or COM3, or the file of the file board."
+            "Serial port of the board, such as /dev/ttyUSB0 or COM3; usb:NUMBER for the device "
+            "with this serial number; a pyserial URL such as socket://host:port; or the file of "
+            "the file board."
         ),
     )
     baud: Annotated[int, Field(gt=0)] = Field(

@@ -111,6 +111,7 @@ class Summary(BaseModel):
     blocks: Count = Field(description="Canonical blocks; each straight move counts")
     errors: list[Finding] = Field(description="Errors, then warnings and notes")
     duration_s: Amount = Field(description="Machine time with dwells, s")
+    played_s: Amount = _optional("Measured time of a run on a board that plans its motion, s")
     path_length_mm: Amount = Field(description="Length of the path, mm")
     bounding_box: dict[AxisLetter, Span] = Field(
         description="[smallest, largest] position of each axis, mm"

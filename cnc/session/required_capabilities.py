@@ -21,7 +21,7 @@ from cnc.model.blocks import (
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.session.board_offsets import needs_operator, pause_reason
+from cnc.session.pauses import needs_operator, pause_reason
 
 ACTION_NAMES: dict[Action, str] = {
     "spindle": "spindle (M3)",
@@ -86,7 +86,7 @@ class CapabilityCheck:
         known = machine.board.kind if name is None else name
         can = _expected_capabilities(machine) if board is None else board.capabilities
         if can is None:
-            return cls(known, False, True, True, _takes_lines(known), ACTIONS, False, attended)
+            return cls(known, False, True, True, takes_lines(known), ACTIONS, False, attended)
         return cls(
             known,
             board is not None,
@@ -154,7 +154,7 @@ class CapabilityCheck:
         )
 
 
-def _takes_lines(kind: str) -> bool:
+def takes_lines(kind: str) -> bool:
     """Whether boards of this kind take lines; False for a kind without a driver."""
     try:
         return board_factory(kind).traits.takes_lines

@@ -206,3 +206,52 @@ def fails(name: str, code: str) -> None:
     assert caught.value.diagnostic.code == code
     assert caught.value.diagnostic.hint
     assert caught.value.exit_code == 3
+
+
+@pytest.fixture
+def two_boards(monkeypatch: pytest.MonkeyPatch) -> None:
+    from serial.tools import list_ports
+    from serial.tools.list_ports_common import ListPortInfo
+
+    def device(name: str, number: str | None) -> ListPortInfo:
+        info = ListPortInfo(name)
+        info.serial_number, info.description = number, "USB Serial"
+        return info
+
+    listed = [device("/dev/ttyUSB7", "A1"), device("/dev/ttyUSB3", "B2"), device("/dev/x", "C3")]
+    listed += [device("/dev/ttyS0", None), device("/dev/y", "C3")]
+    monkeypatch.setattr(list_ports, "comports", lambda: listed)
+
+
+@pytest.mark.usefixtures("two_boards")
+def test_a_board_is_found_by_its_serial_number() -> None:
+    assert serial_port.port_of("usb:A1") == "/dev/ttyUSB7"
+    assert serial_port.port_of("/dev/ttyUSB3") == "/dev/ttyUSB3"
+    assert serial_port.identity("usb:B2") == serial_port.identity("/dev/ttyUSB3")
+
+
+@pytest.mark.usefixtures("two_boards")
+@pytest.mark.parametrize(
+    ("name", "said"), [("usb:Z9", "no device has"), ("usb:C3", "several devices have")]
+)
+def test_a_serial_number_that_names_no_single_port_is_refused(name: str, said: str) -> None:
+    with pytest.raises(BoardError) as caught:
+        serial_port.open_port(name, 115200)
+    assert caught.value.diagnostic.code == "no-such-port"
+    assert said in caught.value.diagnostic.message
+
+
+@pytest.mark.usefixtures("two_boards")
+def test_the_machine_file_names_the_board_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cnc.boards import discovery
+    from cnc.boards.discovery import port_report, probe_ports
+    from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+    from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+
+    port = GrblSimulatorPort(GrblSimulator())
+    monkeypatch.setattr(discovery, "open_port", lambda name, baud: port)
+    monkeypatch.setattr(discovery, "SystemClock", lambda: port.clock)
+    (found,) = probe_ports(["/dev/ttyUSB7"])
+    text = "\n".join(port_report(found))
+    assert "serial number A1" in text
+    assert 'port = "usb:A1"' in text

@@ -176,8 +176,9 @@ class Recorded:
     def change_baud(self, baud: int) -> None:
         self.baud = baud
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """They are up."""
+        return False
 
     def close(self) -> None:
         """Nothing to let go of."""

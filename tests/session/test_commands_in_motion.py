@@ -17,11 +17,13 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
 from cnc.executor.motion_commands import times_at
 from cnc.executor.run import Progress
+from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import AnalogOutput, Block, DigitalOutput, Held, Spindle
 from cnc.model.streams import PulseChunk
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from tests.support.gcode.gcode_cases import read
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 
@@ -81,6 +83,15 @@ def test_words_that_change_nothing_cost_no_time(tmp_path: Path) -> None:
         )
         assert report.duration_s == pytest.approx(plain, rel=1e-9), word
         assert len(board.of(Spindle)) == 2
+
+
+@pytest.mark.parametrize("stop", ["M0", "M60", "T2 M6"])
+def test_the_spindle_is_commanded_again_after_a_stop(stop: str) -> None:
+    """The operator may have switched it off by hand meanwhile."""
+    text = f"G21 G90 T1\nM3 S1000\nG1 X1 F600\nM3 S1000\n{stop}\nM3 S1000\nG1 X2\nM2\n"
+    blocks = read(Text.of_lines(text.splitlines(), "p.nc"))
+    spindles = [block.line for block in blocks if isinstance(block, Spindle)]
+    assert {2, 6} <= set(spindles) and 4 not in spindles
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,8 @@ from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 
+DOOR_SHUT = 0
+"""Phase of state Door: the door is closed, and the board waits for a resume."""
 SAME_POSITION = 0.002
 """mm: rounding of a reported position or offset, with three decimals, of inches even."""
 
@@ -163,6 +165,15 @@ class GrblBoard:
     def holds(self) -> bool:
         """Whether a hold has come to rest, as last reported; a door counts as a hold."""
         return self.status.state in ("Hold", "Door") and self.status.at_rest
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the machine itself holds, and how to go on: the safety door; "" if it does not."""
+        if self.status.state != "Door":
+            return ""
+        if self.status.phase == DOOR_SHUT and "D" not in self.status.pins:
+            return "the safety door was opened; it is closed now: resume"
+        return "the safety door is open: close it, then resume"
 
     @property
     def ceiling(self) -> float | None:

@@ -12,6 +12,7 @@ from cnc.boards.grbl.messages import Feedback, Setting
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.boards.grbl.status import MM_PER_INCH
 from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
 HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
@@ -65,6 +66,7 @@ class BoardInfo:
     Attributes:
         version: Version of the welcome, such as ``1.1h``.
         hal: Whether it is grblHAL.
+        fluid: Whether it is FluidNC.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
         blocks: Blocks of the planner; 0 where it is not reported.
@@ -76,6 +78,7 @@ class BoardInfo:
 
     version: str
     hal: bool
+    fluid: bool = False
     build: str = ""
     options: str = ""
     blocks: int = 0
@@ -87,7 +90,8 @@ class BoardInfo:
     @property
     def firmware(self) -> str:
         """Name and version."""
-        return f"{'grblHAL' if self.hal else 'GRBL'} {self.version}"
+        name = "grblHAL" if self.hal else "FluidNC" if self.fluid else "GRBL"
+        return f"{name} {self.version}"
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
@@ -175,6 +179,13 @@ class BoardInfo:
         off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
         downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
         return travel[0] + off if travel is not None and downwards else -off
+
+    def named_places(self) -> dict[str, dict[str, float]]:
+        """Return the offsets by name and axis, mm."""
+        return {
+            name: dict(zip(AXIS_LETTERS, place, strict=False))
+            for name, place in self.places.items()
+        }
 
     @property
     def soft_limits(self) -> bool:

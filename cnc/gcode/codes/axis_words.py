@@ -163,7 +163,7 @@ class AxisWords:
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
         at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
-        if self._dialect.flavour != "ngc":
+        if self._dialect.flavour not in ("ngc", "siemens"):
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",

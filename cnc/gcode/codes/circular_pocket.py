@@ -2,11 +2,11 @@
 
 The tool stands over the centre. It goes down to Z, out to the radius I along a half circle, round
 the circle, and back. With K and Q it goes round circles from I to K, each Q larger, before it goes
-back. With L it repeats all of that, deeper by Z under G91. D is the offset of the tool's radius; the
-tool stays inside of the circles. Source: Haas, "Mill Operator's Manual", G12 and G13.
+back. With L it repeats all of that, deeper by Z under G91. D is the offset of the tool's radius;
+the tool stays inside of the circles. Source: Haas, "Mill Operator's Manual", G12 and G13.
 
-The manual draws the way between the circles but does not define it. Here it is a half circle through
-the centre's side, so that the tool never leaves the largest circle.
+The manual draws the way between the circles but does not define it. Here it is a half circle, so
+that the tool never leaves the next circle.
 """
 
 from __future__ import annotations

@@ -42,7 +42,8 @@ class OffsetCodes:
                 raise fault(
                     "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
                 )
-            index = self._more(word)
+            basic = self._dialect.flavour == "siemens" and word.number == 0
+            index = EXTERNAL if basic else self._more(word)
         else:
             index = SYSTEM_CODES.index(code.g)
         self._coordinates.select(index)

@@ -153,6 +153,11 @@ class CycleRunner:
         self._here = here
         self._out = out
 
+    def start_spindle(self) -> None:
+        """Start the spindle as the modal state says."""
+        state = self._state
+        self._out.add(Spindle(self._here.file, self._here.line, state.spindle, state.speed or 0.0))
+
     def perform(self, steps: Iterable[Step], plane: CyclePlane) -> None:
         """Execute steps in order. The position is the end of the last one."""
         motion, out, file, line = self._motion, self._out, self._here.file, self._here.line

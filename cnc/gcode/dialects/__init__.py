@@ -56,6 +56,7 @@ class CycleRules:
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
+        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
     """
 
     repeats: str
@@ -65,6 +66,7 @@ class CycleRules:
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]
     fine_boring: bool
+    starts_spindle: bool
 
 
 class NotedCode(NamedTuple):
@@ -137,6 +139,8 @@ class Dialect:
     after_g80: Literal["none", "previous"]
     local_calls: bool
     scale_unit: float
+    extruder: str
+    corners: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -301,7 +305,7 @@ _PLAIN = (
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
     "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
-    "local_calls", "scale_unit", "dwell", "dwell_point",
+    "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
     "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""

@@ -135,7 +135,7 @@ class Listing(LineIndex):
         return page
 
     def forget_steps(self) -> None:
-        """Make the steps of all lines anew when they are reached again."""
+        """Make the steps of all lines again when they are reached."""
         for page in self._pages.values():
             page.steps[:] = [None] * page.count
 
@@ -203,6 +203,7 @@ class Flow:
         frames: The calls around the current one, outermost first.
         executed: Number of lines executed so far, up to date whenever a step runs.
         new: Number of lines executed for the first time.
+        update_loops: Brings the entries of loops up to date before they are compared.
         value: Value of the last return, None if it had none.
         percent: Whether a ``%`` was read.
         main_border: Line of the O number of the main program; 0 for none.
@@ -228,6 +229,7 @@ class Flow:
         self.frame = Frame("main", "", listing, 0, listing, Place(0), 0)
         self.frames: list[Frame] = []
         self.executed = self.new = 0
+        self.update_loops: Callable[[], None] = lambda: None
         self.value: float | None = None
         self.percent = False
         self.main_border = 0
@@ -305,6 +307,7 @@ class Flow:
 
     def endless(self, line: int) -> CncError:
         """Return the error for too many repeated lines, at the loop or call that caused them."""
+        self.update_loops()
         listing, at, name = self._cause_of_repetition(line)
         many = f"{self.limits.repeated_lines:,}".replace(",", " ")
         message = f"{name} does not end: more than {many} lines were executed again"

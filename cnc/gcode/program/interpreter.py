@@ -104,16 +104,17 @@ class Interpreter:
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect = dialect
+        self.policy = policy
         self.parameters = parameters
         self.coordinates = Coordinates(
             axes,
             parameters,
             systems=dialect.systems,
-            fanuc=dialect.offset_memory,
+            fanuc=dialect.offset_memory or dialect.flavour == "siemens",
             shift_stays=dialect.shift_stays,
         )
         self.unused_words = UnusedWords(self.here)
-        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out)
+        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
         self.machine_codes = MachineCodes(
             dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
@@ -241,6 +242,8 @@ class Interpreter:
         Raises:
             GcodeError: A spline is not complete.
         """
+        if self.motion.corner is not None:
+            raise self.motion.corner_fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.compensation_codes.off()
@@ -308,11 +311,16 @@ class Interpreter:
             and motion.collector is None
             and not self.coordinates.turned
             and self.motion.polar.plane is None
+            and self.motion.corner is None
         )
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
         """Set parameters. All values are computed before the first is set."""
         parameters = self.parameters
+        if self.dialect.flavour == "siemens" and len(assignments) > 1:
+            for each in assignments:  # they take effect from left to right
+                self._assign((each,))
+            return
         if len(assignments) == 1:
             (only,) = assignments
             if isinstance(only.target, str):
@@ -356,6 +364,8 @@ class Interpreter:
             raise unused(words, self.modal)
         if extra:
             self._builder_codes.pause(extra)
+        if (corner := self.motion.corner) is not None and corner.line != self.here.line:
+            raise self.motion.corner_fault("a line without a move")
 
     def _is_idle(self, words: LineWords) -> bool:
         """Take centre words of a traverse under a lenient dialect, with a warning."""

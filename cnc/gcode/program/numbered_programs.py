@@ -1,4 +1,4 @@
-"""Numbered programs: calls with M98, G65 and G66, return with M99; M97 calls lines by their N number.
+"""Numbered programs: calls with M98, G65, G66 and M97 (of lines), return with M99.
 
 Sources: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
 (M98, M99)" and "Custom macro", macro call and modal call; Haas, "Mill Operator's Manual", M97.

@@ -162,6 +162,8 @@ def _execute_lines(flow: Flow, maker: StepMaker, watch: _Watch) -> Iterator[Bloc
             executed += 1
             if executed > next_check:
                 next_check = watch.check(executed, line)
+                if maker.compile_from_here(executed):
+                    listing.forget_steps()
             if step.__class__ is Statement:
                 execute(step, line)
                 line += 1

@@ -21,6 +21,7 @@ from cnc.model.blocks import (
     Polyline,
     Probe,
     Spindle,
+    Stop,
     Tool,
     WaitInput,
 )
@@ -34,6 +35,10 @@ long for them.
 Question = Probe | WaitInput | BoardCommand
 TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
+
+
+_Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+"""Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
 
 class BlockBuffer:
@@ -57,6 +62,8 @@ class BlockBuffer:
         self._points: list[float] = []
         self._feeds: list[float] = []
         self._lines: list[int] = []
+        self._pieces: list[_Piece] = []
+        self._held = 0
         self._commands: dict[int, tuple[Block, ...]] = {}
         self._in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
@@ -65,7 +72,7 @@ class BlockBuffer:
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
-        if len(self._feeds) >= MAX_MOVES:
+        if self._held + len(self._feeds) >= MAX_MOVES:
             self.flush()
 
     def moves(
@@ -78,32 +85,18 @@ class BlockBuffer:
             feeds: (n,) mm/s; NaN for a traverse.
             lines: (n,) source lines.
         """
-        begin, count = 0, len(feeds)
         if self._feeds:
-            begin = min(count, MAX_MOVES - len(self._feeds))
-            self._points += points[:begin].ravel().tolist()
-            self._feeds += feeds[:begin].tolist()
-            self._lines += lines[:begin].tolist()
-            if len(self._feeds) < MAX_MOVES:
-                return
+            self._pack()
+        begin, count = 0, len(feeds)
+        while count - begin >= MAX_MOVES - self._held:
+            end = begin + MAX_MOVES - self._held
+            self._pieces.append((points[begin:end], feeds[begin:end], lines[begin:end]))
+            self._held = MAX_MOVES
             self.flush()
-        while count - begin >= MAX_MOVES:
-            end = begin + MAX_MOVES
-            self.ready.append(
-                Polyline(
-                    self._here.file,
-                    int(lines[begin]),
-                    points[begin:end],
-                    feeds[begin:end],
-                    lines[begin:end],
-                )
-            )
             begin = end
-        self._points, self._feeds, self._lines = (
-            points[begin:].ravel().tolist(),
-            feeds[begin:].tolist(),
-            lines[begin:].tolist(),
-        )
+        if count > begin:
+            self._pieces.append((points[begin:], feeds[begin:], lines[begin:]))
+            self._held += count - begin
 
     def add(self, block: Block) -> None:
         """Add any other block, unless it changes nothing."""
@@ -128,8 +121,8 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
-        if self._feeds and goes_with_motion(block):
-            place = len(self._feeds)
+        place = self._held + len(self._feeds)
+        if place and goes_with_motion(block):
             self._commands[place] = (*self._commands.get(place, ()), block)
             return
         self.flush()
@@ -167,27 +160,39 @@ class BlockBuffer:
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
-        if not self._feeds:
+        if self._feeds:
+            self._pack()
+        if not self._pieces:
             return
-        count = len(self._feeds)
-        behind = self._commands.pop(count, ())
-        self.ready.append(
-            Polyline(
-                self._here.file,
-                self._lines[0],
+        if len(self._pieces) == 1:
+            points, feeds, lines = self._pieces[0]
+        else:
+            points = np.concatenate([piece[0] for piece in self._pieces])
+            feeds = np.concatenate([piece[1] for piece in self._pieces])
+            lines = np.concatenate([piece[2] for piece in self._pieces])
+        behind = self._commands.pop(self._held, ()) if self._commands else ()
+        commands = command_array(self._held, self._commands)
+        self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands))
+        self.ready.extend(behind)
+        self._pieces, self._held, self._commands = [], 0, {}
+
+    def _pack(self) -> None:
+        """Turn the single moves into arrays."""
+        self._pieces.append(
+            (
                 np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
                 np.array(self._feeds, dtype=np.float64),
                 np.array(self._lines, dtype=np.int32),
-                command_array(count, self._commands),
             )
         )
-        self.ready.extend(behind)
-        self._points, self._feeds, self._lines, self._commands = [], [], [], {}
+        self._held += len(self._feeds)
+        self._points, self._feeds, self._lines = [], [], []
 
     def _changes(self, block: Block) -> bool:
         """Return whether a block changes a state that is known from an earlier block."""
-        if isinstance(block, Tool | Orient | BoardCommand):
-            # Spindle and outputs may have another state afterwards.
+        if isinstance(block, Tool | Orient | BoardCommand | Stop):
+            # Spindle and outputs may have another state afterwards. At a stop the operator may
+            # have switched the spindle off by hand, and the next move would cut without it.
             self._in_effect.clear()
         state = _state(block)
         if state is None:

@@ -244,9 +244,10 @@ class NativeUsb:
     def write(self, data: bytes) -> None:
         self.port.write(data)
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         # The line is no reset to it.
         self.port.simulator.dtr = True
+        return True
 
     def close(self) -> None:
         self.port.close()

@@ -279,7 +279,8 @@ def test_the_error_has_its_code_and_place(dialect: str, code: str, marked: str) 
 NO_ERRORS = """
 arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time
 latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-change tool-length
-utf-8 utf-8-sig while-do
+utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
+not-needed
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """

@@ -14,7 +14,8 @@ def fusion_grbl(rng: random.Random) -> str:
     """Fusion 360, GRBL post: percent, comments, M5, G54, no tool offset."""
     lines = ["%", "(1001)", "(Machine)", "(  vendor: Grbl)" if rng.random() < 0.5 else "(T1)"]
     lines += ["G90 G94", "G17", "G21", "(When using Fusion for Personal Use, the feedrate)"]
-    lines += ["G28 G91 Z0.", "G90", "(2D Contour1)", "T1", f"S{rng.randint(1000, 10000)} M3", "G54"]
+    lines += ["G28 G91 Z0.", "G90", "(2D Contour1)", "T1"]
+    lines += [f"S{rng.randint(1000, 10000)} M3", "G54"]
     start, *rest = profile(rng, THREE, feed="F1000.")
     lines += [start, "Z15.", "G0 Z5.", "G1 Z-1. F333.", *rest, "G0 Z15.", "M5"]
     lines += ["G28 G91 Z0.", "G90", "G28 G91 X0. Y0.", "G90", "M30", "%"]
@@ -163,7 +164,8 @@ def carbide(rng: random.Random) -> str:
     lines = [
         "(stockMin:0.00mm, 0.00mm, -10.00mm)", "(stockMax:100.00mm, 80.00mm, 0.00mm)",
         "(STOCK/BLOCK, 100.00, 80.00, 10.00, 0.00, 0.00, 10.00)", "G90", "G21",
-        "(Move to safe Z to avoid workholding)", "G53G0Z-5.000", "(TOOL/MILL, 3.17, 0.00, 0.00, 0.00)",
+        "(Move to safe Z to avoid workholding)", "G53G0Z-5.000",
+        "(TOOL/MILL, 3.17, 0.00, 0.00, 0.00)",
         "M6T102", f"M03S{rng.randint(8, 20)}000", "(PREPOSITION FOR RAPID PLUNGE)", "G0X10.000Y30.000",
         "Z1.000", "G1Z-0.500F304.8",
     ]  # fmt: skip

@@ -208,7 +208,7 @@ def hole_by_hole(rng: random.Random) -> str:
     count = 5
     for x, y in holes(rng):
         lines.append(f"( Drilling hole at ({x}, {y}) )")
-        for text in (f"Z10.0 F600.0", f"X{x} Y{y} ", "Z1.0", "Z-2.0 F2.0", "Z10.0 F600.0"):
+        for text in ("Z10.0 F600.0", f"X{x} Y{y} ", "Z1.0", "Z-2.0 F2.0", "Z10.0 F600.0"):
             lines.append(f"N{count} {text}")
             count += 1
     lines += ["( Done )", f"N{count} M5; Turn off spindle", f"N{count + 1} M30; End", "%"]
@@ -220,7 +220,7 @@ def four_axis_post(rng: random.Random) -> str:
     tool = rng.randint(1, 20)
     return "\n".join(
         [
-            "%", f"({rng.randint(1000, 9999)})", f"(T{tool}  D=6. CR=3. - ZMIN=-3. - BALL END MILL)",
+            "%", f"({rng.randint(1000, 9999)})", f"(T{tool} D=6. CR=3. - ZMIN=-3. - BALL END MILL)",
             "N10 G90 G94 G17 G91.1", "N15 G21", "N20 G53 G0 Z0.", "(PARALLEL1)", "N25 M9",
             f"N30 T{tool} M6", "N35 S10000 M3", "N40 G54", "N45 G0 X10. Y30.",
             f"N50 G43 Z20. H{tool}", "N55 G0 Z10.", "N60 G1 Z-1.5 F254.",
