@@ -308,6 +308,7 @@ class Interpreter:
         self.plain = (
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
+            and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned
             and self.motion.polar.plane is None
