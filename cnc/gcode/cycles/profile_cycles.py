@@ -64,7 +64,12 @@ class ProfileCycles:
         profile = profile_of(blocks, start, view)
         rapid_in = bool(isinstance(blocks[0], Polyline) and math.isnan(blocks[0].feeds[0]))
         allowance = self._allowance(words, view, at)
-        self._check_profile(profile, at, pockets=pockets or code == G.G73)
+        rises = self._check_profile(profile, at, pockets=pockets or code == G.G73)
+        if not rises and abs(allowance.real) > TINY and code != G.G73:
+            letter = "U" if code == G.G72 else "W"
+            message = f"{letter} of {at.written} would cut into a wall of the pocket"
+            hint = f"give {letter}0: a profile with a pocket has its allowance across only"
+            raise fault("allowance-in-pocket", message, at, hint)
         steps: Iterable[TurningStep]
         if code == G.G73:
             steps = repeat(self._pattern(words, profile, allowance, view, at))
@@ -117,7 +122,8 @@ class ProfileCycles:
                 raise fault("allowance-sign", message, word, "give it the other sign")
         return point
 
-    def _check_profile(self, profile: Profile, at: Word, *, pockets: bool) -> None:
+    def _check_profile(self, profile: Profile, at: Word, *, pockets: bool) -> bool:
+        """Check the profile; return whether it never falls."""
         along = [piece.end.real for piece in profile]
         if not is_monotone([profile[0].start.real, *along]):
             axis = "X" if at.number == G.G72.code else "Z"
@@ -127,11 +133,12 @@ class ProfileCycles:
         if max(piece.end.imag for piece in profile) > top + SLACK:
             message = "the profile reaches beyond the start point of the cycle"
             raise fault("profile-start", message, at, "start the cycle outside of the stock")
-        rest = profile[1:] if _goes_in(profile) else profile
-        if not pockets and not is_monotone([piece.end.imag for piece in (profile[0], *rest)]):
+        rises = is_monotone(piece.end.imag for piece in profile)
+        if not pockets and not rises:
             message = "the profile has a pocket, and its first line has one axis only (type I)"
             hint = "give both axes in the first line of the profile, such as W0, for type II"
             raise fault("profile-not-monotone", message, at, hint)
+        return rises
 
     def _roughing(
         self, words: LineWords, profile: Profile, allowance: complex, at: Word, *, pockets: bool
@@ -212,7 +219,3 @@ def _ends(blocks: list[Block]) -> list[list[float]]:
         else:
             found.append(block.end.tolist())  # type: ignore[attr-defined]
     return found
-
-
-def _goes_in(profile: Profile) -> bool:
-    return profile[0].end.imag < profile[0].start.imag

@@ -277,13 +277,25 @@ class Interpreter:
         return [block for block in found if isinstance(block, Polyline | ArcFeed)]
 
     def finish(self, lines: Iterable[tuple[int, Statement]], line: int) -> None:
-        """Execute the lines of a profile (G70), and return to the position before."""
+        """Execute the lines of a profile (G70), and return to the position before.
+
+        The axis that approaches the profile most leaves it first: a straight return could cross the
+        part.
+        """
         start = self.motion.position
+        approach: int | None = None
         for number, statement in lines:
             self.execute(statement, number)
+            if approach is None and self.motion.position != start:
+                way = [abs(a - b) for a, b in zip(self.motion.position, start, strict=True)]
+                approach = way.index(max(way))
         self.here.line = line
         if self.motion.compensated:
             self.compensation_codes.off()
+        if approach is not None:
+            clear = self.motion.position.copy()
+            clear[approach] = start[approach]
+            self.motion.traverse(clear)
         self.motion.traverse(start)
         self._update_plain()
 
