@@ -19,6 +19,8 @@ LINES = 400
 """Lines in which evidence is searched."""
 LONGEST = 400
 """Characters of a line in which evidence is searched."""
+MOST_REASONS = 6
+"""Reasons for a lathe that are named, the strongest first."""
 STRONG = 2
 """Points of evidence for a lathe that milling programs do not have."""
 _LATHES = ("auto", "fanuc", "haas")
@@ -98,7 +100,7 @@ class _Table(NamedTuple):
 @lru_cache(maxsize=1)
 def _table() -> _Table:
     data = tomllib.loads(files(__package__).joinpath("recognise.toml").read_text(encoding="utf-8"))
-    evidence = tuple(
+    rows = tuple(
         _Evidence(
             each["for"],
             each.get("is", ""),
@@ -109,7 +111,12 @@ def _table() -> _Table:
         )
         for each in data["evidence"]
     )
-    return _Table(evidence, data["extends"], data["enough"])
+    return _Table(rows, data["extends"], data["enough"])
+
+
+def evidence() -> list[tuple[str, int, str]]:
+    """Return language, points and description of each piece of evidence, for the reference."""
+    return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
 
 
 def recognise(lines: Iterable[str]) -> Recognition:
@@ -124,23 +131,24 @@ def recognise(lines: Iterable[str]) -> Recognition:
         has_y = has_y or _Y_WORD.search(code) is not None
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
-        for evidence in tuple(left):
-            texts = {"code": [code], "comment": comments, "line": [line]}[evidence.place]
+        for each in tuple(left):
+            texts = {"code": [code], "comment": comments, "line": [line]}[each.place]
             for text in texts:
-                if match := evidence.pattern.search(text):
-                    left.remove(evidence)
-                    reason = Reason(_shown(match[0]), evidence.what, number)
-                    found.setdefault(evidence.language, []).append((evidence, reason))
+                if match := each.pattern.search(text):
+                    left.remove(each)
+                    reason = Reason(_shown(match[0]), each.what, number)
+                    found.setdefault(each.language, []).append((each, reason))
                     break
     lathe = found.pop("lathe", [])
     choice = _choice(table, found)
     if has_y or choice.refusal or choice.dialect not in _LATHES:
         return choice
-    if not any(evidence.points >= STRONG for evidence, _ in lathe):
+    lathe.sort(key=lambda row: -row[0].points)
+    if not lathe or lathe[0][0].points < STRONG:
         return choice
     points = sum(evidence.points for evidence, _ in lathe) + (plane is not None)
     reasons = [reason for _, reason in lathe] + ([plane] if plane else [])
-    return choice._replace(lathe=tuple(reasons), turns=points > table.enough)
+    return choice._replace(lathe=tuple(reasons[:MOST_REASONS]), turns=points > table.enough)
 
 
 def _first(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -161,9 +169,7 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
     for special, base in table.extends.items():
         if special in found:
             found[special] = found.pop(base, []) + found[special]
-    points = {
-        language: sum(evidence.points for evidence, _ in rows) for language, rows in found.items()
-    }
+    points = {language: sum(each.points for each, _ in rows) for language, rows in found.items()}
     ranked = sorted(points, key=lambda language: -points[language])
     if not ranked or points[ranked[0]] < table.enough:
         return Recognition()
