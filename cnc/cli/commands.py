@@ -68,7 +68,7 @@ def run(
         return check(program, common=common)
     common.prepare(program, on_board.port)
     api = library()
-    control = Control(common.feed_override)
+    control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
