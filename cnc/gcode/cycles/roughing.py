@@ -148,7 +148,8 @@ def _approach(
         above: Height to which a traverse may come down.
     """
     clear = max(highest(profile), profile[0].start.imag)
-    is_over = cleared.first - TINY <= to.real <= cleared.last + TINY
+    is_along = cleared.first - TINY <= to.real <= cleared.last + TINY
+    is_over = is_along and to.imag <= cleared.floor + TINY
     height = max(here.imag, cleared.floor if is_over else clear)
     if abs(height - here.imag) > TINY:
         yield Traverse(complex(here.real, height))
