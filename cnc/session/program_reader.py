@@ -147,17 +147,15 @@ class ProgramReader:
         return self.dialect if self.recognition is None else self.recognition.dialect
 
     @property
-    def reading(self) -> str:
-        """The dialect with its evidence and what was assumed; empty without a choice."""
-        found = "" if self.recognition is None else self.recognition.described()
+    def assumed(self) -> str:
+        """What the reading of a lathe's program assumes; empty for other programs."""
         if self.machine.kind != "lathe" or self.dialect_in_use not in dialects.LATHES:
-            return found
+            return ""
         system = self.machine.program.g_code_system
-        assumed = (
-            f"a lathe with G-code system {system}: X is a diameter, feed per revolution, G18, "
-            "threads without a chamfer"
+        return (
+            f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
+            "revolution; offsets of T words act with the next move; threads without a chamfer"
         )
-        return f"{found or self.dialect}; {assumed}"
 
     def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""

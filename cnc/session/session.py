@@ -143,7 +143,9 @@ class Session:
                 except CncError as error:
                     report.faults.append(error)
                 report.dialect = reader.dialect_in_use
-                report.recognition = reader.reading
+                if reader.recognition is not None:
+                    report.recognition = reader.recognition.described()
+                report.assumed = reader.assumed
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),

@@ -14,7 +14,8 @@ from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
 from cnc.model.blocks import PLANE_AXES, ArcFeed
 
-MAX_TURNS = 1_000_000
+MAX_TURNS = 1000
+"""Most turns of an arc. More are a typing error in P, and each turn is planned on its own."""
 _CLOCKWISE = G.G2
 
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}

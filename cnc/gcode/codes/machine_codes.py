@@ -296,6 +296,11 @@ class MachineCodes:
         unit = letters[letter]
         if "." in time.written:
             unit = self._dialect.dwell_point.get(letter, unit)
+            if self._dialect.lenient and unit < 1.0:
+                unit = 1.0
+                message = f"{time.written} is read as seconds; FANUC allows no decimal point here"
+                hint = "write whole milliseconds, or name the --dialect"
+                self._here.report_warning("dwell-point", message, time, hint)
         seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(

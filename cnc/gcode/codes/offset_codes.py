@@ -133,7 +133,7 @@ class OffsetCodes:
         ]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
-        elif self._dialect.offset_memory:
+        elif self._dialect.offset_memory and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",

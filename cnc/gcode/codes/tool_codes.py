@@ -40,6 +40,7 @@ class ToolCodes:
         self._zero_without_table = zero_without_table
         self._zero_reported = False
         self.turret_offset = 0
+        self._last_h = 0
         self._state = state
         self._motion = motion
         self._coordinates = motion.coordinates
@@ -120,7 +121,7 @@ class ToolCodes:
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
-        if word is None and self._dialect.offset_memory:
+        if word is None and self._dialect.offset_memory and not self._last_h:
             raise fault(
                 "tool-offset-missing",
                 f"{at.written} needs an H word",
@@ -130,6 +131,10 @@ class ToolCodes:
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
             number = number or self._state.loaded
+        elif word is None:
+            number = self._last_h
+        else:
+            self._last_h = number
         if number == 0:
             return [0.0] * len(self._motion.axes)
         entry = self.entry(number, word or at)

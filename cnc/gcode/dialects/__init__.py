@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
-from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.blocks import PathControl
 from cnc.model.choices import DialectName, GcodeSystem
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
@@ -86,7 +86,7 @@ class NotedCode(NamedTuple):
     def applies(self, words: LineWords) -> bool:
         """Return whether a line with this code has the words that it needs."""
         rest = words.rest.keys()
-        return not self.needs or (not rest.isdisjoint(self.needs) and rest.isdisjoint(AXES))
+        return not self.needs or (not rest.isdisjoint(self.needs) and rest <= set(self.words))
 
 
 class Alias(NamedTuple):

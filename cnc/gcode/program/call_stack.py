@@ -292,6 +292,19 @@ class Flow:
             return line + 1
         return self.modal(line)
 
+    def enter_again(self, frame: Frame) -> None:
+        """Enter a subroutine of this text that compiled code has entered already."""
+        self.frames.append(self.frame)
+        self.frame = frame
+        frame.since = self.executed
+        self.parameters.push(())
+        self.interpreter.entered()
+
+    @property
+    def marks_calls(self) -> bool:
+        """Whether a call made here is marked among the blocks."""
+        return self._mark_calls and not self.frames
+
     def leave(self) -> int:
         """Return to the caller; return the line to continue at."""
         left = self._pop()

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from cnc.gcode import dialects
 from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.machine.program_codes import RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, NurbsFeed, Stop
 from cnc.model.diagnostics import Diagnostic
@@ -150,3 +151,17 @@ def test_haas_starts_the_spindle_for_a_tap() -> None:
     rows = block_summaries("S500\nG84 X10. Z-5. R2. F500.", dialect="haas")
     assert rows[0] == "spindle cw 500"
     assert error_of("S500\nG84 X10. Z-5. R2. F500.", dialect="fanuc").code == "spindle-stopped"
+
+
+def test_a_decimal_point_in_a_dwell_of_milliseconds() -> None:
+    lenient = dialects.load("fanuc", lenient=True)
+    assert block_summaries("G4 P0.5\nG4 P500", dialect=lenient) == ["dwell 0.5", "dwell 0.5"]
+    assert warnings_of("G4 P0.5", dialect=lenient) == ["dwell-point"]
+    assert block_summaries("G4 P0.5", dialect="fanuc") == ["dwell 0.0005"]
+
+
+def test_h_stays_in_effect() -> None:
+    tools = ToolTable([ToolEntry(1, 1, {"Z": 40.0})])
+    rows = block_summaries("G0 X0.\nG43 H1 Z5.\nG43 Z6.", dialect="haas", tools=tools)
+    assert rows[1:] == ["rapid 0 0 45", "rapid 0 0 46"]
+    assert error_of("G43 Z6.", dialect="haas", tools=tools).code == "tool-offset-missing"
