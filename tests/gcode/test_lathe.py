@@ -31,7 +31,7 @@ def summaries(source: str, dialect: str = "fanuc", system: str = "A") -> list[st
     rules = dialects.load(dialect, lathe=system)  # type: ignore[arg-type]
     return block_summaries(
         f"{source}\nM30", dialect=rules, axes=("x", "z"), tools=ToolTable(TOOLS)
-    )[:-2 if "M3" in source and not source.endswith("M5") else -1]
+    )[: -2 if "M3" in source and not source.endswith("M5") else -1]
 
 
 # F0.2 at 600 rpm is 120 mm/min.
@@ -168,7 +168,9 @@ def test_g76_takes_less_from_pass_to_pass_and_the_allowance_at_the_end() -> None
             break
     assert depths == pytest.approx([*expected, 1.0, 1.0], abs=1e-6)
     starts = [
-        float(row.split()[2]) for row in blocks if row.startswith("rapid") and row.split()[1] != "20"
+        float(row.split()[2])
+        for row in blocks
+        if row.startswith("rapid") and row.split()[1] != "20"
     ]
     assert starts == pytest.approx(
         [2.0 - each * math.tan(math.radians(30)) for each in (*expected, 1.0, 1.0)], abs=1e-6

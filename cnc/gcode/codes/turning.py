@@ -1,9 +1,9 @@
 """Words of lathes in FANUC's language: state at power on, increments, and tools (T0101).
 
 U, V, W and H are increments of X, Y, Z and C in G-code system A. A T word of four digits has the
-number of a tool and that of its offset: it turns the turret and puts the offset into effect, without
-a move. Offset 00 ends it. Source: FANUC, "Operator's Manual for Lathe System", "Tool function",
-"Tool offset", "Absolute and incremental programming"; Haas, "Lathe Operator's Manual", T code.
+number of a tool and that of its offset: it turns the turret and puts the offset into effect,
+without a move. Offset 00 ends it. Source: FANUC, "Operator's Manual for Lathe System", "Tool
+function", "Tool offset", "Absolute and incremental programming"; Haas, "Lathe Operator's Manual".
 """
 
 from __future__ import annotations

@@ -6,13 +6,14 @@ r"""Passes of the roughing cycles G71, G72 and G73 of lathes.
       |      A'        \ B         to the profile than the allowance.
       +------------------> along
 
-Type I has a profile that only rises. A pass goes straight to the profile and retracts at 45 degrees;
-the steps remain for the last pass. Type II may have pockets. A pass follows the profile where it is
-above its level, so that no steps remain. Pockets are cleared one after the other, each to its bottom.
+Type I has a profile that only rises. A pass goes straight to the profile and retracts at 45
+degrees; the steps remain for the last pass. Type II may have pockets. A pass follows the profile
+where it is above its level, so that no steps remain. Pockets are cleared one after the other, each
+to its bottom.
 
-At the end one pass follows the whole profile at the allowance. Traverses are above what was removed:
-over the last pass, or at the height that clears the stock. Source: FANUC, "Operator's Manual for
-Lathe System", "Multiple repetitive cycle".
+At the end one pass follows the whole profile at the allowance. Traverses are above what was
+removed: over the last pass, or at the height that clears the stock. Source: FANUC, "Operator's
+Manual for Lathe System", "Multiple repetitive cycle".
 """
 
 from __future__ import annotations

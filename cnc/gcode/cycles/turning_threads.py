@@ -4,8 +4,8 @@ F is the lead, measured along the axis that moves farther. The spindle must turn
 (G97). Threads have no chamfer at their end unless G76 gives one. In pass n of G76 the tool is
 ``first * sqrt(n)`` deep, by at least ``least`` deeper than before, and moves along the flank: the
 area of the chip is constant. The last passes take the finishing allowance, which is part of the
-height. Source: FANUC, "Operator's Manual for Lathe System", "Thread cutting" and "Multiple threading
-cycle"; Haas, "Lathe Operator's Manual", G76.
+height. Source: FANUC, "Operator's Manual for Lathe System", "Thread cutting" and "Multiple
+threading cycle"; Haas, "Lathe Operator's Manual", G76.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ class Recognition(NamedTuple):
         reasons: The evidence for it.
         refusal: A language that is not read, or a machine of another kind, in words; else empty.
         rival: Another dialect with evidence of its own; empty if there is none.
-        lathe: The evidence for a lathe, which all languages of lathes but FANUC's and Haas' outrank.
+        lathe: The evidence for a lathe in FANUC's or Haas' language.
         turns: Whether that evidence is enough to refuse the program on another machine.
     """
 

@@ -11,6 +11,7 @@ import cmath
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -163,7 +164,7 @@ def _arc(start: complex, end: complex, center: complex, turns: float) -> Profile
     points = [start, *(center + cmath.rect(radius, angle) for angle in angles), end]
     return [
         Piece(a, b, center, spin)
-        for a, b in zip(points, points[1:], strict=False)
+        for a, b in pairwise(points)
         if abs(b - a) > TINY
     ]
 

@@ -146,7 +146,7 @@ class BlockBuffer:
 
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:
-        """Take the blocks that are added meanwhile out of the buffer; the list has them at the end."""
+        """Take the blocks that are added meanwhile; the list has them at the end."""
         self.flush()
         found: list[Block] = []
         begin, in_effect = len(self.ready), self._in_effect.copy()

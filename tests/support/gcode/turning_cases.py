@@ -67,9 +67,7 @@ class Part:
         return np.array(found)
 
 
-def _center(
-    start: tuple[float, float], end: tuple[float, float], spin: int
-) -> tuple[float, float]:
+def _center(start: tuple[float, float], end: tuple[float, float], spin: int) -> tuple[float, float]:
     """Centre of a quarter turn, which is one end's coordinate in each direction."""
     for center in ((start[0], end[1]), (end[0], start[1])):
         a = (start[0] - center[0], start[1] - center[1])
@@ -199,7 +197,9 @@ class Setup:
         return 1 if a[0] * b[1] - a[1] * b[0] > 0 else -1
 
 
-def lathe_blocks(source: str, dialect: str = "fanuc", system: str = "A", **options: object) -> list[Block]:
+def lathe_blocks(
+    source: str, dialect: str = "fanuc", system: str = "A", **options: object
+) -> list[Block]:
     """The blocks of a program on a lathe with the axes X and Z."""
     rules = dialects.load(dialect, lathe=system)  # type: ignore[arg-type]
     policy = ReadingPolicy(tool_lengths="zero")
@@ -251,9 +251,7 @@ class Stock:
     def between(self, a: float, b: float) -> slice:
         """The cells from a to b."""
         low, high = sorted((a, b))
-        return slice(
-            int(np.searchsorted(self.along, low)), int(np.searchsorted(self.along, high))
-        )
+        return slice(int(np.searchsorted(self.along, low)), int(np.searchsorted(self.along, high)))
 
     def _levels(self, points: Floats) -> tuple[slice, Floats]:
         """The cells that a move passes, and its level over each; lowest for a move across."""
