@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import lathe_dialect, recognise, refuse, refuse_lathe
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.model.blocks import Spindle
+from cnc.machine.load import load_machine
+from cnc.model.blocks import End, Polyline, Spindle
 from cnc.model.diagnostics import GcodeError
+from tests.support.corpus import programs
 from tests.support.gcode.gcode_cases import block_summaries, run
 from tests.support.gcode.turning_cases import lathe_blocks
 from tests.support.paths import ROOT
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
 
 TOOLS = (
     ToolEntry(1, 1, {"X": -20.0, "Z": -5.0}, 0.8, orientation=2),
@@ -288,15 +294,47 @@ def test_a_milling_program_is_not_refused(source: str) -> None:
     refuse(recognise(source.split("\n")), "mill", "part.nc")
 
 
-def test_shipped_programs_are_for_mills_but_one() -> None:
-    refused = []
-    for file in sorted(Path(ROOT, "programs").glob("*.nc")):
-        lines = file.read_text(encoding="utf-8").splitlines()
-        try:
-            refuse(recognise(lines), "mill", file.name)
-        except GcodeError:
-            refused.append(file.name)
-    assert refused == ["turning.nc"]
+@pytest.mark.parametrize(
+    "file", sorted(Path(ROOT, "programs").rglob("*.nc")), ids=lambda file: file.name
+)
+def test_shipped_programs_are_for_the_machine_of_their_folder(file: Path) -> None:
+    found = recognise(file.read_text(encoding="utf-8").splitlines())
+    assert found.turns == (file.parent.name == "lathe")
+
+
+@pytest.mark.parametrize("seed", range(share(2000, 60)))
+def test_generated_milling_programs_are_no_lathe_programs(seed: int) -> None:
+    assert not recognise(random_program(seed).splitlines()).turns
+
+
+@pytest.mark.parametrize(("name", "seed", "text"), tuple(programs(share(50, 3))))
+def test_milling_programs_of_cam_systems_are_no_lathe_programs(
+    name: str, seed: int, text: str
+) -> None:
+    assert not recognise(text.splitlines()).turns, (name, seed)
+    # Without Y words too: a part that is milled along X only.
+    assert not recognise(re.sub(r"Y[-0-9.]+", "", text).splitlines()).turns, (name, seed)
+
+
+def test_the_shipped_program_turns_within_the_travel_of_the_shipped_lathe() -> None:
+    machine = load_machine("lathe")
+    file = ROOT / "programs" / "lathe" / "turning.nc"
+    found = recognise(file.read_text(encoding="utf-8").splitlines())
+    rules = dialects.load(lathe_dialect(found, ""), lenient=True, lathe="A")
+    blocks = run(
+        file.read_text(encoding="utf-8"),
+        dialect=rules,
+        axes=machine.axis_names,
+        policy=ReadingPolicy(tool_lengths="zero"),
+    )
+    assert isinstance(blocks[-1], End)
+    points = np.vstack([block.points for block in blocks if isinstance(block, Polyline)])
+    for column, axis in enumerate(machine.axes.values()):
+        assert axis.travel is not None
+        assert axis.travel[0] <= points[:, column].min() <= points[:, column].max()
+        assert points[:, column].max() <= axis.travel[1]
+    # The finished shaft: radii 10, 13, 16 and 20 mm, and the thread's root at 9.08 mm.
+    assert {10.0, 13.0, 16.0, 20.0, 9.08} <= set(np.round(points[:, 0], 6))
 
 
 def test_auto_does_not_guess_what_x_means_on_a_lathe() -> None:

@@ -162,11 +162,7 @@ def _arc(start: complex, end: complex, center: complex, turns: float) -> Profile
         key=lambda angle: angle * spin,
     )
     points = [start, *(center + cmath.rect(radius, angle) for angle in angles), end]
-    return [
-        Piece(a, b, center, spin)
-        for a, b in pairwise(points)
-        if abs(b - a) > TINY
-    ]
+    return [Piece(a, b, center, spin) for a, b in pairwise(points) if abs(b - a) > TINY]
 
 
 def shifted(profile: Profile, by: complex) -> Profile:
