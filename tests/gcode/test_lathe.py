@@ -333,8 +333,8 @@ def test_the_shipped_program_turns_within_the_travel_of_the_shipped_lathe() -> N
         assert axis.travel is not None
         assert axis.travel[0] <= points[:, column].min() <= points[:, column].max()
         assert points[:, column].max() <= axis.travel[1]
-    # The finished shaft: radii 10, 13, 16 and 20 mm, and the thread's root at 9.08 mm.
-    assert {10.0, 13.0, 16.0, 20.0, 9.08} <= set(np.round(points[:, 0], 6))
+    # The finished shaft: radii 10, 13, 16 and 23 mm, and the thread's root at 9.08 mm.
+    assert {10.0, 13.0, 16.0, 23.0, 9.08} <= set(np.round(points[:, 0], 6))
 
 
 def test_auto_does_not_guess_what_x_means_on_a_lathe() -> None:
