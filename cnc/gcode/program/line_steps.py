@@ -80,13 +80,21 @@ class StepMaker:
             self._flow.new += 1
         return step
 
-    def end_of_file(self, line: int) -> None:
-        """End the program at the end of the text, which is before ``line``.
+    def end_of_file(self, line: int) -> int | None:
+        """End the program, or the file of a builder's code, at the end of the text.
+
+        Args:
+            line: The line after the last one.
+
+        Returns:
+            The line of the caller to continue at; None at the end of the program.
 
         Raises:
             GcodeError: The program is not complete.
         """
         flow = self._flow
+        if flow.frame.ends_with_file:
+            return flow.leave()
         if flow.frame.kind != "main":
             raise control_flow.not_ended(flow, "before the end of the file")
         flow.interpreter.end_of_file()
@@ -103,6 +111,7 @@ class StepMaker:
             )
             hint = "end it with M2 or M30, or put it between two lines of %"
             raise flow.listing.fault(at, "program-end-missing", message, hint)
+        return None
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
         if self._flow.has_modal:
