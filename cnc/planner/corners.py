@@ -205,10 +205,8 @@ class Overlaps:
             ends.t[:], ends.part[:] = 0.0, 1.0
             return plan.arrays, ends
         here = slice(count + 1)
-        changed = PlanArrays(
-            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
-        )
-        return changed, ends
+        states = (column[here] for column in (out.t, out.s, out.v, out.a))
+        return PlanArrays(plan.piece_s, *states, out.j[:count]), ends
 
 
 def path_arrays(path: PathChunk) -> PathArrays:

@@ -162,16 +162,13 @@ def choose(
         return STAY, chosen
     line1 = line_bounds(u[0], bound[k], limits)
     line2 = line_bounds(u[1], bound[k + 1], limits)
-    half1 = 0.5 * length1
-    half2 = 0.5 * length2
-    alone1, alone2 = alone
-    best = side_time(junction.speed, 0.0, length1, alone1, line1)
-    best += side_time(junction.speed, 0.0, length2, alone2, line2)
+    best = side_time(junction.speed, 0.0, length1, alone[0], line1)
+    best += side_time(junction.speed, 0.0, length2, alone[1], line2)
     choice = STAY
     eps = path.tolerance[k]
     if junction.speed == 0.0:
-        v1 = min(line1.v, reachable_speed(0.0, half1, line1.a, line1.j))
-        v2 = min(line2.v, reachable_speed(0.0, half2, line2.a, line2.j))
+        v1 = min(line1.v, reachable_speed(0.0, 0.5 * length1, line1.a, line1.j))
+        v2 = min(line2.v, reachable_speed(0.0, 0.5 * length2, line2.a, line2.j))
         t1 = ramp_shape(v1, line1.a, line1.j)[0]
         t2 = ramp_shape(v2, line2.a, line2.j)[0]
         part = common_jerk(u, turn, line1.j, line2.j, limits)
@@ -188,13 +185,12 @@ def choose(
     if turn.sine > SHARPEST:
         return choice, chosen
     best *= 1.0 - BETTER
-    longest = (ALONE_SHARE if alone1 else LEGS_SHARE) * length1
-    longest = min(longest, (ALONE_SHARE if alone2 else LEGS_SHARE) * length2)
+    longest = (ALONE_SHARE if alone[0] else LEGS_SHARE) * length1
+    longest = min(longest, (ALONE_SHARE if alone[1] else LEGS_SHARE) * length2)
     cosine = math.sqrt(1.0 - turn.sine * turn.sine)
     per_axis = False
     for i in range(len(limits.axis_jerk)):
         per_axis = per_axis or min(limits.axis_acceleration[i], limits.axis_jerk[i]) < math.inf
-    # With limits of an axis the bounds on a curve that swings take seven times as many intervals.
     largest = min(longest, largest_reach(eps, turn, 0.0 if per_axis else 1.0))
     for m in range(SIZES):
         blend = fitted_blend(largest * SMALLER**m, eps, turn)
@@ -207,14 +203,14 @@ def choose(
             reachable_speed(0.0, length1, line1.a, line1.j),
             reachable_speed(0.0, length2, line2.a, line2.j),
         )
-        time = side_time(slowest, 0.0, length1, alone1, line1)
-        time += side_time(slowest, 0.0, length2, alone2, line2)
+        time = side_time(slowest, 0.0, length1, alone[0], line1)
+        time += side_time(slowest, 0.0, length2, alone[1], line2)
         if per_axis:
             v = min(v, reachable_speed(0.0, length1 - d, line1.a, line1.j))
             v = min(v, reachable_speed(0.0, length2 - d, line2.a, line2.j))
             steady = 2.0 * d * (1.0 + 2.0 * cosine) / (3.0 * v)
-            steady += side_time(v, d, length1, alone1, line1)
-            time = max(time, steady + side_time(v, d, length2, alone2, line2))
+            steady += side_time(v, d, length1, alone[0], line1)
+            time = max(time, steady + side_time(v, d, length2, alone[1], line2))
         if time < best:
             best = time
             choice = BLEND
