@@ -31,13 +31,7 @@ from cnc.kernels.planner.overlap_stops import (
     overlap_size,
     overlap_stops,
 )
-from cnc.kernels.planner.overshoot import (
-    PHASES_OF_MOVE,
-    Ends,
-    choose_ends,
-    find_moves,
-    write_ends,
-)
+from cnc.kernels.planner.overshoot import PHASES_OF_MOVE, Ends, choose_ends, find_moves, write_ends
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
