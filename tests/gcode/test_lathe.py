@@ -240,6 +240,18 @@ def test_errors_of_a_lathe(code: str, source: str, words: str) -> None:
     assert found.column > 0
 
 
+def test_roughing_leaves_the_rounds_and_chamfers_of_the_profile() -> None:
+    profile = "N1 G0 X20.\nG1 Z-10.,R2. F0.1\nX30.,C1.\nN2 Z-20."
+    found = summaries(START + f"G71 P1 Q2 U0.4 D20. F0.3\n{profile}\nG70 P1 Q2")
+    # The finish is the profile; roughing follows it 0.2 mm away along X.
+    assert [row for row in found if row.startswith(("line", "arc"))] == [
+        "line 10.2 -8 F180", "arc zx -8 12.2 12.2 -10 2 -0.25 180", "line 14.2 -10 F180",
+        "line 15.2 -11 F180", "line 15.2 -20 F180",
+        "line 10 -8 F60", "arc zx -8 12 12 -10 2 -0.25 60", "line 14 -10 F60",
+        "line 15 -11 F60", "line 15 -20 F60",
+    ]  # fmt: skip
+
+
 def test_haas_needs_a_decimal_point_in_depths() -> None:
     with pytest.raises(GcodeError) as caught:
         summaries(START + "G71 P1 Q2 D2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "haas")

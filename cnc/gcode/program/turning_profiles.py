@@ -24,7 +24,7 @@ _MODES = "FSTMNG"
 """Letters of a cycle's line that are executed before the cycle."""
 _PATH_CODES = frozenset((0.0, 1.0, 2.0, 3.0, 4.0, 9.0, 18.0, 90.0, 91.0))
 """Codes of a profile that roughing cycles execute."""
-_PATH_LETTERS = frozenset("NGXZUWCRIKF")
+_PATH_LETTERS = frozenset((*"NGXZUWCRIKF", ",R", ",C", ",A"))
 
 
 def profile_cycle(line: int, statement: Statement, dialect: Dialect) -> ProfileCycle | None:
