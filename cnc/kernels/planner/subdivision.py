@@ -46,7 +46,7 @@ at two samples may be below it between them.
 
 REFINED = 2.0
 """The refinement may cross an interval this much faster than the bound that leaves acceleration for
-any direction, and no faster: the interval is cut for that speed, and its samples hold up to it.
+any direction. The interval is cut for that speed.
 """
 
 BENT_SHARE = 1.0 / 16.0
@@ -234,11 +234,10 @@ def chunk_intervals(
             while True:
                 sample(pieces, k, start, end, q)
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
-                top = min(top, REFINED * v)
                 if line or end - start <= SHORTEST:
                     break
                 spacing = (end - start) / (SAMPLES - 1)
-                if not bounds_vary(sampling, top, spacing, limits):
+                if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
                     break
                 end = start + 0.5 * (end - start)
             if end - start <= SHORTEST and (
