@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PROGRAM ?= programs/trident.nc
+# A process that has run out of tests takes some of another.
+PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
 .PHONY: run test quick soak bench lint docs picture firmware flash simulator clean
 
@@ -14,15 +16,15 @@ run: $(VENV)/installed
 # Everything that CI checks. The kernels are compiled once, before the tests share them.
 test: lint
 	$(BIN)/python -c 'from cnc.session.kernel_cache import ensure_compiled; ensure_compiled(None)'
-	$(BIN)/python -m pytest -n auto
+	$(PYTEST)
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.
 quick: lint
-	$(BIN)/python -m pytest -n auto tests/gcode tests/machine tests/model tests/outputs tests/report tests/checks
+	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report
 
 # The same tests with large amounts of work.
 soak: $(VENV)/installed-test
-	CNC_SOAK=1 $(BIN)/python -m pytest -n auto
+	CNC_SOAK=1 $(PYTEST)
 
 # The documentation site: build/site. A broken link is an error.
 docs: $(VENV)/installed-docs
@@ -40,6 +42,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python -m benchmarks.language
 	$(BIN)/python -m benchmarks.sampled
 	$(BIN)/python -m benchmarks.planner --whole
+	$(BIN)/python -m benchmarks.optimum_cases
 	$(BIN)/python -m benchmarks.segments
 	$(BIN)/python -m benchmarks.interpolators
 	$(BIN)/python -m benchmarks.checking

@@ -147,7 +147,7 @@ def scan_without_plain_lines(data: bytes, *, whole: bool) -> Scan:
     """Scan a text and mark every line for the grammar."""
     found = scan(data, whole=whole)
     found.lines.plain[: found.count] = 0
-    found.lines.straight[: found.count] = 0
+    found.lines.simple[: found.count] = 0
     return found
 
 

@@ -7,9 +7,12 @@ kernel compiles it. Positions of boards are kept in a temporary folder.
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support.soak import share
+
 settings.register_profile(
     "cnc",
     derandomize=True,
+    max_examples=share(100, 25),
     deadline=None,
     database=None,
     suppress_health_check=[HealthCheck.too_slow],

@@ -9,16 +9,17 @@ All printed lines but those of the machine file are comments of TOML. Therefore
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.port_report import grbl_report
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import PortLost, SystemClock
-from cnc.boards.serial_port import found_ports, open_port
+from cnc.boards.serial_port import BY_NUMBER, FoundPort, found_ports, open_port, port_of
 from cnc.boards.stepper.connection import BAUD, MIN_BAUD, Connection
 from cnc.boards.stepper.port_report import stepper_report
 from cnc.boards.stepper.protocol import Welcome
@@ -26,7 +27,7 @@ from cnc.model.diagnostics import BoardError
 
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """Codes of the faults at a port without a GRBL board."""
-HELLO_S = 1.0
+HELLO_S = 0.8
 """Timeout of a stepper board that is up already, because the queries for GRBL took seconds."""
 
 
@@ -37,6 +38,7 @@ class FoundBoard:
     Attributes:
         port: Name of the port.
         description: The operating system's description of the device.
+        serial_number: Serial number of the USB device; "" without one.
         info: Firmware and settings of a GRBL board.
         status: Status of a GRBL board.
         stepper: A stepper board's description of itself.
@@ -51,6 +53,12 @@ class FoundBoard:
     stepper: Welcome | None = None
     baud: int = 0
     fault: BoardError | None = None
+    serial_number: str = ""
+
+    @property
+    def lasting_port(self) -> str:
+        """Name of the port that stays the same when the board is plugged in elsewhere."""
+        return f"{BY_NUMBER}{self.serial_number}" if self.serial_number else self.port
 
 
 def probe_ports(ports: Sequence[str] = (), baud: int = 115200) -> list[FoundBoard]:
@@ -62,15 +70,26 @@ def probe_ports(ports: Sequence[str] = (), baud: int = 115200) -> list[FoundBoar
         ports: Names of the ports; all ports of this computer if there are none.
         baud: Speed of the ports, bits/s.
     """
-    known = {port.name: port.description for port in found_ports()}
-    names = list(ports) or list(known)
+    found = found_ports()
+    numbers = Counter(port.serial_number for port in found)
+    known = {port.name: port for port in found}
+    names = [port_of(name) for name in ports] or list(known)
     if not names:
         return []
     with ThreadPoolExecutor(len(names)) as pool:
-        return list(pool.map(lambda name: _probe(name, known.get(name, ""), baud), names))
+        probed = list(
+            pool.map(lambda name: _probe(name, known.get(name, FoundPort(name, "")), baud), names)
+        )
+    return [
+        replace(each, serial_number=port.serial_number)
+        if (port := known.get(each.port)) is not None and numbers[port.serial_number] == 1
+        else each
+        for each in probed
+    ]
 
 
-def _probe(name: str, description: str, baud: int) -> FoundBoard:
+def _probe(name: str, found: FoundPort, baud: int) -> FoundBoard:
+    description = found.description
     try:
         port = open_port(name, baud)
     except BoardError as error:
@@ -103,10 +122,11 @@ def port_report(found: FoundBoard, baud: int = 115200) -> Iterator[str]:
         found: The port and its board.
         baud: Speed of the port for the machine file, bits/s.
     """
-    yield f"# {found.port}  {found.description}".rstrip()
+    number = f"serial number {found.serial_number}" if found.serial_number else ""
+    yield "  ".join(each for each in (f"# {found.port}", found.description, number) if each)
     if found.stepper is not None:
         yield from stepper_report(found.port, found.stepper, found.baud)
     elif found.info is not None and found.status is not None:
-        yield from grbl_report(found.port, found.info, found.status, baud)
+        yield from grbl_report(found.lasting_port, found.info, found.status, baud)
     elif found.fault is not None:
         yield f"# {found.fault.diagnostic.message}"

@@ -35,7 +35,7 @@ class FileBoard:
         UsageError: ``can-not-write``, on the start, if the folder is not writable.
     """
 
-    traits = BoardTraits()
+    traits = BoardTraits(simulated=True)
 
     def __init__(
         self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0

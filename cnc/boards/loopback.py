@@ -35,7 +35,7 @@ class Loopback:
         fail_after: Rows after which the board reports a fault, for tests.
     """
 
-    traits = BoardTraits(has_port=False)
+    traits = BoardTraits(has_port=False, simulated=True)
 
     def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
         self.axes = axes

@@ -32,8 +32,11 @@ class Port(Protocol):
             PortLost: The connection is lost.
         """
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """Raise DTR and RTS if they are low: some boards send only then, others are reset.
+
+        Returns:
+            Whether they were low.
 
         Raises:
             PortLost: The connection is lost.

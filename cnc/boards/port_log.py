@@ -43,10 +43,10 @@ class LoggedPort:
                 self._log_line("->", line)
         self.port.write(data)
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """Raise DTR and RTS; see :meth:`Port.raise_lines`."""
         self._log.debug("%s: raise DTR and RTS", self._name)
-        self.port.raise_lines()
+        return self.port.raise_lines()
 
     def close(self) -> None:
         """Close the connection."""

@@ -75,10 +75,12 @@ class BoardTraits:
     Attributes:
         has_port: The board is found at a port, so that ``--port`` can name one.
         takes_lines: The board takes G-code lines and plans its motion itself.
+        simulated: No machine moves: the board is a model, or writes a file.
     """
 
     has_port: bool = True
     takes_lines: bool = False
+    simulated: bool = False
 
 
 class Board(Protocol):
@@ -217,6 +219,25 @@ class LineSink(Board, Protocol):
     @property
     def position(self) -> tuple[float, ...]:
         """Machine position of each axis in mm (degrees), as last reported."""
+
+    @property
+    def homed_position(self) -> tuple[float, ...]:
+        """Machine position of each axis in mm (degrees) after homing, by the board's settings."""
+
+    @property
+    def ceiling(self) -> float | None:
+        """Highest machine position of Z that keeps clear of its limit switch, mm.
+
+        None for a machine without switches.
+        """
+
+    @property
+    def holds(self) -> bool:
+        """Whether a hold has come to rest, as last reported."""
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the machine itself holds, and how to go on; "" if it does not."""
 
     @property
     def moving_line(self) -> int:

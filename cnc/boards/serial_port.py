@@ -2,7 +2,8 @@
 
 A port has the name that the operating system gives it (``/dev/ttyUSB0``, ``COM3``, a
 pseudo-terminal), or it is one of pyserial's URLs (``socket://host:port``, ``loop://``,
-``rfc2217://..``): pyserial documentation, "URL Handlers".
+``rfc2217://..``): pyserial documentation, "URL Handlers". ``usb:NUMBER`` is the port of the USB
+device with this serial number, whatever name it has now.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 WRITE_TIMEOUT = 2.0
 """Time after which a connection that accepts no bytes counts as lost, s."""
 READ_SIZE = 4096
+BY_NUMBER = "usb:"
+"""Begin of the name of a port by the serial number of its device."""
 MISSING_ERRORS = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 TAKEN_ERRORS = (errno.EBUSY, errno.EWOULDBLOCK)
 LINES_LOW = sys.platform == "win32"
@@ -34,10 +37,17 @@ LINES_LOW = sys.platform == "win32"
 
 @dataclass(frozen=True, slots=True)
 class FoundPort:
-    """A port of this computer: its name, and the operating system's description of the device."""
+    """A port of this computer.
+
+    Attributes:
+        name: Its name.
+        description: The operating system's description of the device.
+        serial_number: Serial number of the USB device; "" without one.
+    """
 
     name: str
     description: str
+    serial_number: str = ""
 
 
 class SerialLink:
@@ -103,15 +113,20 @@ class SerialLink:
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """Raise DTR and RTS if :func:`open_port` left them low.
+
+        Returns:
+            Whether they were low.
 
         Raises:
             PortLost: The connection is lost.
         """
         try:
-            if not self._serial.dtr:
+            low = not self._serial.dtr
+            if low:
                 self._serial.dtr = self._serial.rts = True
+            return low
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
@@ -138,6 +153,7 @@ def open_port(name: str, baud: int) -> SerialLink:
     """
     import serial
 
+    name = port_of(name)
     try:
         opened = serial.serial_for_url(
             name,
@@ -156,6 +172,29 @@ def open_port(name: str, baud: int) -> SerialLink:
     return SerialLink(name, opened)
 
 
+def port_of(name: str) -> str:
+    """Return the present name of a port that is named by its serial number; others stay.
+
+    Raises:
+        BoardError: ``no-such-port`` if no device, or more than one, has the number.
+    """
+    if not name.startswith(BY_NUMBER):
+        return name
+    number = name.removeprefix(BY_NUMBER)
+    ports = found_ports()
+    names = [port.name for port in ports if port.serial_number == number]
+    if len(names) == 1:
+        return names[0]
+    numbers = ", ".join(
+        f"{port.serial_number} ({port.name})" for port in ports if port.serial_number
+    )
+    if names:
+        message = f"several devices have the serial number {number}: {', '.join(names)}"
+        raise board_error("no-such-port", message, hint="name one of these ports instead")
+    hint = f"numbers at this computer: {numbers}" if numbers else "is the board plugged in?"
+    raise board_error("no-such-port", f"no device has the serial number {number}", hint=hint)
+
+
 def identity(name: str) -> str:
     """Return an identity of the board at a port: its USB serial number, else the name of the port.
 
@@ -163,6 +202,8 @@ def identity(name: str) -> str:
     """
     if "://" in name:
         return name
+    if name.startswith(BY_NUMBER):
+        return f"usb {name.removeprefix(BY_NUMBER)}"
     from serial.tools.list_ports import comports
 
     port = os.path.realpath(name) if os.path.exists(name) else name
@@ -190,7 +231,10 @@ def found_ports() -> list[FoundPort]:
     from serial.tools.list_ports import comports
 
     return sorted(
-        (FoundPort(each.device, each.description or "") for each in comports()),
+        (
+            FoundPort(each.device, each.description or "", each.serial_number or "")
+            for each in comports()
+        ),
         key=lambda port: port.name,
     )
 

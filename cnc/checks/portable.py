@@ -19,6 +19,7 @@ from cnc.gcode.dialects import NAMES
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Block, Polyline
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
+from cnc.model.motion_commands import apart
 from cnc.model.units import per_minute
 
 Reader = Callable[[str, Text], Iterator[Block]]
@@ -187,7 +188,7 @@ class Difference(NamedTuple):
 def _differences(source: ProgramText, dialect: str, other: str) -> Iterator[GcodeError]:
     """Yield the differing lines, each once, up to the first different position."""
     reported: set[tuple[str, int]] = set()
-    for found in _compared(source.blocks(dialect), source.blocks(other)):
+    for found in _compared(apart(source.blocks(dialect)), apart(source.blocks(other))):
         if (found.file, found.line) not in reported:
             reported.add((found.file, found.line))
             if not (found.theirs and found.ours):
@@ -260,9 +261,9 @@ def _part(block: Polyline, begin: int, end: int) -> Polyline:
 
 def _moves_compared(mine: Polyline, other: Polyline) -> Iterator[Difference]:
     """Yield the first different position of as many straight moves, and a different feed before."""
-    apart = (mine.lines != other.lines) | (np.abs(mine.points - other.points).max(axis=1) > SAME)
-    apart |= np.isnan(mine.feeds) != np.isnan(other.feeds)
-    first = int(np.argmax(apart)) if apart.any() else len(apart)
+    differ = (mine.lines != other.lines) | (np.abs(mine.points - other.points).max(axis=1) > SAME)
+    differ |= np.isnan(mine.feeds) != np.isnan(other.feeds)
+    first = int(np.argmax(differ)) if differ.any() else len(differ)
     feeds = np.abs(mine.feeds[:first] - other.feeds[:first]) > SAME
     if feeds.any():
         row = int(np.argmax(feeds))
@@ -270,7 +271,7 @@ def _moves_compared(mine: Polyline, other: Polyline) -> Iterator[Difference]:
             f"{per_minute(float(block.feeds[row])):.6g} mm/min" for block in (other, mine)
         )
         yield Difference(mine.file, int(mine.lines[row]), f"a feed of {theirs}", ours, False)
-    if first < len(apart):
+    if first < len(differ):
         theirs, ours = _move(other, first), _move(mine, first)
         yield Difference(mine.file, int(mine.lines[first]), theirs, ours, True)
 

@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.settings_command import settings
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -47,6 +48,7 @@ app = App(
 )
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
+app.command(settings)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -238,9 +240,13 @@ def boards(
     """
     terminal.open_log()
     from cnc.boards.discovery import port_report, probe_ports
+    from cnc.boards.serial_port import identity
+    from cnc.session.kept_offsets import write_offsets
 
     found = probe_ports(ports, baud)
     for each in found:
+        if each.info is not None:
+            write_offsets(identity(each.port), each.info.named_places())
         print(*port_report(each, baud), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")
@@ -317,8 +323,11 @@ def papers(
 @app.command
 def schema(
     document: Annotated[
-        Literal["machine", "summary"],
-        Parameter(help="machine: the machine file. summary: the summary that --json writes."),
+        Literal["machine", "summary", "checkpoint"],
+        Parameter(
+            help="machine: the machine file. summary: the summary that --json writes. "
+            "checkpoint: the file that a run keeps beside its program."
+        ),
     ],
     /,
 ) -> int:
@@ -327,9 +336,14 @@ def schema(
 
     from cnc.machine.schema import machine_schema
     from cnc.report.models import summary_schema
+    from cnc.session.checkpoint import checkpoint_schema
 
-    found = machine_schema() if document == "machine" else summary_schema()
-    print(json.dumps(found, indent=2, ensure_ascii=False))
+    schemas = {
+        "machine": machine_schema,
+        "summary": summary_schema,
+        "checkpoint": checkpoint_schema,
+    }
+    print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
     return 0
 
 

@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -62,7 +63,7 @@ class Keyboard:
             message = "there is no terminal to ask whether to begin like this"
             hint = "run it in a terminal, or with --yes"
             raise UsageError(Diagnostic("needs-yes", message, hint=hint))
-        print("press y to begin, any other key to end: ", end="", file=sys.stderr, flush=True)
+        print("press y to go on, any other key to end: ", end="", file=sys.stderr, flush=True)
         self._answers = SimpleQueue()
         answer = self._answers.get()
         self._answers = None
@@ -146,6 +147,10 @@ def _read_file(file: int) -> str:
     """Return the keys of a POSIX terminal. Raises OSError if it is gone."""
     import select
 
+    # A process in the background that read the terminal would be stopped.
+    if not _in_foreground(file):
+        time.sleep(POLL)
+        return ""
     if not select.select([file], [], [], POLL)[0]:
         return ""
     keys = os.read(file, 64)
@@ -154,10 +159,16 @@ def _read_file(file: int) -> str:
     return keys.decode("latin-1")
 
 
+def _in_foreground(file: int) -> bool:
+    try:
+        return os.tcgetpgrp(file) == os.getpgrp()
+    except OSError:
+        # It is not the terminal of this session, so nothing stops its readers.
+        return True
+
+
 def _read_console() -> str:
     """Return the keys of a Windows console."""
-    import time
-
     if sys.platform == "win32":
         import msvcrt
 

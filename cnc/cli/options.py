@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 from cyclopts import Parameter, validators
 
 from cnc.cli.log_output import open_log
-from cnc.model.choices import Algorithm, DialectName, Interpolator
+from cnc.model.choices import Algorithm, DialectName, Interpolator, ToolLengths, UnknownCodes
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 if TYPE_CHECKING:
@@ -127,6 +127,34 @@ class CommonOptions:
         output("Write the planned motion as lines for a GRBL board to FILE.nc or FILE.gcode."),
     ] = None
     json: Annotated[str | None, output("Write the summary to FILE.json.")] = None
+    tool_lengths: Annotated[
+        ToolLengths | None,
+        option(
+            "Without a tool table: refuse G43 H and G41 D (table), or take lengths and radii as 0 "
+            "with a warning (zero); by default zero, but table where a machine moves."
+        ),
+    ] = None
+    unknown_codes: Annotated[
+        UnknownCodes,
+        option("M-codes that no dialect knows: an error, or a warning and no effect."),
+    ] = "error"
+    default_feed: Annotated[
+        float | None,
+        Parameter(
+            help="Feed before the first F word of the program, mm/min; by default a feed move "
+            "without F is an error.",
+            validator=validators.Number(gt=0),
+        ),
+    ] = None
+    block_delete: Annotated[
+        tuple[int, ...],
+        Parameter(
+            help="Switch of block delete that is on, 1 to 9: skip the lines that begin with / (1) "
+            "or /2; may be given several times.",
+            validator=validators.Number(gte=1, lte=9),
+            negative="",
+        ),
+    ] = ()
     terminal: TerminalOptions = field(default_factory=TerminalOptions)
 
     def prepare(
@@ -157,6 +185,10 @@ class CommonOptions:
             interpolator=self.interpolator,
             algorithm=self.algorithm,
             feed_override=self.feed_override,
+            tool_lengths=self.tool_lengths,
+            unknown_codes=self.unknown_codes,
+            default_feed=self.default_feed,
+            block_delete=frozenset(self.block_delete),
             outputs=Outputs(*self._outputs, picture=picture),  # type: ignore[arg-type]
             **others,  # type: ignore[arg-type]
         )

@@ -1,14 +1,13 @@
-"""Progress of a program on the terminal, and the treatment of Ctrl-C."""
+"""Progress of a program on the terminal."""
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cnc.cli.keyboard import HELP
+from cnc.cli.signals import OperatorSignals
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
 
@@ -20,18 +19,14 @@ if TYPE_CHECKING:
 
 
 class ProgressDisplay:
-    """Shows the progress of a program, and handles Ctrl-C and termination signals.
-
-    Before any motion, a signal ends the program. During motion, the first signal requests a stop,
-    and the second ends the program at once.
-    """
+    """Shows the progress of a program, and serves signals (:mod:`cnc.cli.signals`)."""
 
     def __init__(self, control: Control, *, quiet: bool) -> None:
         self._quiet = quiet
         self._control = control
         self._bar: _ProgressBar | None = None
-        self._moving = self._held = False
-        self._before: dict[signal.Signals, Any] = {}
+        self._held = False
+        self._signals = OperatorSignals(control)
 
     def callbacks(self) -> Callbacks:
         """Return the callbacks that keep the display up to date."""
@@ -55,11 +50,7 @@ class ProgressDisplay:
             print(f"{diagnostic.severity}: {diagnostic.render()}", file=sys.stderr)
 
     def __enter__(self) -> ProgressDisplay:
-        if threading.current_thread() is threading.main_thread():
-            self._before = {
-                each: signal.signal(each, self._on_signal)
-                for each in (signal.SIGINT, signal.SIGTERM)
-            }
+        self._signals.__enter__()
         if not self._quiet and sys.stderr.isatty():
             self._bar = _ProgressBar()
         return self
@@ -67,11 +58,10 @@ class ProgressDisplay:
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
-        for each, handler in self._before.items():
-            signal.signal(each, handler)
+        self._signals.__exit__()
 
     def _on_progress(self, stage: Stage, done: int, total: int | None) -> None:
-        self._moving = stage == "running"
+        self._signals.moving = stage == "running"
         if self._bar is not None:
             self._bar.update(stage, done, total)
 
@@ -79,9 +69,11 @@ class ProgressDisplay:
         if self._bar is not None:
             self._bar.note = self._status(sent)
         if sent.held and not self._held and not self._quiet:
-            reason = f" ({sent.hold_reason})" if sent.hold_reason else ""
-            print(f"held at line {sent.line}{reason}; {HELP}", file=sys.stderr, flush=True)
+            place = f"{sent.hold_reason}, line" if sent.hold_reason else "held at line"
+            print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
+        if sent.at_rest:
+            self._signals.at_rest()
 
     def _status(self, sent: Sent) -> str:
         """Return the position, the time left, the backlog and the operator's requests."""
@@ -98,15 +90,6 @@ class ProgressDisplay:
         if self._control.feed_override != 100.0:
             words.append(f"{self._control.feed_override:g} %")
         return "  ".join([*words, *(["held"] if sent.held else [])])
-
-    def _on_signal(self, *_: object) -> None:
-        if not self._moving:
-            raise KeyboardInterrupt("stopped by the operator; nothing has moved")
-        if self._control.stopped:
-            raise KeyboardInterrupt(
-                "stopped by the operator at once; the position is lost, so home the machine"
-            )
-        self._control.stop()
 
 
 def print_compiling() -> None:

@@ -134,11 +134,15 @@ class _Stream:
         control: Control,
         on_progress: Callable[[Progress], None] | None,
         on_line: Callable[[GcodeLine], None] | None,
+        pause_text: Callable[[Block], str] | None,
     ) -> None:
         self.board = board
         self.control = control
         self.on_progress = on_progress
         self.on_line = on_line
+        self.pause_text = pause_text
+        self.pause: Block | None = None
+        self.text: tuple[Block | None, str] = (None, "")
         self.clock = 0.0
         self.sent = 0
         self.file = ""
@@ -148,7 +152,10 @@ class _Stream:
         """Pass on a report of the board."""
         if self.on_progress is not None:
             board = self.board
-            line = board.confirmed_line
+            line, reason = board.confirmed_line, board.hold_reason
+            if self.pause is not None and self.control.held and not self.differing():
+                # The board has not answered M0 yet.
+                line, reason = self.pause.line, reason or self.text_of(self.pause)
             now = Progress(
                 self.clock,
                 line,
@@ -156,10 +163,18 @@ class _Stream:
                 self.control.held,
                 board.position,
                 board.buffered,
+                hold_reason=reason,
                 file=self.file,
                 at=board.moving_line,
+                at_rest=self.control.held and board.holds,
             )
             self.on_progress(now)
+
+    def text_of(self, pause: Block) -> str:
+        """Return what a pause asks of the operator."""
+        if self.text[0] is not pause:
+            self.text = pause, "" if self.pause_text is None else self.pause_text(pause)
+        return self.text[1]
 
     def step(self, step: Step) -> None:
         """Send a step, and carry out its block."""
@@ -169,9 +184,13 @@ class _Stream:
         if block is None or self.control.stopped:
             return
         # The board continues after a pause only when the operator resumes.
+        self.pause = block if isinstance(block, Stop | Tool) else None
         answer = self.board.execute(block, round(self.clock * 1e9))
+        self.pause = None
         if isinstance(block, Probe):
             block.answer.values = answer
+        elif isinstance(block, BoardCommand) and block.homes:
+            block.answer.values = self.board.position
         elif isinstance(block, BoardCommand):
             self.compare()
 
@@ -191,24 +210,34 @@ class _Stream:
         Raises:
             BoardError: ``position-differs``.
         """
-        wanted, board = self.wanted, self.board
-        if wanted is None or self.control.stopped or board.check_only:
+        if self.control.stopped or self.board.check_only:
             return
-        for letter, planned, reported, step in zip(
-            "XYZ", wanted, board.position, board.resolution, strict=False
-        ):
-            if abs(planned - reported) > step + POSITION_ROUNDING:
-                message = (
-                    f"the board is at {letter}{reported:.3f}, "
-                    f"but the program ends at {letter}{planned:.3f}"
-                )
-                hint = (
-                    "bytes were lost, or the board lost its position: "
-                    "check the part, and home the machine"
-                )
-                raise board_error(
-                    "position-differs", message, line=self.board.confirmed_line, hint=hint
-                )
+        for letter, planned, reported in self.differing():
+            message = (
+                f"the board is at {letter}{reported:.3f}, "
+                f"but the program ends at {letter}{planned:.3f}"
+            )
+            hint = (
+                "bytes were lost, or the board lost its position: "
+                "check the part, and home the machine"
+            )
+            raise board_error(
+                "position-differs", message, line=self.board.confirmed_line, hint=hint
+            )
+
+    def differing(self) -> list[tuple[str, float, float]]:
+        """Return letter, planned and reported position of the axes that are not where they end."""
+        return [
+            (letter, planned, reported)
+            for letter, planned, reported, step in zip(
+                "XYZ",
+                self.wanted or (),
+                self.board.position,
+                self.board.resolution,
+                strict=False,
+            )
+            if abs(planned - reported) > step + POSITION_ROUNDING
+        ]
 
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
@@ -225,6 +254,7 @@ def stream(
     on_progress: Callable[[Progress], None] | None = None,
     on_line: Callable[[GcodeLine], None] | None = None,
     afterwards: Callable[[], Iterable[GcodeLine]] | None = None,
+    pause_text: Callable[[Block], str] | None = None,
 ) -> LineOutcome:
     """Run a program on a line board.
 
@@ -238,6 +268,7 @@ def stream(
         on_progress: Called after each report of the board.
         on_line: Called with each line sent.
         afterwards: Gives lines to send after the program, when the position has been checked.
+        pause_text: Gives the text for the operator at a pause of the program.
 
     Returns:
         The result of the run.
@@ -247,7 +278,7 @@ def stream(
             that of the fault, else the last one that the board has accepted.
     """
     control = control or Control()
-    run = _Stream(board, control, on_progress, on_line)
+    run = _Stream(board, control, on_progress, on_line, pause_text)
     try:
         board.connect_operator(control, run.report)
         board.start(np.zeros(board.capabilities.axes, np.int64))

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
-from cnc.model.blocks import Abort, Block, End, Held, Probe, WaitInput
+from cnc.executor.motion_commands import CommandsInMotion
+from cnc.model.blocks import Abort, Block, End, Held, Probe, Spindle, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
@@ -70,6 +71,7 @@ class Progress:
         ahead: Motion that the board has not played yet, s.
         file: Program of the last motion sent.
         at: Line that the motion has reached with certainty, 0 if none is known.
+        at_rest: Whether a hold has come to rest.
     """
 
     time: float
@@ -83,6 +85,7 @@ class Progress:
     ahead: float | None = None
     file: str = ""
     at: int = 0
+    at_rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +122,8 @@ class _Run:
         interpolator: PulseInterpolator,
         on_pulses: Callable[[PulseChunk], None] | None,
         on_progress: Callable[[Progress], None] | None,
+        *,
+        laser: bool,
     ) -> None:
         self.board = board
         self.interpolator = interpolator
@@ -129,15 +134,25 @@ class _Run:
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
+        self.laser = laser
+        self.beam: Spindle | None = None
         self.at_rest = True
         self.playing = board if isinstance(board, PlaysAhead) else None
+        self._commands = CommandsInMotion(self.carry_out)
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
+
+    def carry_out(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
+        """Let the board carry out a block at a time of the program, ns."""
+        if self.laser and isinstance(block, Spindle):
+            self.beam = block
+        return self.board.execute(block, time_ns)
 
     def command(self, block: Block) -> None:
         """Send a block, which the board carries out after the motion before it."""
         self.settle_probe()
+        self._commands.finish()
         self.file = block.file
-        reply = self.board.execute(block, round(self.clock.seconds * 1e9))
+        reply = self.carry_out(block, round(self.clock.seconds * 1e9))
         if isinstance(block, WaitInput):
             block.answer.values = reply
         elif isinstance(block, Probe):
@@ -149,15 +164,26 @@ class _Run:
     def motion(self, chunk: PlanChunk, control: Control | None = None) -> None:
         """Send a chunk of the plan until ``control`` stops the run."""
         self.file = chunk.path.file
+        self._commands.add(chunk)
         self.send(self.interpolator.pulses(chunk), control)
         self.clock.add(chunk)
 
     def hold(self, block: Held, control: Control | None) -> None:
-        """Wait until the operator resumes or stops the run; ``on_progress`` may do so at once."""
-        self.board.execute(block, round(self.clock.seconds * 1e9))
+        """Wait until the operator resumes or stops the run; ``on_progress`` may do so at once.
+
+        The beam of a laser is off meanwhile.
+        """
+        self._commands.finish()
+        now_ns = round(self.clock.seconds * 1e9)
+        beam = self.beam if self.beam is not None and self.beam.state != "off" else None
+        if beam is not None:
+            self.board.execute(replace(beam, state="off", rpm=0.0), now_ns)
+        self.board.execute(block, now_ns)
         self._report(held=True, reason=block.reason)
         if control is not None:
             control.wait()
+        if beam is not None and not (control is not None and control.stopped):
+            self.board.execute(beam, now_ns)
 
     def settle_probe(self) -> None:
         """Store the answer of a probe whose motion has ended.
@@ -189,7 +215,7 @@ class _Run:
 
     def send(self, chunks: Iterable[PulseChunk], control: Control | None = None) -> None:
         """Send pulses until ``control`` stops the run."""
-        for pulses in chunks:
+        for pulses in self._commands.among(chunks):
             if control is not None and control.stopped:
                 return
             self.board.send(pulses)
@@ -201,6 +227,11 @@ class _Run:
                 self.line = int(pulses.line[-1])
                 self.clock.seconds = float(pulses.time_ns[-1]) * 1e-9
             self._report()
+
+    def settle(self) -> None:
+        """Send the last pulses and commands of the path."""
+        self.send(self.interpolator.settle())
+        self._commands.finish()
 
     def outcome(self, *, stopped: bool) -> Outcome:
         return Outcome(
@@ -222,6 +253,7 @@ class _Run:
             hold_reason=reason,
             file=self.file,
             at=self.line,
+            at_rest=held,
         )
         if self.playing is not None:
             state = self.playing.motion_state
@@ -240,6 +272,7 @@ def execute(
     on_progress: Callable[[Progress], None] | None = None,
     control: Control | None = None,
     ramp_down: Callable[[], Iterable[PlanChunk]] | None = None,
+    laser: bool = False,
 ) -> Outcome:
     """Run a plan on a pulse board.
 
@@ -260,6 +293,7 @@ def execute(
         on_progress: Called with the progress; may make requests to ``control``.
         control: Requests of the operator.
         ramp_down: Gives the motion to rest from the end of the last chunk.
+        laser: The spindle is the beam of a laser, which is off during a hold.
 
     Returns:
         The result of the run.
@@ -268,7 +302,7 @@ def execute(
         BoardError: The board failed. The source line is that of the fault, else that of the last
             motion that the board has accepted.
     """
-    run = _Run(board, interpolator, on_pulses, on_progress)
+    run = _Run(board, interpolator, on_pulses, on_progress, laser=laser)
     try:
         if control is not None and isinstance(board, HasButtons):
             board.connect_operator(control)
@@ -319,11 +353,11 @@ def _run_program(
         elif isinstance(item, Abort):
             # The next item raises the fault; by then the board must be idle.
             run.settle_probe()
-            run.send(run.interpolator.settle())
+            run.settle()
             board.finish()
         else:
             if isinstance(item, End):
-                run.send(run.interpolator.settle())
+                run.settle()
             run.command(item)
     if control is not None and control.stopped:
         if ramp_down is not None and not run.at_rest:
@@ -331,7 +365,7 @@ def _run_program(
                 run.motion(chunk)
         board.stop()
         return run.outcome(stopped=True)
-    run.send(run.interpolator.settle())
+    run.settle()
     board.finish()
     return run.outcome(stopped=False)
 

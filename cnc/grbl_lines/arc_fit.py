@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.grbl_lines.moves import Move, PlaneArc
 from cnc.grbl_lines.path_samples import NO_ARC, PathSamples
 from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.kernels.grbl_lines.arc_fit import STRAIGHT, FitLimits, fit_fewest
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+SAME_LINE = math.cos(math.radians(0.05))
+"""Cosine above which two straight moves count as one line."""
 
 
 def fit_moves(
@@ -33,10 +42,11 @@ def fit_moves(
     count = fit_fewest(samples.points, samples.cuts(), may_turn, limits, end, plane, arc)
     end, plane, arc = end[:count], plane[:count], arc[:count]
     first = np.concatenate(([0], end[:-1]))
+    straight = (plane == STRAIGHT) & (samples.arc[end - 1] == NO_ARC)
     columns = (
         samples.points[end].tolist(),
         first.tolist(),
-        np.maximum.reduceat(samples.speed, first).tolist(),
+        _speeds(samples, first, end, straight).tolist(),
         samples.feed[end - 1].tolist(),
         samples.line[end - 1].tolist(),
         samples.rest[end].tolist(),
@@ -44,6 +54,7 @@ def fit_moves(
         plane.tolist(),
         arc.tolist(),
     )
+    commands = samples.commands
     for (x, y, z), begin, speed, feed, line, rests, programmed, kind, (cx, cy, sweep) in zip(
         *columns, strict=True
     ):
@@ -51,4 +62,26 @@ def fit_moves(
             used: PlaneArc | None = samples.arcs[programmed]
         else:
             used = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
-        yield Move((x, y, z), used, begin, speed, feed, line, rests)
+        carried = () if commands is None else commands[begin] or ()
+        yield Move((x, y, z), used, begin, speed, feed, line, rests, carried)
+
+
+def _speeds(samples: PathSamples, first: Ints, end: Ints, straight: Flags) -> Floats:
+    """Return the highest planned speed along each move, mm/s.
+
+    Straight moves that continue each other are like one: the board makes its own ramps on them.
+    """
+    speeds: Floats = np.maximum.reduceat(samples.speed, first)
+    steps = samples.points[end] - samples.points[first]
+    lengths = np.linalg.norm(steps, axis=1)
+    feeds = np.nan_to_num(samples.feed[end - 1], nan=-1.0)
+    continued = (
+        straight[1:]
+        & straight[:-1]
+        & ~samples.rest[first[1:]]
+        & (feeds[1:] == feeds[:-1])
+        & (np.einsum("ij,ij->i", steps[1:], steps[:-1]) >= SAME_LINE * lengths[1:] * lengths[:-1])
+    )
+    starts = np.flatnonzero(np.concatenate(([True], ~continued)))
+    highest = np.maximum.reduceat(speeds, starts)
+    return np.repeat(highest, np.diff(np.append(starts, len(speeds))))

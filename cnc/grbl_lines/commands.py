@@ -66,6 +66,17 @@ class CommandLines:
         for text, effect in self._commands(block):
             yield GcodeLine(text, block.line, effect)
 
+    def power(self, block: Block) -> str | None:
+        """Return the S word of a command that changes a laser's power in motion.
+
+        Returns:
+            None for another block; "" where the power stays.
+        """
+        if not isinstance(block, Spindle) or not block.with_motion or block.state != self._spindle:
+            return None
+        changed, self._rpm = block.rpm != self._rpm, block.rpm
+        return f"S{number(block.rpm, 3)}" if changed else ""
+
     def _commands(self, block: Block) -> Iterator[Command]:
         match block:
             case Message(text=text):
@@ -108,7 +119,8 @@ class CommandLines:
         elif block.state != self._spindle:
             yield f"{'M3' if block.state == 'cw' else 'M4'} S{number(block.rpm, 3)}", REST
         elif block.rpm != self._rpm:
-            yield f"S{number(block.rpm, 3)}", MODES
+            # GRBL comes to rest for a new speed, and with an S that stands alone for a new power.
+            yield f"S{number(block.rpm, 3)}", REST
         self._spindle, self._rpm = block.state, block.rpm
 
     def _coolant_commands(self, block: Coolant) -> Iterator[Command]:

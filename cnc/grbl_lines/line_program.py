@@ -11,13 +11,14 @@ translation with a GcodeError at its line, before anything has moved.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.number_format import LETTERS
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
@@ -28,7 +29,7 @@ from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LineProgram:
     """A program that is translated for any machine of a kind.
 
@@ -37,12 +38,14 @@ class LineProgram:
         start: Position of the machine before the program (axes,), mm.
         parameters: Parameters with which the program is read; lines are relative to their G54.
         extent: Lowest and highest coordinate of each axis in the program, mm.
+        lowered: Feeds that the lines lower, once they have been made.
     """
 
     machine: Machine
     start: NDArray[np.float64]
     parameters: Mapping[int, float]
     extent: Mapping[str, tuple[float, float]]
+    lowered: LoweredFeeds = field(default_factory=LoweredFeeds)
 
     def lines(self, blocks: Iterable[Block]) -> Iterator[GcodeLine]:
         """Yield the lines of a whole program."""
@@ -53,6 +56,7 @@ class LineProgram:
             if letter in self.extent and self.extent[letter][0] < self.extent[letter][1]
         )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
+        self.lowered = translator.lowered
         path = smooth_path(
             blocks, axes=machine.axis_names, start=self.start, tolerance=translator.tolerance
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cnc.model.blocks import Block
+
 Point = tuple[float, float, float]
 
 
@@ -37,6 +39,7 @@ class Move:
         feed: Programmed feed, mm/s; NaN for a traverse.
         line: Source line of the end.
         rests: Whether the motion comes to rest at the end.
+        commands: Commands that take effect at the begin of the move, in motion.
     """
 
     end: Point
@@ -46,3 +49,4 @@ class Move:
     feed: float
     line: int
     rests: bool
+    commands: tuple[Block, ...] = ()

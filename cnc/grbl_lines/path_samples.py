@@ -5,8 +5,8 @@ r"""Dense samples of the path of a plan, with speed, feed and source line of eac
             curve         arc
 
 Lines must meet exactly at a cut: at corners, at rests, between traverse and feed, where the
-programmed feed changes, and at both ends of a programmed arc, which is one interval whatever its
-length. All other points may be passed within the tolerance.
+programmed feed changes, at commands that go with the motion, and at both ends of a programmed arc,
+which is one interval whatever its length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
 tolerance. The planned speed of an interval is the highest speed of the plan there.
@@ -25,6 +25,7 @@ from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
 from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
 from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.motion_commands import Commands, command_array, joined, places_of
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
 
@@ -53,6 +54,7 @@ class PathSamples:
         line: Source line of each interval (k,).
         arc: Index in ``arcs`` of the programmed arc of each interval (k,), or NO_ARC.
         arcs: The programmed arcs.
+        commands: Commands that take effect at the start of an interval (k,); None without any.
     """
 
     points: Floats
@@ -62,6 +64,7 @@ class PathSamples:
     line: NDArray[np.int32]
     arc: NDArray[np.int64]
     arcs: tuple[PlaneArc, ...]
+    commands: Commands | None = None
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -73,8 +76,9 @@ class PathSamples:
             **{
                 field.name: getattr(self, field.name)[first:]
                 for field in fields(self)
-                if field.name != "arcs"
+                if field.name not in ("arcs", "commands")
             },
+            commands=None if self.commands is None else self.commands[first:],
         )
 
     @staticmethod
@@ -91,6 +95,7 @@ class PathSamples:
             np.concatenate((before.line, after.line)),
             np.concatenate((before.arc, arc)),
             before.arcs + after.arcs,
+            joined(((before.commands, len(before)), (after.commands, len(after)))),
         )
 
     def cuts(self) -> Flags:
@@ -106,6 +111,7 @@ class PathSamples:
         arcs = self.arc != NO_ARC
         feed = np.nan_to_num(self.feed, nan=-1.0)
         cut[1:-1] |= turned | arcs[1:] | arcs[:-1] | (feed[1:] != feed[:-1])
+        cut[places_of(self.commands)] = True
         return cut
 
 
@@ -207,6 +213,17 @@ class PathSampler:
             line=path.line[each],
             arc=np.repeat(np.array(arc), counts),
             arcs=tuple(arcs),
+            commands=self._commands(path, first, counts),
+        )
+
+    def _commands(self, path: PathChunk, first: int, counts: list[int]) -> Commands | None:
+        """Return the commands of pieces from ``first`` on, each at its first interval."""
+        if path.commands is None:
+            return None
+        starts = np.cumsum([0, *counts])
+        carried = path.commands[first : first + len(counts)]
+        return command_array(
+            int(starts[-1]), {int(starts[k]): carried[k] for k in places_of(carried)}
         )
 
     def _ends(self, path: PathChunk, k: int) -> Floats:

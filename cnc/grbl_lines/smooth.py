@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.blocks import Block, PathMode, Polyline
+from cnc.model.motion_commands import goes_with_motion, places_of
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 
@@ -69,7 +70,9 @@ def _smoothing(blocks: Iterable[Block], start: Floats, tolerance: float) -> Iter
     exact_stop = False
     position = start
     for block in blocks:
-        if isinstance(block, PathMode):
+        if goes_with_motion(block):
+            yield block
+        elif isinstance(block, PathMode):
             exact_stop = block.control == "exact-stop"
             yield block if exact_stop else replace(block, control="exact-path", tolerance=0.0)
         elif isinstance(block, Polyline) and not exact_stop:
@@ -86,6 +89,8 @@ def _runs(block: Polyline, position: Floats, tolerance: float) -> Iterator[Block
     """Yield the moves, with a G64 before and a G61 after each run of short ones."""
     steps = np.diff(block.points, axis=0, prepend=position[None])
     short = (np.linalg.norm(steps, axis=1) < LONG_MOVE) & ~np.isnan(block.feeds)
+    # A command that goes with the motion would end the curve.
+    short[places_of(block.commands)] = False
     borders = [0, *(np.flatnonzero(np.diff(short)) + 1).tolist(), len(short)]
     for first, last in pairwise(borders):
         run = slice(first, last)
@@ -96,6 +101,7 @@ def _runs(block: Polyline, position: Floats, tolerance: float) -> Iterator[Block
             points=block.points[run],
             feeds=block.feeds[run],
             lines=block.lines[run],
+            commands=None if block.commands is None else block.commands[run],
         )
         if short[first] and last - first >= FEWEST_MOVES:
             yield PathMode(block.file, line, "blend", tolerance)

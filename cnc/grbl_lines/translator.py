@@ -36,6 +36,7 @@ import numpy as np
 
 from cnc.grbl_lines.arc_fit import fit_moves
 from cnc.grbl_lines.commands import CommandLines, probe_word
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
 from cnc.grbl_lines.path_samples import PathSampler, PathSamples
@@ -124,6 +125,11 @@ class Translator:
         self._position: Point | None = None
 
     @property
+    def lowered(self) -> LoweredFeeds:
+        """Feeds that the lines so far lower."""
+        return self._writer.lowered
+
+    @property
     def position(self) -> Point | None:
         """The end of the lines so far, x y z in mm (machine coordinates).
 
@@ -141,6 +147,7 @@ class Translator:
             return
         if not isinstance(item, Message):
             yield from self.end()
+            yield from self._writer.power_alone(item.line)
             self._rests = False
             self._probing = None
         yield from self._begin(item.line)
@@ -212,6 +219,12 @@ class Translator:
     def _move(self, move: Move) -> Iterator[GcodeLine]:
         """Yield the lines of one move."""
         writer, arc = self._writer, move.arc
+        for block in move.commands:
+            power = self._commands.power(block)
+            if power is None:
+                yield from self._commands.lines(block)
+            else:
+                writer.set_power(power)
         if self._rests:
             yield GcodeLine(SHORT_REST, move.line, LineEffect(LineKind.DWELL))
         if self._to_name and not math.isnan(move.feed):
@@ -220,22 +233,26 @@ class Translator:
         if arc is not None:
             if not writer.position_known and self._position is not None:
                 yield from writer.move(replace(move, end=self._position, arc=None))
+            most, length = self._arc_speed(arc, move.end)
+            writer.lowered.lowered("small arcs", move.line, length, most, move.feed)
             if arc.fitted:
-                move = replace(move, speed=min(move.speed, self._arc_speed(arc, move.end)))
+                move = replace(move, speed=min(move.speed, most))
         yield from writer.move(move)
         self._position, self._rests = move.end, move.rests
 
-    def _arc_speed(self, arc: PlaneArc, end: Point) -> float:
+    def _arc_speed(self, arc: PlaneArc, end: Point) -> tuple[float, float]:
         """Return the speed, mm/s, at which an arc takes up the acceleration of its axes.
 
-        A fitted arc may be bent more than the path that it replaces.
+        The second value is its length, mm. A fitted arc may be bent more than the path that it
+        replaces.
         """
         i, j, across = PLANE_COLUMNS[arc.plane]
         radius = math.dist((end[i], end[j]), arc.center)
         climb = 0.0 if self._position is None else end[across] - self._position[across]
         level = radius * abs(arc.sweep)
         acceleration = min(self._normal, self._accelerations[i], self._accelerations[j])
-        return math.sqrt(acceleration * radius) * math.hypot(level, climb) / max(level, 1e-9)
+        length = math.hypot(level, climb)
+        return math.sqrt(acceleration * radius) * length / max(level, 1e-9), length
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):

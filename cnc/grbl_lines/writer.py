@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import (
     CENTER_LETTERS,
@@ -20,7 +21,7 @@ from cnc.grbl_lines.number_format import (
     feed_word,
 )
 from cnc.grbl_lines.printed_arc import ArcPrinter, Printed
-from cnc.model.line_effects import LineEffect, LineKind
+from cnc.model.line_effects import REST, LineEffect, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.model.units import per_minute, per_second
 
@@ -47,6 +48,9 @@ class LineWriter:
         baud: Speed of the link, bit/s.
         letters: The axes of XYZ that the machine has.
         chord: Largest distance of the board's own chords from an arc, mm.
+
+    Attributes:
+        lowered: Feeds that the lines lower.
     """
 
     def __init__(
@@ -60,6 +64,8 @@ class LineWriter:
         self._plane = 0
         self._feed = self._printed_feed = 0.0
         self._ahead = 0.0
+        self._power = ""
+        self.lowered = LoweredFeeds()
         self._named: set[str] = set()
 
     @property
@@ -79,6 +85,16 @@ class LineWriter:
         """M2 sets the modes back: G1, G17, and others that never change."""
         self._motion, self._plane = "G1", 0
         self._feed_text, self._feed, self._printed_feed = "", 0.0, 0.0
+
+    def set_power(self, word: str) -> None:
+        """Let the next move have an S word: GRBL changes the power of a laser where it begins."""
+        self._power = word or self._power
+
+    def power_alone(self, line: int) -> Iterator[GcodeLine]:
+        """Yield the S word that no move has taken; the board comes to rest for it."""
+        if self._power:
+            yield GcodeLine(self._power, line, REST)
+            self._power = ""
 
     def name_axes(self, letters: str, move: Move) -> Iterator[GcodeLine]:
         """Yield lines to the present position for axes that no line has named yet.
@@ -219,10 +235,14 @@ class LineWriter:
             move: The move.
         """
         feed = move.feed
-        line_time = max((characters + 8) * self._byte_time, 1.0 / LINES_PER_S)
+        characters += 8 + len(self._power)
+        line_time = max(characters * self._byte_time, 1.0 / LINES_PER_S)
         speed = max(min(move.speed, feed), 1e-6)
         if length / speed + self._ahead < line_time:
             speed = length / (line_time - self._ahead)
+            self.lowered.lowered("short lines", move.line, length, speed, feed)
+        if length < math.inf:
+            self.lowered.moved(length, speed)
         self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD / LINES_PER_S)
         wanted = feed if speed >= (1.0 - FEED_STEP) * feed else speed
         if (
@@ -273,6 +293,9 @@ class LineWriter:
         words += centers
         if feed:
             words.append(feed)
+        if self._power:
+            words.append(self._power)
+            self._power = ""
         effect = LineEffect(kind, _target(end, letters), self._printed_feed, plane, center)
         return GcodeLine(" ".join(words), move.line, effect)
 

@@ -214,6 +214,11 @@ def njit(function: Kernel) -> Kernel:
     return cast(Kernel, kernel)
 
 
+def interpreted(kernel: Kernel) -> Kernel:
+    """Return a kernel as plain Python, for single calls that are not worth a compilation."""
+    return cast(Kernel, getattr(kernel, "py_func", kernel))
+
+
 def compiling() -> bool:
     """Return whether kernels are compiled, and not run as plain Python."""
     return not getattr(numba.config, "DISABLE_JIT", 0)

@@ -22,9 +22,10 @@ from cnc.machine.models import (
     Machine,
     PathLimits,
     Program,
-    Section,
     Stock,
 )
+from cnc.machine.program_codes import with_absolute_files
+from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 
@@ -100,10 +101,12 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    if "name" in tables:
-        raise _error(file, text, ("name",), "there is no such key", "put the name into [machine]")
+    for key in ("name", "kind"):
+        if key in tables:
+            hint = f"put the {key} into [machine]"
+            raise _error(file, text, (key,), "there is no such key", hint)
     try:
-        machine = Machine.model_validate({"name": header.name, **tables})
+        machine = Machine.model_validate({"name": header.name, "kind": header.kind, **tables})
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in machine.inconsistencies():
@@ -217,7 +220,10 @@ def _toml(value: str | int | float) -> str:
 def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineFileError:
     known: list[str]
     if len(key) == 1:
-        known = ["machine", *(field for field in Machine.model_fields if field != "name")]
+        known = [
+            "machine",
+            *(field for field in Machine.model_fields if field not in Header.model_fields),
+        ]
     elif key[0] == "axes":
         if len(key) > 3:
             known = list(Homing.model_fields)
@@ -244,6 +250,7 @@ def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Mach
             "tool_table": program.tool_table and folder / program.tool_table,
             "parameters": program.parameters and folder / program.parameters,
             "subroutines": tuple(folder / path for path in program.subroutines),
+            "codes": with_absolute_files(program.codes, folder),
         }
     )
     return machine.model_copy(update={"program": absolute})

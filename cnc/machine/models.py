@@ -16,10 +16,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat
 
+from cnc.machine.program_codes import Codes, RunFile
+from cnc.machine.section import FilePath, Section
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import DialectName
+from cnc.model.choices import DialectName, MachineKind
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -33,34 +35,29 @@ def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _path(value: Any) -> Any:
-    """Return a TOML string as a path, because TOML has no paths."""
-    return Path(value) if isinstance(value, str) and value else value
-
-
 def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
         raise ValueError("must be [lowest, highest]")
     return ends
 
 
-FilePath = Annotated[Path, BeforeValidator(_path)]
 Span = Annotated[
     tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple), AfterValidator(_ascending)
 ]
 """Lowest and highest coordinate."""
 
 
-class Section(BaseModel):
-    """A table of the machine file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
 class Header(Section):
     """The machine file's statements about itself."""
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
+    kind: MachineKind = Field(
+        default="mill",
+        description=(
+            "Kind of machine. The power of a laser (S) changes during motion. A program that is "
+            "evidently for another kind is refused."
+        ),
+    )
 
 
 class Homing(Section):
@@ -183,7 +180,9 @@ class Board(Section):
     port: str | None = Field(
         default=None,
         description=(
-            "Serial port of the board, such as /dev/ttyUSB0 or COM3, or the file of the file board."
+            "Serial port of the board, such as /dev/ttyUSB0 or COM3; usb:NUMBER for the device "
+            "with this serial number; a pyserial URL such as socket://host:port; or the file of "
+            "the file board."
         ),
     )
     baud: Annotated[int, Field(gt=0)] = Field(
@@ -240,6 +239,13 @@ class Program(Section):
         default=(),
         description="Folders with subprograms, searched after the folder of the program.",
     )
+    codes: Codes = Field(
+        default={},
+        description=(
+            'Effects of a builder\'s M-codes, such as M31 = "ignore", "pass-on" (to a GRBL board), '
+            '"pause", { file = "m31.ngc" } or { output = 3, on = true }.'
+        ),
+    )
     max_repeated_lines: Annotated[int, Field(gt=0)] = Field(
         default=2_000_000,
         description="Repeated lines in loops and calls after which the program counts as endless.",
@@ -254,6 +260,9 @@ class Program(Section):
             yield "tool_table", self.tool_table
         for path in self.subroutines:
             yield "subroutines", path
+        for action in self.codes.values():
+            if isinstance(action, RunFile):
+                yield "codes", action.file
 
 
 class HomingOrder(Section):
@@ -293,6 +302,7 @@ class Machine(Section):
     """A machine. The order of ``axes`` is the order of the columns of every position."""
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
+    kind: MachineKind = Field(default="mill", description="Kind of machine.")
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )

@@ -42,7 +42,7 @@ def machine_schema() -> dict[str, Any]:
     tables = Machine.model_json_schema(schema_generator=_TomlSchema)
     header = Header.model_json_schema(schema_generator=_TomlSchema)
     keys = tables.pop("properties")
-    del keys["name"]
+    del keys["name"], keys["kind"]
     return {
         "$schema": DRAFT,
         **tables,

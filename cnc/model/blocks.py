@@ -49,11 +49,14 @@ class Polyline(Block):
         points: End point of each move (n, axes), mm.
         feeds: Feed of each move (n,), mm/s. NaN marks a traverse (G0), limited only by the axes.
         lines: Source line of each move (n,).
+        commands: Commands that go with the motion (n,), see :mod:`cnc.model.motion_commands`; None
+            without any.
     """
 
     points: NDArray[np.float64]
     feeds: NDArray[np.float64]
     lines: NDArray[np.int32]
+    commands: NDArray[np.object_] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,11 +138,13 @@ class Spindle(Block):
         state: Direction, or off.
         rpm: Speed; under constant surface speed (G96) the highest speed, 0 for no limit.
         surface_speed: Constant surface speed, mm/s; 0 outside G96.
+        with_motion: Whether the speed changes in motion: it is the power of a laser.
     """
 
     state: Literal["cw", "ccw", "off"]
     rpm: float
     surface_speed: float = 0.0
+    with_motion: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +238,10 @@ class DigitalOutput(Block):
 
 @dataclass(frozen=True, slots=True)
 class AnalogOutput(Block):
-    """Set an analogue output (M67, M68): with the start of the next move, or at once."""
+    """Set an analogue output (M67, M68): with the start of the next move, or at once.
+
+    The motion rests for neither.
+    """
 
     number: int
     value: float
@@ -316,9 +324,25 @@ class SwitchMove(Probe):
 
 @dataclass(frozen=True, slots=True)
 class BoardCommand(Block):
-    """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged."""
+    """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged.
+
+    Attributes:
+        text: The line.
+        answer: Position of each axis after a command that homes, mm.
+    """
 
     text: str
+    answer: Answer = field(default_factory=Answer, compare=False)
+
+    @property
+    def homes(self) -> bool:
+        """Whether the board homes: it stands elsewhere afterwards."""
+        return self.text.replace(" ", "").upper().startswith("$H")
+
+    @property
+    def expected(self) -> tuple[float, ...]:
+        """Answer in a run without a board: none, so that the position stays."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True)

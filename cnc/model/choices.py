@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from typing import Literal
 
-DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
-"""How a program is read. ``auto`` is LinuxCNC's language with more forms of splines."""
+DialectName = Literal[
+    "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "paper"
+]
+"""How a program is read. ``auto`` recognises the controller by the program's first lines."""
+MachineKind = Literal["mill", "lathe", "laser", "printer"]
+"""Kind of machine."""
+ToolLengths = Literal["table", "zero"]
+"""Lengths and radii of tools without a tool table: refused, or 0 with a warning."""
+UnknownCodes = Literal["error", "warn"]
+"""M- and G-codes that no dialect knows: refused, or skipped with a warning."""
 Interpolator = Literal["reference-pulse", "sampled"]
 """``reference-pulse`` makes grid moves. ``sampled`` also samples positions at a fixed period."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from cnc.model import blocks as canon
+from cnc.model.motion_commands import apart
 from cnc.model.units import per_minute
 from cnc.outputs.targets import TextTarget, Writer
 
@@ -47,6 +48,10 @@ def block_objects(block: canon.Block, axes: Sequence[str]) -> Iterator[dict[str,
         block: any block; a polyline gives one object for each of its moves.
         axes: names of the numbers of a position.
     """
+    if isinstance(block, canon.Polyline) and block.commands is not None:
+        for part in apart((block,)):
+            yield from block_objects(part, axes)
+        return
     if isinstance(block, canon.Polyline):
         for line, end, feed in zip(
             block.lines.tolist(), block.points.tolist(), block.feeds.tolist(), strict=True
@@ -91,7 +96,8 @@ def _nurbs(block: canon.NurbsFeed, axes: Sequence[str]) -> dict[str, Any]:
 
 def _spindle(block: canon.Spindle, _: Sequence[str]) -> dict[str, Any]:
     constant = {"surface_speed": per_minute(block.surface_speed)} if block.surface_speed else {}
-    return {"state": block.state, "rpm": block.rpm, **constant}
+    in_motion = {"with_motion": True} if block.with_motion else {}
+    return {"state": block.state, "rpm": block.rpm, **constant, **in_motion}
 
 
 def _overrides(block: canon.Overrides, _: Sequence[str]) -> dict[str, Any]:

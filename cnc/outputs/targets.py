@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import tempfile
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import IO, Any, AnyStr, Generic, Protocol, TypeVar
 
@@ -77,7 +78,7 @@ def write_error(path: object, error: OSError) -> UsageError:
     )
 
 
-class FileTarget(Generic[AnyStr]):
+class FileTarget(ABC, Generic[AnyStr]):
     """Text or bytes for the file ``name``, which is replaced as a whole on :meth:`close`.
 
     A device or a pipe is written to directly. Every method raises UsageError ``can-not-write``
@@ -102,11 +103,13 @@ class FileTarget(Generic[AnyStr]):
         except OSError as error:
             raise write_error(name, error) from error
 
+    @abstractmethod
     def _standard_output(self) -> IO[AnyStr]:
-        raise NotImplementedError
+        """Return standard output."""
 
+    @abstractmethod
     def _opened(self, file: int | str) -> IO[AnyStr]:
-        raise NotImplementedError
+        """Open a file name or a descriptor for writing."""
 
     def write(self, content: AnyStr) -> None:
         """Append ``content``."""

@@ -5,10 +5,11 @@ Moving blocks become :class:`PathChunk`; the others pass through in their order.
     blocks  ──►  records of the pieces, gathered to about a chunk
             ──►  held until it is known whether the motion rests at their end  ──►  chunks, blocks
 
-Motion rests at the end of the stream, before every block without motion (but a message), under
-exact stop (G61.1) at the end of every block and every straight move, and at both ends of a probing
-move. Under G64 each joint of two pieces has the tolerance in effect, or the smaller one where it
-changes there. PathMode ends here: no layer below needs it.
+Commands that go with the motion (:mod:`cnc.model.motion_commands`) are kept with their piece.
+Motion rests at the end of the stream, before every other block without motion (but a message),
+under exact stop (G61.1) at the end of every block and every straight move, and at both ends of a
+probing move. Under G64 each joint of two pieces has the tolerance in effect, or the smaller one
+where it changes there. PathMode ends here: no layer below needs it.
 
 A probe passes through, then its move. No block behind it is read before the consumer asks for more.
 By then the board has answered, and the path goes on from the point of contact.
@@ -27,6 +28,7 @@ from cnc.model.blocks import (
     PLANE_AXES,
     ArcFeed,
     Block,
+    BoardCommand,
     Message,
     NurbsFeed,
     PathMode,
@@ -34,6 +36,13 @@ from cnc.model.blocks import (
     Probe,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.motion_commands import (
+    Commands,
+    apart,
+    command_array,
+    goes_with_motion,
+    places_of,
+)
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
 from cnc.path.records import (
@@ -74,6 +83,8 @@ class _Gatherer:
     def __init__(self, axes: tuple[str, ...]) -> None:
         self.axes = axes
         self.file = ""
+        self.waiting: list[Block] = []
+        """Commands that take effect at the start of the next piece."""
         self.clear()
 
     def clear(self) -> None:
@@ -81,6 +92,7 @@ class _Gatherer:
         self.stops: list[NDArray[np.bool_]] = []
         self.pieces = 0
         self.numbers = 0
+        self.commands: dict[int, tuple[Block, ...]] = {}
 
     def add(
         self,
@@ -89,7 +101,11 @@ class _Gatherer:
         lines: NDArray[np.int32],
         stops: NDArray[np.bool_],
         tolerance: float,
+        commands: Commands | None = None,
     ) -> None:
+        for place in places_of(commands):
+            assert commands is not None
+            self.commands[self.pieces + place] = commands[place]
         kind = np.full(len(records.at), records.kind)
         self.put(
             Pieces(
@@ -105,6 +121,9 @@ class _Gatherer:
         )
 
     def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
+        if self.waiting and len(pieces.at):
+            self.commands[self.pieces] = (*self.waiting, *self.commands.get(self.pieces, ()))
+            self.waiting.clear()
         self.parts.append(pieces)
         self.stops.append(stops)
         self.pieces += len(pieces.at)
@@ -130,6 +149,7 @@ class _Gatherer:
             line=np.concatenate([part.line for part in parts]),
             stop_after=np.concatenate(self.stops),
             tolerance=np.concatenate([part.tolerance for part in parts]),
+            commands=command_array(self.pieces, self.commands),
         )
         self.clear()
         return chunk
@@ -183,11 +203,24 @@ class _Builder:
             if block.file != self._gatherer.file:
                 yield from self._close()
                 self._gatherer.file = block.file
-            if isinstance(block, Polyline) and self._allowed >= LEAST_TOLERANCE:
+            fits = isinstance(block, Polyline) and self._allowed >= LEAST_TOLERANCE
+            if (
+                isinstance(block, Polyline)
+                and block.commands is not None
+                and (fits or not moving(self._position, block.points).all())
+            ):
+                # A command ends a chain, and goes to the next move that has a length.
+                for part in apart((block,)):
+                    yield from self.add(part)
+                return
+            if isinstance(block, Polyline) and fits:
                 yield from self._fit(block)
             else:
                 yield from self._end_chain()
                 yield from self._gather_block(block, self._exact_stop, self._allowed)
+        elif goes_with_motion(block) and self._moves:
+            yield from self._end_chain()
+            self._gatherer.waiting.append(block)
         elif isinstance(block, PathMode):
             yield from self._set_mode(block)
         elif isinstance(block, Probe):
@@ -200,6 +233,8 @@ class _Builder:
         else:
             yield from self.rest()
             yield block
+            if isinstance(block, BoardCommand) and block.answer.values is not None:
+                self._position[:] = block.answer.values
 
     def rest(self) -> Iterator[PathChunk | Block]:
         """Yield everything: motion rests here."""
@@ -208,13 +243,24 @@ class _Builder:
             self._held[0].stop_after[-1] = True
             self._held[0].tolerance[-1] = 0.0
         yield from self._release()
+        yield from self._gatherer.waiting
+        self._gatherer.waiting.clear()
+
+    @property
+    def _moves(self) -> bool:
+        """Whether the motion may go on from the pieces so far."""
+        return (
+            bool(self._gatherer.pieces or self._gatherer.waiting)
+            or self._fitter is not None
+            or (bool(self._held) and isinstance(self._held[0], PathChunk))
+        )
 
     def _fit(self, block: Polyline) -> Iterator[PathChunk | Block]:
         """Fit straight moves under G64."""
         if self._fitter is None:
             classes, accuracy = self._frame.classes, self._frame.accuracy
             self._fitter = Fitter(classes, self._allowed, accuracy, self._position)
-        for points, feeds, lines in _moves(block, self._position):
+        for points, feeds, lines, _ in _moves(block, self._position):
             yield from self._gather(self._fitter.add(points, feeds, lines))
         if self._gatherer.pieces >= ENOUGH:
             yield from self._hold()
@@ -234,7 +280,7 @@ class _Builder:
         yield from self.rest()
         yield block
         self._gatherer.file = block.file
-        for records, feeds, lines, stops in _pieces(
+        for records, feeds, lines, stops, _ in _pieces(
             _probing(block), self._position, self._frame, exact_stop=True
         ):
             self._gatherer.add(records, feeds, lines, stops, 0.0)
@@ -246,10 +292,10 @@ class _Builder:
         self, block: Polyline | ArcFeed | NurbsFeed, exact_stop: bool, allowed: float
     ) -> Iterator[PathChunk | Block]:
         """Gather the pieces of a block that is not fitted."""
-        for records, feeds, lines, stops in _pieces(
+        for records, feeds, lines, stops, commands in _pieces(
             block, self._position, self._frame, exact_stop=exact_stop
         ):
-            self._gatherer.add(records, feeds, lines, stops, allowed)
+            self._gatherer.add(records, feeds, lines, stops, allowed, commands)
             if self._gatherer.full():
                 yield from self._hold()
 
@@ -311,16 +357,17 @@ def _pieces(
     frame: _Frame,
     *,
     exact_stop: bool,
-) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
-    """Yield records of one block, with feed, line and stop of each piece.
+) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_], Commands | None]]:
+    """Yield records of one block, with feed, line and stop of each piece, and the commands.
 
     ``position`` (n,) is moved along. exact_stop: motion rests at the end of the block.
     """
     axes, classes, accuracy = frame.axes, frame.classes, frame.accuracy
     if isinstance(block, Polyline):
         here = position.copy()
-        for moves, feeds, lines in _moves(block, position):
-            yield line_records(here, moves, classes), feeds, lines, np.full(len(moves), exact_stop)
+        for moves, feeds, lines, commands in _moves(block, position):
+            stops = np.full(len(moves), exact_stop)
+            yield line_records(here, moves, classes), feeds, lines, stops, commands
             here[:] = moves[-1]
         return
     if isinstance(block, ArcFeed):
@@ -343,28 +390,31 @@ def _pieces(
     last: Records | None = None
     for records in runs:
         if last is not None:
-            yield _spread(block, last, False)
+            yield *_spread(block, last, False), None
         last = records
     if last is not None:
         position[:] = _end_of(last, len(axes))
-        yield _spread(block, last, exact_stop)
+        yield *_spread(block, last, exact_stop), None
 
 
-def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.int32]]]:
-    """Yield ends, feeds and lines of the moves that have a length, MOST_PIECES at a time.
+def _moves(
+    block: Polyline, position: Floats
+) -> Iterator[tuple[Floats, Floats, NDArray[np.int32], Commands | None]]:
+    """Yield ends, feeds, lines and commands of the moves with a length, MOST_PIECES at a time.
 
-    ``position`` (n,) is moved along.
+    ``position`` (n,) is moved along. With commands, all moves must have a length.
     """
     _check_polyline(block)
     for first in range(0, len(block.points), MOST_PIECES):
         part = slice(first, first + MOST_PIECES)
         points, feeds, lines = block.points[part], block.feeds[part], block.lines[part]
         keep = moving(position, points)
+        commands = None if block.commands is None else block.commands[part]
         if not keep.all():
             points, feeds, lines = points[keep], feeds[keep], lines[keep]
         if len(points):
             position[:] = points[-1]
-            yield points, feeds.astype(np.float64), lines.astype(np.int32)
+            yield points, feeds.astype(np.float64), lines.astype(np.int32), commands
 
 
 def _spread(

@@ -29,6 +29,8 @@ class PathChunk:
         stop_after: (m,): whether motion comes to rest at the end of the piece.
         tolerance: (m,): largest distance of the motion from the path at the joint behind the piece,
             mm; 0: none.
+        commands: (m,): commands that take effect at the start of a piece, see
+            :mod:`cnc.model.motion_commands`; None without any.
     """
 
     axes: tuple[str, ...]
@@ -41,6 +43,7 @@ class PathChunk:
     line: NDArray[np.int32]
     stop_after: NDArray[np.bool_]
     tolerance: NDArray[np.float64]
+    commands: NDArray[np.object_] | None = None
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -50,6 +53,7 @@ class PathChunk:
         each = {
             field.name: getattr(self, field.name)[first:last]
             for field in fields(self)
-            if field.name not in ("axes", "file", "data")
+            if field.name not in ("axes", "file", "data", "commands")
         }
-        return replace(self, **each)
+        commands = None if self.commands is None else self.commands[first:last]
+        return replace(self, **each, commands=commands)

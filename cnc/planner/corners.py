@@ -40,6 +40,7 @@ from cnc.kernels.planner.overshoot import (
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
+from cnc.model.motion_commands import carried_over, joined
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -95,7 +96,7 @@ class CornerBlending:
         if not taken and not path.tolerance.any():
             return path
         limits, own = self._limits, len(path)
-        arrays, bound = path_arrays(path), limits.feeds(path)
+        arrays, bound = numbered(path), limits.feeds(path)
         if following is not None:
             arrays = _with_first_piece(arrays, following)
             bound = np.append(bound, limits.feeds(following)[:1])
@@ -157,7 +158,7 @@ class Overlaps:
 
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
         """Return the plan with overlaps at its corners."""
-        path, limits = path_arrays(plan.path), self._limits
+        path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
         changed, past = self._with_overshoots(plan, path)
         found, cuts = find_cuts(path, changed, past, limits.arrays)
@@ -217,6 +218,14 @@ def path_arrays(path: PathChunk) -> PathArrays:
     )
 
 
+def numbered(path: PathChunk) -> PathArrays:
+    """Return a chunk as kernels take it, with the number of each piece in place of its line.
+
+    Kernels copy the line to the pieces that they make of a piece.
+    """
+    return path_arrays(path)._replace(line=np.arange(len(path), dtype=np.int32))
+
+
 def _with_first_piece(path: PathArrays, following: PathChunk) -> PathArrays:
     """Return ``path`` and the first piece of ``following``.
 
@@ -260,7 +269,18 @@ def _empty_plan(pieces: int, phases: int) -> PlanArrays:
 
 
 def _chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathChunk:
-    """Return the first ``count`` pieces of ``path``, with records of ``numbers`` numbers."""
+    """Return the first ``count`` pieces of ``path``, with records of ``numbers`` numbers.
+
+    They were made of the :func:`numbered` pieces of ``like``.
+    """
+    origin = path.line[:count]
+    commands = None
+    if like.commands is not None:
+        commands, behind = carried_over(like.commands, origin)
+        if behind:
+            # The last pieces have become part of a corner before them.
+            commands = np.full(count, None, np.object_) if commands is None else commands
+            commands[-1] = (*(commands[-1] or ()), *behind)
     return PathChunk(
         like.axes,
         like.file,
@@ -269,9 +289,10 @@ def _chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathC
         path.pieces.data[:numbers].copy(),
         path.length[:count],
         path.feed[:count],
-        path.line[:count],
+        like.line[origin],
         path.stop_after[:count],
         path.tolerance[:count],
+        commands,
     )
 
 
@@ -355,6 +376,12 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
             np.concatenate((a.line[pieces], b.line)),
             np.concatenate((a.stop_after[pieces], b.stop_after)),
             np.concatenate((a.tolerance[pieces], b.tolerance)),
+            joined(
+                (
+                    (None if a.commands is None else a.commands[pieces], len(a.kind[pieces])),
+                    (b.commands, len(b)),
+                )
+            ),
         ),
         piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
         t0=before.t0,

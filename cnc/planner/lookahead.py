@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Held, Message, Overrides, Probe, SpindleSync
+from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Probe, SpindleSync
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
@@ -106,6 +106,8 @@ class LookAhead:
                 self._follows_spindle = item.pitch > 0.0
             probe = item if isinstance(item, Probe) else None
             yield item
+            if isinstance(item, BoardCommand) and item.answer.values is not None:
+                self.audit.jump()
         if pending is not None:
             yield from self._motion_to_rest(pending, previous)
 

@@ -102,11 +102,16 @@ class Summary(BaseModel):
 
     program: Text = Field(description="Name of the program")
     machine: Text = Field(description="Name of the machine")
+    dialect: str = Field(
+        description="Dialect that the program was read in; auto if none was recognised. Empty if "
+        "the program could not be read"
+    )
     ok: bool = Field(description="Whether there is no error")
     lines: Count = Field(description="Source lines that were read")
     blocks: Count = Field(description="Canonical blocks; each straight move counts")
     errors: list[Finding] = Field(description="Errors, then warnings and notes")
     duration_s: Amount = Field(description="Machine time with dwells, s")
+    played_s: Amount = _optional("Measured time of a run on a board that plans its motion, s")
     path_length_mm: Amount = Field(description="Length of the path, mm")
     bounding_box: dict[AxisLetter, Span] = Field(
         description="[smallest, largest] position of each axis, mm"

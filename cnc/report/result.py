@@ -90,6 +90,19 @@ class Timing:
     total_s: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class AssumedOffset:
+    """The work offset with which a program for a GRBL board was checked.
+
+    Attributes:
+        kept: Whether it is that of the last run on the board; else it is an assumption.
+        g54: G54 by axis, mm.
+    """
+
+    kept: bool
+    g54: dict[str, float]
+
+
 @dataclass(slots=True)
 class Report:
     """The result for one program.
@@ -102,9 +115,16 @@ class Report:
         hidden_faults: faults that are only counted.
         hidden_warnings: warnings and notes that are only counted.
         board: name of the board; None after a check.
+        dialect: dialect that the program was read in.
+        recognition: the dialect with the evidence for it; empty if the user chose it.
         lines: source lines that were read.
         blocks: canonical blocks; each move of a run of lines counts.
-        duration_s: machine time with dwells.
+        check_only: whether the board has only read the program.
+        planned_by_board: whether the board plans its motion, so that the values along the path are
+            those of our plan.
+        offset: the work offset of a check for a GRBL board; None otherwise.
+        duration_s: machine time with dwells, as computed.
+        played_s: measured time of a run on a board that plans its motion; None without one.
         path_length_mm: length of the path.
         bounding_box: (smallest, largest) position of the whole path by axis, mm.
         end_position: last position by axis, mm.
@@ -127,9 +147,15 @@ class Report:
     hidden_faults: int = 0
     hidden_warnings: int = 0
     board: str | None = None
+    dialect: str = ""
+    recognition: str = ""
     lines: int = 0
     blocks: int = 0
+    check_only: bool = False
+    planned_by_board: bool = False
+    offset: AssumedOffset | None = None
     duration_s: float = 0.0
+    played_s: float | None = None
     path_length_mm: float = 0.0
     bounding_box: dict[str, tuple[float, float]] = field(default_factory=dict)
     end_position: dict[str, float] = field(default_factory=dict)
@@ -197,14 +223,17 @@ class Report:
         changes: dict[str, Any] = (
             {} if self.changes is None else {"changes": self.changes.as_model()}
         )
+        played: dict[str, Any] = {} if self.played_s is None else {"played_s": self.played_s}
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
+            dialect=self.dialect,
             ok=self.ok,
             lines=self.lines,
             blocks=self.blocks,
             errors=[finding_model(each, with_hint=True) for each in self.findings],
             duration_s=self.duration_s,
+            **played,
             path_length_mm=self.path_length_mm,
             bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
             end_position=self.end_position,

@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cnc.report.number_format import clock, number, position, spaced
-from cnc.report.result import AXIS_LIMIT_NAMES, LIMIT_NAMES, UNITS, Extremes, Report
+from cnc.report.result import (
+    AXIS_LIMIT_NAMES,
+    LIMIT_NAMES,
+    UNITS,
+    AssumedOffset,
+    Extremes,
+    Report,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -27,10 +34,11 @@ def verdict(report: Report) -> str:
     if not report.ok:
         count = len(report.faults) + report.hidden_faults
         return f"{count} error{'s' if count > 1 else ''}"
-    done = (
-        "checked, nothing moved" if report.board is None else f"run on the board '{report.board}'"
-    )
-    return f"ok, {done}"
+    if report.board is None:
+        return "ok, checked, nothing moved"
+    if report.check_only:
+        return f"ok, read by the board '{report.board}', nothing moved"
+    return f"ok, run on the board '{report.board}'"
 
 
 def one_line(report: Report) -> str:
@@ -62,8 +70,11 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
         f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)",
     )
     facts.add_row("machine", escape(report.machine.name))
+    facts.add_row("dialect", escape(_dialect(report, verbose)))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
-    facts.add_row("time", clock(report.duration_s))
+    if report.offset is not None:
+        facts.add_row("offset", _offset(report.offset))
+    facts.add_row("time", _time(report))
     facts.add_row("path length", f"{number(report.path_length_mm)} mm")
     if report.pulse_error_blu is not None:
         facts.add_row(
@@ -82,6 +93,34 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
             f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, "
             f"planning {timing.plan_s:.3f}, interpolating {timing.interpolate_s:.3f}"
         )
+
+
+def _time(report: Report) -> str:
+    """Return the measured time of a run with the computed one, else the computed one."""
+    computed = clock(report.duration_s)
+    return (
+        computed if report.played_s is None else f"{clock(report.played_s)} (computed {computed})"
+    )
+
+
+def _offset(offset: AssumedOffset) -> str:
+    """Return the work offset of a check, and where it comes from."""
+    place = " ".join(f"{axis.upper()}{position(value)}" for axis, value in offset.g54.items())
+    source = (
+        "of the board, at the end of its last run"
+        if offset.kept
+        else "assumed; that of the board is not known"
+    )
+    return f"G54 {place} ({source})"
+
+
+def _dialect(report: Report, verbose: bool) -> str:
+    """Return the dialect, and how it was found."""
+    if not report.recognition:
+        return report.dialect
+    if verbose:
+        return report.recognition
+    return report.dialect if report.dialect == "auto" else f"{report.dialect} (recognised)"
 
 
 def _axes(report: Report, verbose: bool) -> RenderableType:
@@ -120,16 +159,17 @@ def _limits(report: Report) -> RenderableType:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for name in ("along the path", "largest", "limit", "", "used"):
-        table.add_column(
-            name, justify="left" if name in ("along the path", "") else "right", no_wrap=True
-        )
+    # The board makes its own ramps.
+    title = "along the path, as planned" if report.planned_by_board else "along the path"
+    for name in (title, "largest", "limit", "", "used"):
+        table.add_column(name, justify="left" if name in (title, "") else "right", no_wrap=True)
     for name in LIMIT_NAMES:
         largest, limit = getattr(report.largest, name), getattr(report.limits, name)
         if largest is not None:
-            table.add_row(
-                _TITLES[name], number(largest), number(limit), UNITS[name], _share(largest, limit)
-            )
+            # The limit of feeds does not apply to traverses.
+            faster = name == "feed" and limit and largest > limit and not report.violations[name]
+            used = "traverse" if faster else _share(largest, limit)
+            table.add_row(_TITLES[name], number(largest), number(limit), UNITS[name], used)
     for name in AXIS_LIMIT_NAMES:
         nearest = _nearest(report.largest, report.limits, name)
         if nearest is not None:

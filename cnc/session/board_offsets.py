@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import cast
 
 from cnc.boards.protocols import LineSink, board_error
 from cnc.grbl_lines.board_limits import BoardLimits
@@ -11,9 +12,9 @@ from cnc.grbl_lines.translator import ARC_TOLERANCE, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
-from cnc.model.blocks import AXIS_LETTERS, Block, Stop, Tool
-from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.blocks import AXIS_LETTERS, AxisLetter
 from cnc.model.streams import GcodeLine
+from cnc.session.kept_offsets import KEPT, Offsets
 
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 FIRST_PARAMETERS = {
@@ -32,11 +33,35 @@ def board_parameters(board: LineSink, machine: Machine) -> dict[int, float]:
 
     With them a program has the same meaning as if the board read it.
     """
+    return offset_parameters(named_offsets(board, machine))
+
+
+def named_offsets(board: LineSink, machine: Machine) -> Offsets:
+    """Return the offsets that the board keeps."""
+    return {
+        name: dict(zip(machine.axes, place, strict=True))
+        for name, place in board.stored_offsets.items()
+    }
+
+
+def offset_parameters(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:
+    """Return the parameters of offsets."""
     values = {numbers.CURRENT_SYSTEM: 1.0, numbers.SHIFT_IN_EFFECT: 1.0}
-    for name, place in board.stored_offsets.items():
-        for letter, value in zip(machine.axes, place, strict=True):
-            values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter)] = value
+    for name, place in offsets.items():
+        for letter, value in place.items():
+            values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(cast(AxisLetter, letter))] = value
     return values
+
+
+def offsets_in(values: Mapping[int, float], machine: Machine) -> Offsets:
+    """Return the offsets in the parameters of a program."""
+    return {
+        name: {
+            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0)
+            for letter in machine.axes
+        }
+        for name in KEPT
+    }
 
 
 def offset_lines(
@@ -101,22 +126,3 @@ def board_timing(board: LineSink, machine: Machine) -> BoardTime:
     places = dict(zip(machine.axes, board.position, strict=False))
     x, y, z = (places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in ("x", "y", "z"))
     return BoardTime(BoardLimits.of_board(machine, board.settings), (x, y, z))
-
-
-def pause_reason(block: Block) -> str:
-    """Return why the machine waits for the operator at a block; empty if it does not wait.
-
-    As in GRBL, M1 does not stop the machine.
-    """
-    if isinstance(block, Tool) and block.change:
-        return f"put in tool {block.number}"
-    if isinstance(block, Stop) and not block.optional:
-        return "change the pallet" if block.pallet else "the program stops here"
-    return ""
-
-
-def needs_operator(block: Block) -> GcodeError:
-    """Return the fault of a block that waits, if there is no operator."""
-    hint = "run it in a terminal and continue with the space bar, or use --yes to skip the pause"
-    message = f"{pause_reason(block)}, and there is no terminal to continue from"
-    return GcodeError(Diagnostic("needs-operator", message, block.file, block.line, hint=hint))

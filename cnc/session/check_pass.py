@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
-from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
+from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe, WaitInput
 from cnc.model.diagnostics import CncError
+from cnc.model.motion_commands import places_of
 from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
@@ -62,13 +63,18 @@ class CheckPass:
         for item in self.path_time.inside(reader.path_of(self._counted(blocks))):
             if isinstance(item, PathChunk):
                 capacity -= len(item.data) + 8 * len(item)
+                self._check_commands(item)
                 if hints is not None:
                     hints.add_path(item)
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)
+                if skipped := self._capabilities.skipped(item):
+                    self._observer.warn(skipped)
                 survey.between(item)
-                if isinstance(item, Probe | WaitInput):
+                if isinstance(item, Probe | WaitInput) or (
+                    isinstance(item, BoardCommand) and item.homes
+                ):
                     self.depends_on_answers = True
                 # The next reading may differ if it depends on answers.
                 capacity = -1 if self.depends_on_answers else capacity - 16
@@ -79,6 +85,13 @@ class CheckPass:
         report.path_length_mm = survey.length
         report.bounding_box = survey.box()
         return kept
+
+    def _check_commands(self, path: PathChunk) -> None:
+        """Check the commands that go with the motion."""
+        for place in places_of(path.commands):
+            assert path.commands is not None
+            for block in path.commands[place]:
+                self._capabilities.check(block)
 
     def _add_faults(self, faults: Iterable[CncError]) -> None:
         report = self._report
@@ -102,6 +115,7 @@ class CheckPass:
                 observer.last_line = max(observer.last_line, line)
             if isinstance(block, Polyline):
                 report.blocks += len(block.points) - 1
+                report.blocks += len(places_of(block.commands))
                 end = block.points[-1]
             elif isinstance(block, ArcFeed | Probe):
                 end = block.end

@@ -2,14 +2,11 @@
 
 After a fault the next run can continue there (``--from-line``).
 
-    PROGRAM.checkpoint, JSON: `program`, `sha256` of its text, `line`, `position` {axis: mm},
-    `machine`, `board`; `ended`: "" during the run (and after a crash of the computer), else the
-    code of the fault, "stopped" by the operator, or "broken off"
-
-The motion has reached the line, so all lines before it are done. No more is stored: units, plane,
-offsets, feed, tool, spindle and coolant are found by reading the program again
-(:mod:`cnc.session.resume`). The hash shows whether its text has changed. A thread writes the file,
-because a slow disk must not delay the moves. A complete new file replaces the old one.
+The file is ``PROGRAM.checkpoint``, JSON with the fields of :class:`Checkpoint`. The motion has
+reached the line, so all lines before it are done. No more is stored: units, plane, offsets, feed,
+tool, spindle and coolant are found by reading the program again (:mod:`cnc.session.resume`). The
+hash shows whether its text has changed. A thread writes the file, because a slow disk must not
+delay the moves. A complete new file replaces the old one.
 """
 
 from __future__ import annotations
@@ -20,8 +17,10 @@ import json
 import os
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from cnc.executor.run import Progress
 
@@ -30,27 +29,43 @@ WRITE_INTERVAL = 0.5
 """Shortest time between two writes, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Checkpoint:
-    """Content of the file. ``position`` is in machine coordinates, mm (degrees)."""
+class Checkpoint(BaseModel):
+    """Checkpoint of a run that has not reached the program's end."""
 
-    program: str
-    sha256: str
-    machine: str
-    board: str
-    line: int = 0
-    position: Mapping[str, float] | None = None
-    ended: str = ""
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    program: str = Field(description="File name of the program.")
+    sha256: str = Field(description="SHA-256 of the program's text, hexadecimal.")
+    machine: str = Field(description="Name of the machine.")
+    board: str = Field(description="Kind of the board.")
+    line: int = Field(
+        default=0, ge=0, description="Line that the motion has reached, from 1; 0: none."
+    )
+    position: dict[str, FiniteFloat] | None = Field(
+        default=None,
+        description="Machine coordinates at that line, by axis; mm, degrees; null: unknown.",
+    )
+    ended: str = Field(
+        default="",
+        description='Empty during the run and after a crash of the computer; else "stopped" by '
+        'the operator, "broken off", or the code of the error.',
+    )
 
     @classmethod
     def read(cls, program: str) -> Checkpoint | None:
         """Return the checkpoint of an unfinished run; None if there is none that can be read."""
         try:
-            found = json.loads(Path(program + SUFFIX).read_text(encoding="utf-8"))
-            known = cls(**found)
-        except (OSError, ValueError, TypeError):
+            return cls.model_validate_json(Path(program + SUFFIX).read_bytes())
+        except (OSError, ValueError):
             return None
-        return known if isinstance(known.line, int) and isinstance(known.sha256, str) else None
+
+
+def checkpoint_schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a checkpoint file."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Checkpoint.model_json_schema(),
+    }
 
 
 def file_hash(path: Path) -> str:
@@ -88,7 +103,7 @@ class CheckpointWriter:
         )
         self._in_main_file = progress.file in ("", self.latest.program)
         line = progress.at if progress.at > 0 and self._in_main_file else self.latest.line
-        self.latest = replace(self.latest, line=line, position=position)
+        self.latest = self.latest.model_copy(update={"line": line, "position": position})
 
     def end(
         self,
@@ -111,8 +126,9 @@ class CheckpointWriter:
         self._close()
         line = line if line and self._in_main_file else self.latest.line
         line = main_program_line(line) if line else 0
-        self.latest = replace(
-            self.latest, ended=ended, line=line, position=dict(position) or self.latest.position
+        final = dict(position) or self.latest.position
+        self.latest = self.latest.model_copy(
+            update={"ended": ended, "line": line, "position": final}
         )
         if self.latest.line:
             self._write(lasting=True)
@@ -135,7 +151,7 @@ class CheckpointWriter:
 
     def _write(self, *, lasting: bool = False) -> None:
         latest = self.latest
-        if replace_json(self._file, asdict(latest), lasting=lasting):
+        if replace_json(self._file, latest.model_dump(), lasting=lasting):
             self._written = latest
 
 

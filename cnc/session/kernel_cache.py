@@ -17,10 +17,9 @@ from contextlib import suppress
 
 import numpy as np
 
-from cnc.gcode import dialects
-from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.program.plain_lines import StraightRuns
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.program.line_steps import MANY_LINES
+from cnc.gcode.program.plain_lines import SHORTEST
+from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.translator import Translator
 from cnc.kernels.jit import compiled_mark
@@ -68,11 +67,10 @@ def ensure_compiled(on_compiling: Callable[[], None] | None) -> None:
 
 def compile_language() -> None:
     """Compile the kernels of the reader: read a straight move."""
-    window = Text.of_lines(["G0 X1"], "").window(1)
-    assert window is not None
-    StraightRuns(
-        Interpreter("", AXES, dialects.load("auto"), [0.0] * len(AXES), Parameters(), None)
-    ).run(window, 0)
+    for _ in interpret(Text.of_lines(["G0 X1"] * SHORTEST, "")):
+        pass
+    for _ in interpret(Text.of_lines(["#1=1", "G0 X#1"] * MANY_LINES, "")):
+        pass
 
 
 def compile_curves() -> None:

@@ -15,12 +15,14 @@ from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.model.diagnostics import BoardError
+from cnc.grbl_lines.lowered_feeds import LoweredFeeds
+from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.session.board_offsets import board_timing, line_translator, offset_lines, pause_reason
+from cnc.session.board_offsets import board_timing, line_translator, offset_lines
 from cnc.session.context import SessionContext
+from cnc.session.pauses import pause_reason, pause_text
 from cnc.session.planned_motion import PlannedMotion
 
 KEPT_BYTES = 192_000_000
@@ -34,6 +36,7 @@ class LinePass:
         context: The session.
         motion: Plans the path.
         board: The board.
+        warn: Reports findings.
         depends_on_answers: Whether a probe or an input decides how the program continues.
 
     Attributes:
@@ -45,12 +48,14 @@ class LinePass:
         context: SessionContext,
         motion: PlannedMotion,
         board: LineSink,
+        warn: Callable[[Iterable[Diagnostic]], None],
         *,
         depends_on_answers: bool,
     ) -> None:
         self.timing = board_timing(board, context.reader.machine)
         self._context, self._motion, self._board = context, motion, board
-        self._depends_on_answers = depends_on_answers
+        self._warn, self._depends_on_answers = warn, depends_on_answers
+        self._lowered = LoweredFeeds()
 
     def run(self, before_motion: Callable[[], None]) -> None:
         """Send all lines. ``before_motion`` is called when the lines are known."""
@@ -58,6 +63,7 @@ class LinePass:
         report, machine, control = context.report, context.reader.machine, context.observer.control
         recorded = not self._depends_on_answers
         kept = self._collected(self._steps(recorded=recorded), self.timing)
+        self._warn(self._lowered.findings())
         countdown = Countdown(self.timing)
 
         def changed_offsets() -> Iterable[GcodeLine]:
@@ -76,6 +82,7 @@ class LinePass:
             context.observer.sent(replace(progress, left=left))
 
         before_motion()
+        began = board.now()
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
@@ -84,6 +91,7 @@ class LinePass:
                 control=control,
                 on_progress=on_progress,
                 afterwards=changed_offsets,
+                pause_text=lambda block: pause_text(block, context.reader),
             )
         except BoardError:
             report.end_position = dict(zip(machine.axes, board.position, strict=False))
@@ -91,6 +99,8 @@ class LinePass:
         report.stopped_at_line = outcome.stopped_at_line
         if outcome.stopped_at_line is not None:
             report.duration_s = outcome.duration
+        if not board.check_only:
+            report.played_s = board.now() - began
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
     def _steps(self, *, recorded: bool) -> Iterator[Step]:
@@ -103,8 +113,10 @@ class LinePass:
             planned = (
                 item for item in planned if isinstance(item, PlanChunk) or not pause_reason(item)
             )
+        translator = line_translator(self._board, machine)
+        self._lowered = translator.lowered
         try:
-            yield from steps(planned, line_translator(self._board, machine))
+            yield from steps(planned, translator)
         finally:
             if recorded:
                 motion.record_audit(planner)

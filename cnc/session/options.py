@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cnc.checks.selection import Selection
-from cnc.model.choices import Algorithm, DialectName, Interpolator, Pauses
+from cnc.model.choices import (
+    Algorithm,
+    DialectName,
+    Interpolator,
+    Pauses,
+    ToolLengths,
+    UnknownCodes,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +44,11 @@ class RunOptions:
         outputs: Files to write.
         selection: The warnings and notes to report. Errors are always reported.
         portable: Dialects that must read the program in the same way.
+        tool_lengths: Without a tool table: refuse lengths and radii of tools, or take them as 0.
+            None refuses them where a machine moves or a file for a board is written.
+        unknown_codes: Refuse unknown M-codes, or skip them with a warning.
+        default_feed: Feed before the first F word, mm/min; None for none.
+        block_delete: Switches of block delete that are on, 1 to 9.
         pauses: How M0 and M6 are treated on a board that plans for itself.
         from_line: Source line to begin at, from 1; None for the first line. The state of the lines
             before it is restored at a safe height.
@@ -54,6 +66,10 @@ class RunOptions:
     outputs: Outputs = field(default_factory=Outputs)
     selection: Selection = field(default_factory=Selection)
     portable: tuple[str, ...] = ()
+    tool_lengths: ToolLengths | None = None
+    unknown_codes: UnknownCodes = "error"
+    default_feed: float | None = None
+    block_delete: frozenset[int] = frozenset()
 
     pauses: Pauses = "wait"
     from_line: int | None = None

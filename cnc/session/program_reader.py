@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
+from cnc.gcode.dialects.recognition import Recognition, recognise, refuse
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import ProgramOptions, interpret
+from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
@@ -24,6 +27,8 @@ from cnc.path.chunk import PathChunk
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import STANDARD_INPUT_NAME
+
+log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 InterpreterState = tuple[Parameters, ToolTable]
@@ -50,11 +55,16 @@ class ProgramReader:
         name: Name of the program in messages.
         path: File with the text.
         machine: The machine.
-        dialect: How to read the program.
+        dialect: How to read the program; ``auto`` recognises its controller.
         start: Position of the machine before the program (axes,), mm.
         saved: Parameters and tools before the program.
         on_line: Called with the number of lines executed so far, in each reading.
+        policy: Choices of the user.
+        block_delete: Switches of block delete that are on.
         restart: Where to begin; None for the first line.
+        recognition: The language that was recognised; None before the first reading.
+        homed: Position after a homing command of the program (axes,), mm; None if it is not known.
+        ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
     """
 
@@ -65,7 +75,12 @@ class ProgramReader:
     start: Floats
     saved: SavedState
     on_line: Callable[[int], None]
+    policy: ReadingPolicy = STRICT
+    block_delete: frozenset[int] = frozenset()
     restart: RestartPoint | None = None
+    recognition: Recognition | None = None
+    homed: tuple[float, ...] | None = None
+    ceiling: float | None = None
     state: InterpreterState | None = None
 
     def blocks(
@@ -79,9 +94,10 @@ class ProgramReader:
             warn: Called with each warning and note.
             on_line: Called in place of the attribute of this name.
         """
-        self.state = self._saved_state(self.dialect)
+        rules = self.rules()
+        self.state = self._saved_state(rules)
         blocks = self._interpreted(
-            self.dialect,
+            rules,
             Text.of_file(self.path, self.name),
             self.state,
             warn,
@@ -90,9 +106,30 @@ class ProgramReader:
         )
         return blocks if self.restart is None else self.restart.passed(blocks, self.start)
 
+    def rules(self) -> dialects.Dialect:
+        """Return the dialect of the program; under ``auto`` the one that is recognised.
+
+        Raises:
+            GcodeError: The program is in a language that is not read, or for another machine.
+        """
+        if self.dialect != "auto":
+            return dialects.load(self.dialect)
+        if self.recognition is None:
+            text = Text.of_file(self.path, self.name)
+            self.recognition = recognise(text.first_lines())
+            log.info("%s is read as %s", self.name, self.recognition.described())
+        refuse(self.recognition, self.machine.kind, self.name)
+        return dialects.load(self.recognition.dialect, lenient=True)
+
+    @property
+    def dialect_in_use(self) -> DialectName:
+        """The dialect that was recognised, or the one that was asked for."""
+        return self.dialect if self.recognition is None else self.recognition.dialect
+
     def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""
-        return self._interpreted(dialect, text, self._saved_state(dialect))
+        rules = self.rules() if dialect == "auto" else dialects.load(dialect)
+        return self._interpreted(rules, text, self._saved_state(rules))
 
     def path_of(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
         """Yield the path of blocks, and the blocks that do not move."""
@@ -113,7 +150,10 @@ class ProgramReader:
             return
         z = self.machine.axes.get("z")
         top = None if z is None or z.travel is None else z.travel[1]
-        restart = RestartPoint(line, self.name, self.machine.axis_names, top)
+        if self.ceiling is not None:
+            top = self.ceiling if top is None else min(top, self.ceiling)
+        laser = self.machine.kind == "laser"
+        restart = RestartPoint(line, self.name, self.machine.axis_names, top, laser=laser)
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
 
@@ -127,16 +167,17 @@ class ProgramReader:
     def _marked_blocks(self, start: Floats) -> Iterator[Block]:
         """Yield the blocks from a start position, with marks at subprogram calls."""
         text = Text.of_file(self.path, self.name)
-        state = self._saved_state(self.dialect)
-        return self._interpreted(self.dialect, text, state, start=start, mark_calls=True)
+        rules = self.rules()
+        state = self._saved_state(rules)
+        return self._interpreted(rules, text, state, start=start, mark_calls=True)
 
-    def _saved_state(self, dialect: str) -> InterpreterState:
-        macro = dialects.load(dialect).flavour == "macro-b"
+    def _saved_state(self, rules: dialects.Dialect) -> InterpreterState:
+        macro = rules.flavour == "macro-b"
         return self.saved.parameters(macro=macro), self.saved.tools()
 
     def _interpreted(
         self,
-        dialect: str,
+        rules: dialects.Dialect,
         text: Text,
         state: InterpreterState,
         warn: Callable[[Diagnostic], None] | None = None,
@@ -147,10 +188,10 @@ class ProgramReader:
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
-        return interpret(
+        blocks = interpret(
             text,
             axes=self.machine.axis_names,
-            dialect=dialect,
+            dialect=rules,
             start=self.start if start is None else start,
             warn=warn,
             parameters=state[0],
@@ -160,5 +201,16 @@ class ProgramReader:
                 limits=Limits(program.max_repeated_lines, program.max_call_depth),
                 on_line=on_line or self.on_line,
                 mark_calls=mark_calls,
+                policy=self.policy,
+                block_delete=self.block_delete,
+                laser=self.machine.kind == "laser",
             ),
         )
+        return blocks if self.homed is None else self._with_homed_position(blocks)
+
+    def _with_homed_position(self, blocks: Iterator[Block]) -> Iterator[Block]:
+        """Yield the blocks; a command that homes has its answer, until the board gives another."""
+        for block in blocks:
+            if isinstance(block, BoardCommand) and block.homes:
+                block.answer.values = self.homed
+            yield block

@@ -22,8 +22,8 @@ from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
-from cnc.session.board_offsets import pause_reason
 from cnc.session.context import SessionContext
+from cnc.session.pauses import pause_text
 from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
 from cnc.session.stopwatch import TimedInterpolator
 
@@ -95,7 +95,7 @@ class PulsePass:
                 self._compute(planned, pulses, on_pulses)
             else:
                 if self._waits_for_operator(board):
-                    planned = _with_holds(planned, self._control.hold)
+                    planned = self._with_holds(planned)
                 before_motion()
                 self._send(planned, pulses, on_pulses, board, planner)
         finally:
@@ -109,6 +109,14 @@ class PulsePass:
             and context.has_operator
             and bool(board.capabilities.slice_s)
         )
+
+    def _with_holds(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
+        """Yield the plan, with a hold after each block that waits for the operator."""
+        for item in planned:
+            yield item
+            if isinstance(item, Block) and (reason := pause_text(item, self._context.reader)):
+                self._control.hold()
+                yield Held(item.file, item.line, reason)
 
     def _interpolator(self) -> ReferencePulse:
         context = self._context
@@ -190,6 +198,7 @@ class PulsePass:
                 on_progress=self._sent,
                 control=self._control,
                 ramp_down=planner.ramp_down,
+                laser=self._machine.kind == "laser",
             )
         except BoardError:
             self._record_position(board.position_steps)
@@ -233,12 +242,3 @@ def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     return (
         factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
     )
-
-
-def _with_holds(planned: PlanItems, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:
-    """Yield the plan, with a hold after each block that waits for the operator."""
-    for item in planned:
-        yield item
-        if isinstance(item, Block) and (reason := pause_reason(item)):
-            hold()
-            yield Held(item.file, item.line, reason)

@@ -21,7 +21,7 @@ from cnc.model.blocks import (
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.session.board_offsets import needs_operator, pause_reason
+from cnc.session.pauses import needs_operator, pause_reason
 
 ACTION_NAMES: dict[Action, str] = {
     "spindle": "spindle (M3)",
@@ -65,6 +65,7 @@ class CapabilityCheck:
         actions: Actions that it can carry out between moves.
         moves: Whether it moves a machine.
         attended: Whether an operator can continue the program after M0 and M6.
+        skips_commands: Whether a command of a GRBL board is only a warning where nothing moves.
     """
 
     board: str
@@ -75,6 +76,7 @@ class CapabilityCheck:
     actions: frozenset[Action]
     moves: bool
     attended: bool
+    skips_commands: bool = False
 
     @classmethod
     def of(
@@ -84,7 +86,7 @@ class CapabilityCheck:
         known = machine.board.kind if name is None else name
         can = _expected_capabilities(machine) if board is None else board.capabilities
         if can is None:
-            return cls(known, False, True, True, _takes_lines(known), ACTIONS, False, attended)
+            return cls(known, False, True, True, takes_lines(known), ACTIONS, False, attended)
         return cls(
             known,
             board is not None,
@@ -99,7 +101,7 @@ class CapabilityCheck:
     def check(self, block: Block) -> None:
         """Raise GcodeError for a block that the board cannot carry out."""
         if isinstance(block, BoardCommand):
-            if not self.lines:
+            if not self.lines and not self._skips(block):
                 message, hint = (
                     f"{block.text} is for a GRBL board",
                     "remove it, or use a machine file whose board.kind is grbl",
@@ -133,8 +135,26 @@ class CapabilityCheck:
                         Diagnostic("not-on-board", message, block.file, block.line, hint=hint)
                     )
 
+    def _skips(self, block: Block) -> bool:
+        """Whether a command of a GRBL board is left out, because nothing moves anyway."""
+        return (
+            isinstance(block, BoardCommand)
+            and self.skips_commands
+            and not (self.real and self.moves)
+        )
 
-def _takes_lines(kind: str) -> bool:
+    def skipped(self, block: Block) -> Diagnostic | None:
+        """Return the warning for a command of a GRBL board that this board does not get."""
+        if self.lines or not self._skips(block):
+            return None
+        assert isinstance(block, BoardCommand)
+        message = f"{block.text} is for a GRBL board; here it has no effect"
+        return Diagnostic(
+            "board-command-skipped", message, block.file, block.line, severity="warning"
+        )
+
+
+def takes_lines(kind: str) -> bool:
     """Whether boards of this kind take lines; False for a kind without a driver."""
     try:
         return board_factory(kind).traits.takes_lines

@@ -10,6 +10,7 @@ parameters are correct. Motion before line N is skipped. These moves replace it:
         o                x ──► N   4  plunge at the last plunge feed, then continue with line N
 
 The safe height is the highest position of the skipped motion, or the present one if it is higher.
+On a machine with limit switches it stays below the switch of Z.
 
 Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
 the line that it is written on. A run cannot begin at a line of a subprogram, because it would be
@@ -29,6 +30,7 @@ from cnc.model.blocks import (
     AnalogOutput,
     ArcFeed,
     Block,
+    BoardCommand,
     CallBoundary,
     Coolant,
     DigitalOutput,
@@ -45,6 +47,7 @@ from cnc.model.blocks import (
     WaitInput,
 )
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
+from cnc.model.motion_commands import apart
 from cnc.model.units import per_minute
 
 Floats = NDArray[np.float64]
@@ -110,6 +113,8 @@ class SkippedState:
             self.settings[type(block).__name__, block.number] = replace(block, with_motion=False)
         elif isinstance(block, SpindleSync):
             self.settings["SpindleSync", 0] = block
+        elif isinstance(block, BoardCommand) and block.answer.values:
+            self.position = np.array(block.answer.values)
         elif isinstance(block, Probe | WaitInput):
             kind = "a probe" if isinstance(block, Probe) else "an input"
             message = f"the lines after this one depend on {kind} here, whose answer is not known"
@@ -173,13 +178,22 @@ class RestartPoint:
         line: The source line, from 1.
         file: The program.
         axes: Letters of the axes, in the order of the columns.
-        top: Highest machine coordinate of the Z axis, mm; None without travel.
+        top: Highest machine coordinate of the Z axis, mm; None if it is not known.
+        laser: The spindle is a laser, which has no power before line N.
 
     Attributes:
         steps: The steps to the line, in words, after the program has been read that far.
     """
 
-    def __init__(self, line: int, file: str, axes: tuple[str, ...], top: float | None) -> None:
+    def __init__(
+        self,
+        line: int,
+        file: str,
+        axes: tuple[str, ...],
+        top: float | None,
+        *,
+        laser: bool = False,
+    ) -> None:
         if line < 1:
             raise UsageError(
                 Diagnostic("from-line", f"there is no line {line}", hint="lines count from 1")
@@ -190,6 +204,7 @@ class RestartPoint:
         self._letters = tuple(axis.upper() for axis in axes)
         self._z = axes.index("z") if "z" in axes else None
         self._top = math.inf if top is None else top
+        self._laser = laser
 
     def check(self, read: Callable[[Floats], Iterable[Block]], start: Floats) -> None:
         """Check that the program can begin at line N.
@@ -257,7 +272,7 @@ class RestartPoint:
     def _rest(self, blocks: Iterable[Block], state: SkippedState) -> Iterator[Block]:
         """Yield the blocks from line N on; ``state`` becomes the state before them."""
         begun, call = False, 0
-        for block in blocks:
+        for block in apart(blocks):
             if isinstance(block, CallBoundary):
                 call = block.line if block.inside else 0
                 continue
@@ -311,8 +326,6 @@ class RestartPoint:
         across = target.copy()
         if z is not None and moved:
             height = max(min(float(state.highest[z]), top), float(start[z]), float(target[z]))
-            if height <= target[z] + SAME and top < math.inf:
-                height = max(height, top)
             up = start.copy()
             up[z] = across[z] = height
             if height > start[z] + SAME:
@@ -332,6 +345,9 @@ class RestartPoint:
                 )
             yield self._straight(target, feed, line)
             steps.append(f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}")
+        spindle = state.spindle
+        if self._laser and spindle is not None and spindle.state != "off":
+            yield replace(spindle, line=line, with_motion=True)
         self.steps = (*steps, f"continue with line {line}")
 
     def _restore(self, state: SkippedState, line: int, steps: list[str]) -> Iterator[Block]:
@@ -341,11 +357,16 @@ class RestartPoint:
             steps.append(f"tool {state.tool} must be in the spindle")
         spindle, coolant = state.spindle, state.coolant
         if spindle is not None and spindle.state != "off":
-            yield replace(spindle, line=line)
-            yield Dwell(self.file, line, SPIN_UP)
-            steps.append(
-                f"start the spindle {spindle.state} with {spindle.rpm:g} rpm and wait {SPIN_UP:g} s"
-            )
+            if self._laser:
+                yield replace(spindle, line=line, rpm=0.0, with_motion=False)
+                steps.append(f"switch the laser on; its power at line {line} is S{spindle.rpm:g}")
+            else:
+                yield replace(spindle, line=line)
+                yield Dwell(self.file, line, SPIN_UP)
+                steps.append(
+                    f"start the spindle {spindle.state} with {spindle.rpm:g} rpm "
+                    f"and wait {SPIN_UP:g} s"
+                )
         if coolant is not None and (coolant.mist or coolant.flood):
             yield replace(coolant, line=line)
             names = [name for name in ("mist", "flood") if getattr(coolant, name)]

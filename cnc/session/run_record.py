@@ -8,8 +8,10 @@ from dataclasses import replace
 from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
+from cnc.session.board_offsets import named_offsets, offsets_in
 from cnc.session.checkpoint import Checkpoint, CheckpointWriter, file_hash
 from cnc.session.context import SessionContext
+from cnc.session.kept_offsets import write_offsets
 from cnc.session.observer import StoppedBeforeMotion
 from cnc.session.position_check import PositionCheck
 from cnc.session.required_capabilities import CapabilityCheck
@@ -29,6 +31,7 @@ class RunRecord:
         self._hash = ""
         self._last_run: Checkpoint | None = None
         self._position_check: PositionCheck | None = None
+        self._board: str | None = None
 
     def read_checkpoint(self) -> None:
         """Read the checkpoint of the last run of this program, and warn if it matters."""
@@ -66,10 +69,18 @@ class RunRecord:
         context, known = self._context, self._capabilities
         if self._position_check is not None:
             self._position_check.begin()
+        if isinstance(board, LineSink) and board.identity is not None and not board.check_only:
+            self._board = board.identity
+            write_offsets(self._board, named_offsets(board, context.reader.machine))
         checks_only = isinstance(board, LineSink) and board.check_only
         if self._hash and (known.moves or isinstance(board, Loopback)) and not checks_only:
             machine = context.reader.machine
-            first = Checkpoint(context.report.program, self._hash, machine.name, known.board)
+            first = Checkpoint(
+                program=context.report.program,
+                sha256=self._hash,
+                machine=machine.name,
+                board=known.board,
+            )
             context.observer.checkpoint = CheckpointWriter(first, machine.axis_names)
 
     def end(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
@@ -80,7 +91,10 @@ class RunRecord:
             position: The final position, mm; empty if it is unknown.
             line: The line reached, if it is known exactly.
         """
-        observer = self._context.observer
+        observer, reader = self._context.observer, self._context.reader
+        if self._board is not None and not ended and reader.state is not None:
+            # G10 has changed them on the board, too.
+            write_offsets(self._board, offsets_in(reader.state[0].values, reader.machine))
         checkpoint, observer.checkpoint = observer.checkpoint, None
         if self._position_check is not None:
             seen = None if checkpoint is None else checkpoint.latest.position

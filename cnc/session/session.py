@@ -5,16 +5,19 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
+from cnc.boards.protocols import BoardTraits, LineSink, PulseSink, RemembersPosition
+from cnc.boards.serial_port import identity
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.executor.homing import home
+from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine
@@ -24,10 +27,11 @@ from cnc.model.operator_control import Control
 from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
-from cnc.report.result import Extremes, Report
-from cnc.session.board_offsets import board_parameters
+from cnc.report.result import AssumedOffset, Extremes, Report
+from cnc.session.board_offsets import board_parameters, offset_parameters, offsets_in
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
+from cnc.session.kept_offsets import read_offsets
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.known_position import locate
 from cnc.session.line_pass import LinePass
@@ -37,7 +41,7 @@ from cnc.session.outputs import OpenOutputs, check_outputs
 from cnc.session.planned_motion import PathItems, PlannedMotion
 from cnc.session.program_reader import ProgramReader, start_position
 from cnc.session.pulse_pass import PulsePass
-from cnc.session.required_capabilities import CapabilityCheck
+from cnc.session.required_capabilities import CapabilityCheck, takes_lines
 from cnc.session.run_record import RunRecord
 from cnc.session.saved_state import SavedState
 from cnc.session.source import Source, display_name, readable_file, with_source_lines
@@ -95,6 +99,7 @@ class Session:
             start_position(machine),
             SavedState(machine),
             observer.checking,
+            block_delete=options.block_delete,
         )
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
@@ -115,11 +120,18 @@ class Session:
         """
         context, report, began = self._context, self.report, perf_counter()
         reader = context.reader
+        reader.policy = self._policy(board)
         ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
         self._log_begin()
-        if isinstance(board, LineSink):
-            self._adopt_board(board)
+        try:
+            if isinstance(board, LineSink):
+                self._adopt_board(board)
+        except BoardError as error:
+            report.faults.append(error)
+            return report
+        if board is None:
+            self._adopt_kept_offsets()
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))
@@ -128,6 +140,9 @@ class Session:
                     self._process(board)
                 except CncError as error:
                     report.faults.append(error)
+                report.dialect = reader.dialect_in_use
+                if reader.recognition is not None:
+                    report.recognition = reader.recognition.described()
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),
@@ -144,16 +159,44 @@ class Session:
         self._log_end()
         return report
 
+    def _policy(self, board: Board | None) -> ReadingPolicy:
+        """Return the user's choices. A machine never moves by lengths that nobody gave."""
+        options, machine = self._context.options, self._context.reader.machine
+        lengths = options.tool_lengths
+        if lengths is None:
+            traits = getattr(board, "traits", BoardTraits())
+            moves = board is not None and not traits.simulated
+            lengths = "table" if moves or options.outputs.lines is not None else "zero"
+        return ReadingPolicy(
+            lengths, options.unknown_codes, machine.program.codes, options.default_feed
+        )
+
     def _adopt_board(self, board: LineSink) -> None:
         """Read the program with the travel, offsets and position of the board."""
         if self._context.options.outputs.pulses is not None:
             message = "a board that plans for itself takes lines, not pulses"
             hint = "leave --pulses out, or check the program without the board"
             raise UsageError(Diagnostic("no-pulses", message, hint=hint))
+        self.report.check_only, self.report.planned_by_board = board.check_only, True
         reader = self._context.reader
         reader.machine = board.limited_to_board(reader.machine)
         reader.start = np.array(board.position)
+        reader.homed = board.homed_position
+        reader.ceiling = board.ceiling
         reader.saved.adopt(board_parameters(board, reader.machine))
+
+    def _adopt_kept_offsets(self) -> None:
+        """Read the program for a GRBL board with the offsets of its last run, if they are known."""
+        reader = self._context.reader
+        if not takes_lines(reader.machine.board.kind):
+            return
+        port = reader.machine.board.port
+        kept = None if port is None else read_offsets(identity(port))
+        if kept is not None:
+            reader.saved.adopt(offset_parameters(kept))
+        values = reader.saved.parameters(macro=False).values
+        offset = offsets_in(values, reader.machine)["G54"]
+        self.report.offset = AssumedOffset(kept is not None, offset)
 
     def _process(self, board: Board | None) -> None:
         """Carry out both passes; raise the first fault that ends them."""
@@ -161,6 +204,7 @@ class Session:
         capabilities = CapabilityCheck.of(
             board, report.board, reader.machine, self._is_attended(board)
         )
+        capabilities = replace(capabilities, skips_commands=reader.dialect == "auto")
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
         if isinstance(board, RemembersPosition):
@@ -234,7 +278,9 @@ class Session:
 
         try:
             if isinstance(board, LineSink):
-                lines = LinePass(context, motion, board, depends_on_answers=depends_on_answers)
+                lines = LinePass(
+                    context, motion, board, self._warn, depends_on_answers=depends_on_answers
+                )
                 timing = lines.timing
                 lines.run(before_motion)
             else:
@@ -310,11 +356,14 @@ class Session:
             reader.saved.parameters(macro=False).values,
             self.report.bounding_box,
         )
-        return program.write(reader.blocks(), None if file is None else file.write)
+        timing = program.write(reader.blocks(), None if file is None else file.write)
+        self._warn(program.lowered.findings())
+        return timing
 
     def _warn(self, findings: Iterable[Diagnostic]) -> None:
         """Report findings that lack their source line."""
-        faults = [GcodeError(finding) for finding in findings]
+        name = self.report.program
+        faults = [GcodeError(finding).at(file=finding.file or name) for finding in findings]
         for found in with_source_lines(faults, {self.report.program: self._context.reader.path}):
             self._context.observer.warn(found.diagnostic)
 

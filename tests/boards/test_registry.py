@@ -64,6 +64,17 @@ def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> 
         assert reason in caught.value.diagnostic.message
 
 
+def test_installed_packages_are_not_searched_for_a_built_in_board(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def search(group: str) -> list[EntryPoint]:
+        raise AssertionError(group)
+
+    monkeypatch.setattr(registry, "entry_points", search)
+    for name in registry.BUILT_IN:
+        registry.board_factory(name)
+
+
 def test_drivers_are_imported_only_when_used() -> None:
     code = (
         "import sys; from cnc.boards import registry; registry.board_names(); "

@@ -111,11 +111,11 @@ def test_every_finding_is_matched_at_most_once(tmp_path_factory, then, now):
 
 
 def test_changed_time_and_extent(compare):
-    box = {"x": (0.0, 10.0), "y": (0.0, 1.0)}
-    then = report(duration_s=10.0, path_length_mm=100.0, bounding_box=box)
+    extent = {"x": (0.0, 10.0), "y": (0.0, 1.0)}
+    then = report(duration_s=10.0, path_length_mm=100.0, bounding_box=extent)
     assert (
         compare(
-            then, report(duration_s=10.0 + 1e-9, path_length_mm=100.0, bounding_box=dict(box))
+            then, report(duration_s=10.0 + 1e-9, path_length_mm=100.0, bounding_box=dict(extent))
         ).lines()
         == []
     )

@@ -99,8 +99,8 @@ def test_a_finding_of_many_moves_is_reported_once(tmp_path):
 
 
 def test_many_findings_of_one_code_hide_no_other_code(found):
-    told = found("".join(f"F{100 + k}\n" for k in range(150)) + "G1 X5\nS9 M3\nM2")
-    assert [code for code, _, _ in told] == ["word-shadowed"] * 100 + ["spindle-off"]
+    reported = found("".join(f"F{100 + k}\n" for k in range(150)) + "G1 X5\nS9 M3\nM2")
+    assert [code for code, _, _ in reported] == ["word-shadowed"] * 100 + ["spindle-off"]
 
 
 def test_findings_in_a_subroutine_have_its_lines(found):

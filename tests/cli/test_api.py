@@ -19,6 +19,7 @@ from cnc.planner.plan import PlanChunk
 from cnc.session import kernel_cache
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with
+from tests.support.waiting import HANG
 
 TEXT = "G21 G90 G94\nG1 X10 F600\nG4 P0.5\nG2 X20 Y0 I5 J0\nG4 P0.25\nM2\n"
 
@@ -163,11 +164,11 @@ def test_warnings_are_shown_unless_quiet(capsys):
 
 
 def test_the_first_run_compiles_and_reports_it_once(tmp_path, monkeypatch):
-    mark, told = tmp_path / "compiled", []
+    mark, reported = tmp_path / "compiled", []
     monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
     for _ in range(2):
-        kernel_cache.ensure_compiled(lambda: told.append("compiling"))
-    assert told == ["compiling"]
+        kernel_cache.ensure_compiled(lambda: reported.append("compiling"))
+    assert reported == ["compiling"]
     assert mark.exists()
 
 
@@ -250,6 +251,6 @@ def test_the_package_exports_the_public_names_on_first_use():
         "from cnc import *; import cnc.api;"
         "assert all(getattr(cnc, name) is getattr(cnc.api, name) for name in cnc.__all__)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG)
     with pytest.raises(AttributeError, match="no attribute 'chek'"):
         cnc.chek  # noqa: B018

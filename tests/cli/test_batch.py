@@ -18,6 +18,7 @@ from cnc.cli import progress
 from cnc.model.diagnostics import GcodeError, MachineFileError, UsageError
 from tests.support.paths import ROOT
 from tests.support.soak import share
+from tests.support.waiting import HANG, cpu_seconds, wait_until
 
 GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
@@ -100,7 +101,7 @@ def lasting(reports: str) -> list[dict]:
 
 
 def test_one_and_two_processes_give_the_same_findings(cncrun, tmp_path):
-    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 5000))
+    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 2000))
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
     assert one == two
@@ -190,7 +191,7 @@ def test_an_internal_error_is_reported_and_the_rest_is_checked(tmp_path, monkeyp
 
 def test_faults_keep_their_type_when_pickled(tmp_path):
     (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
-    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"])
+    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"], jobs=1)
     assert type(bad.faults[0]) is GcodeError
     assert type(missing.faults[0]) is UsageError
     assert (bad.exit_code, missing.exit_code) == (1, 2)
@@ -250,7 +251,7 @@ def test_a_format_uses_standard_output_and_the_rest_standard_error(cncrun, tmp_p
 
 def test_json_uses_standard_output_and_the_lines_standard_error(cncrun, tmp_path):
     write_folder(tmp_path / "shop", 3, 10)
-    code, out, err = cncrun("check", str(tmp_path / "shop"), "--format", "sarif")
+    code, out, err = cncrun("check", "--jobs", "1", str(tmp_path / "shop"), "--format", "sarif")
     assert code == 1
     assert len(json.loads(out)["runs"][0]["results"]) == 3
     assert err.count("1 error\n") == 3
@@ -263,7 +264,11 @@ def command(*arguments: str) -> list[str]:
 def test_standard_input_can_be_one_of_many(tmp_path):
     (tmp_path / "a.nc").write_bytes(GOOD)
     done = subprocess.run(
-        command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False
+        command("--jobs", "1", str(tmp_path / "a.nc"), "-"),
+        cwd=ROOT,
+        input=GOOD,
+        capture_output=True,
+        check=False,
     )
     assert (done.returncode, done.stderr) == (0, b"")
     assert [line.split(b": ")[1][:2] for line in done.stdout.splitlines()] == [b"ok", b"ok"]
@@ -275,7 +280,10 @@ def test_a_file_name_that_is_not_text(tmp_path):
         (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
     for form in "text", "github":
         done = subprocess.run(
-            command(str(tmp_path), "--format", form), cwd=ROOT, capture_output=True, check=False
+            command(str(tmp_path), "--jobs", "1", "--format", form),
+            cwd=ROOT,
+            capture_output=True,
+            check=False,
         )
         assert (done.returncode, b"Traceback" in done.stderr) == (0, False), form
 
@@ -286,7 +294,7 @@ def test_modules_beside_the_programs_are_not_imported(tmp_path):
     (tmp_path / "numpy.py").write_text("raise SystemExit('imported')\n")
     code = f"import sys; sys.path[0] = {str(ROOT)!r}; from cnc.cli import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", code, "check", "."],
+        [sys.executable, "-c", code, "check", "--jobs", "1", "."],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -324,23 +332,19 @@ def test_workers_end_with_their_parent(tmp_path, how):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
-        workers = []
-        while len(workers) < 2:
-            assert process.poll() is None
-            time.sleep(0.05)
-            workers = children(process.pid)
-        time.sleep(1.0)  # in the middle of it
+        wait_until(lambda: len(children(process.pid)) == 2 or process.poll() is not None)
+        assert process.poll() is None
+        workers = children(process.pid)
+        # They have started, and are in the middle of a program.
+        wait_until(lambda: min(map(cpu_seconds, workers)) > 2.0)
         process.send_signal(how)
-        assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
+        assert process.wait(HANG) == (130 if how != signal.SIGKILL else -9)
         if how != signal.SIGKILL:
             assert (
                 process.stderr.read().decode().splitlines()[-1]
                 == "stopped by the operator; nothing has moved"
             )
-    until = time.monotonic() + 20
-    while any(alive(worker) for worker in workers):
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(lambda: not any(alive(worker) for worker in workers))
 
 
 def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.api import check
 from cnc.boards import discovery
 from cnc.boards.discovery import FoundBoard, port_report
 from cnc.boards.grbl.port_report import machine_file
@@ -36,6 +37,7 @@ SETTINGS = {
     132: 45,
     11: 0.02,
     12: 0.005,
+    22: 1,
 }
 
 
@@ -68,6 +70,28 @@ def test_missing_settings_are_an_error() -> None:
     with pytest.raises(BoardError) as caught:
         machine_file("COM3", BoardInfo("1.1h", hal=False), 115200)
     assert caught.value.diagnostic.code == "board-settings"
+
+
+def described(**settings: float) -> BoardInfo:
+    """Return a board with changed settings, each as S22=1.0."""
+    changed = {int(name[1:]): value for name, value in settings.items()}
+    values = {number: str(value) for number, value in (SETTINGS | changed).items()}
+    return BoardInfo("1.1h", hal=False, settings=values)
+
+
+def test_a_machine_that_does_not_home_has_no_travel(tmp_path: Path) -> None:
+    text = machine_file("COM3", described(S22=0), 115200)
+    machine = loaded(text, tmp_path)
+    assert [axis.travel for axis in machine.axes.values()] == [None, None, None]
+    assert "does not home" in text
+    # A program that counts from where the tool stands is within any travel.
+    assert check(Path(__file__).parents[2] / "programs" / "trident.nc", machine).ok
+
+
+@pytest.mark.parametrize(("laser_mode", "kind"), [(0, "mill"), (1, "laser")])
+def test_laser_mode_makes_the_machine_a_laser(laser_mode: float, kind: str, tmp_path: Path) -> None:
+    text = machine_file("COM3", described(S32=laser_mode), 115200)
+    assert loaded(text, tmp_path).kind == kind
 
 
 def test_names_are_quoted(tmp_path: Path) -> None:
@@ -152,8 +176,9 @@ class Recorded:
     def change_baud(self, baud: int) -> None:
         self.baud = baud
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """They are up."""
+        return False
 
     def close(self) -> None:
         """Nothing to let go of."""

@@ -14,6 +14,7 @@ from cnc.cli.exit_status import EXIT_PIPE
 from cnc.machine.load import shipped_machines
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
+from tests.support.waiting import HANG
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
@@ -231,12 +232,12 @@ def test_the_operator_stops_before_anything_moves(program):
         process.stdin.flush()
         process.send_signal(signal.SIGINT)
         try:
-            process.wait(15)
+            process.wait(60)
         except subprocess.TimeoutExpired:
             # Python sees a signal that comes in the instant before a read blocks after that read:
             # press again, as anyone would.
             process.send_signal(signal.SIGINT)
-        assert process.wait(15) == 130
+        assert process.wait(HANG) == 130
         assert (
             process.stderr.read().decode().splitlines()[-1]
             == "stopped by the operator; nothing has moved"
@@ -254,7 +255,7 @@ def test_a_closed_output_pipe_is_141(program):
         assert process.stderr
         process.stdout.readline()
         process.stdout.close()
-        assert process.wait(60) == EXIT_PIPE
+        assert process.wait(HANG) == EXIT_PIPE
         assert b"Traceback" not in process.stderr.read()
 
 
@@ -270,7 +271,7 @@ def test_help_imports_no_numerics(arguments):
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
         check=False,
     )
     assert done.returncode == 0, done.stderr

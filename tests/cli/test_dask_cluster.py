@@ -62,17 +62,17 @@ def test_a_dead_worker_loses_and_repeats_no_report(cluster, tmp_path, capfd, mon
     (tmp_path / "part.ngc").write_text("o<part> sub\nG0 X1\no<part> endsub\n")
     names = [*(str(file) for file in sorted(tmp_path.glob("*.nc"))), str(tmp_path / "nowhere.nc")]
 
-    told, outcome = [], dask_cluster._outcome
+    reported, outcome = [], dask_cluster._outcome
 
     def killing(*arguments):
-        told.append(arguments)
-        if len(told) == 3:
+        reported.append(arguments)
+        if len(reported) == 3:
             os.kill(workers[0], signal.SIGKILL)
         return outcome(*arguments)
 
     monkeypatch.setattr(dask_cluster, "_outcome", killing)
     there = cli.exit_code(["check", *names, "--scheduler", address, "--format", "json"])
-    assert len(told) == 16
+    assert len(reported) == 16
     out, err = capfd.readouterr()
     home = cli.exit_code(["check", *names, "--jobs", "1", "--format", "json"])
     same_out, same_err = capfd.readouterr()

@@ -6,7 +6,6 @@ import io
 import os
 import sys
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -14,6 +13,7 @@ import pytest
 from cnc.cli.keyboard import Keyboard
 from cnc.model.diagnostics import UsageError
 from cnc.model.operator_control import Control
+from tests.support.waiting import wait_until
 
 pty = pytest.importorskip("pty")
 
@@ -61,10 +61,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch):
 
 
 def wait_for(control: Control, request: str) -> None:
-    end = time.monotonic() + 5.0
-    while not getattr(control, request) and time.monotonic() < end:
-        time.sleep(0.005)
-    assert getattr(control, request)
+    wait_until(lambda: getattr(control, request))
 
 
 def test_keys_are_read_and_the_terminal_mode_is_restored(terminal: int) -> None:
@@ -85,7 +82,12 @@ def test_a_key_answers_the_question(
 ) -> None:
     control = Control()
     with Keyboard(control) as keys:
-        later = threading.Timer(0.1, os.write, (terminal, key))
+
+        def answer() -> None:
+            wait_until(lambda: keys._answers is not None)
+            os.write(terminal, key)
+
+        later = threading.Thread(target=answer)
         later.start()
         assert keys.confirm(["from line 8:", "lift Z to 5"], yes=False) is confirmed
         later.join()
@@ -108,7 +110,10 @@ def test_without_a_terminal_there_are_no_keys(
     assert not control.stopped
 
 
-def test_a_terminal_that_is_gone_ends_the_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_that_is_gone_ends_the_reading(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
     master, slave = pty.openpty()
     control = Control()
     with os.fdopen(slave, "r") as stream:
@@ -116,7 +121,7 @@ def test_a_terminal_that_is_gone_ends_the_reading(monkeypatch: pytest.MonkeyPatc
         with Keyboard(control) as keys:
             assert keys.available
             os.close(master)
-            time.sleep(0.1)
+            wait_until(lambda: "the terminal is gone" in caplog.text)
     assert not control.stopped
 
 

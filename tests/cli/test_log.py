@@ -253,8 +253,8 @@ class FakePort:
     def write(self, data: bytes) -> None:
         self.sent += data
 
-    def raise_lines(self) -> None:
-        pass
+    def raise_lines(self) -> bool:
+        return False
 
     def close(self) -> None:
         pass

@@ -110,14 +110,16 @@ def test_many_programs_one_broken(cncrun, program, tmp_path):
     program(GOOD, "shop/deep/c.NGC")
     program("no program", "shop/readme.txt")
     last = program(GOOD, "z.nc")
-    code, out, err = cncrun("check", str(tmp_path / "shop"), last, last)
+    code, out, err = cncrun("check", "--jobs", "1", str(tmp_path / "shop"), last, last)
     assert code == 1
     assert [line.split(": ")[0] for line in out.splitlines()] == [
         *(str(tmp_path / "shop" / name) for name in ("a.nc", "b.nc", "deep/c.NGC")),
         last,
     ]
     assert last_message(err, "number-missing").startswith(str(tmp_path / "shop/a.nc") + ":1:")
-    code, out, _ = cncrun("check", str(tmp_path / "**" / "*.nc"), "--format", "json", "--quiet")
+    code, out, _ = cncrun(
+        "check", "--jobs", "1", str(tmp_path / "**" / "*.nc"), "--format", "json", "--quiet"
+    )
     assert [Path(each["program"]).name for each in json.loads(out)] == ["a.nc", "b.nc", "z.nc"]
     assert code == 1
 

@@ -32,9 +32,7 @@ ABORT = 7
 
 
 class Feeling(Loopback):
-    """A board whose probe answers as told; what it plays is kept, and how often it has been waited
-    for.
-    """
+    """A board whose probe gives set answers. It keeps the pulses, and counts the waits."""
 
     def __init__(self, contact: float, fault: bool = False) -> None:
         super().__init__(3)
@@ -114,7 +112,10 @@ def test_another_answer_completes_the_program(program: Path) -> None:
 
 
 def test_check_without_an_answer_warns(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """What a check assumes, contact, would abort; what stands behind it is checked all the same."""
+    """A check assumes contact, which would abort.
+
+    It checks the rest of the program all the same.
+    """
     written(program, PROBED.format(1))
     assert cli.exit_code(["check", str(program)]) == 0
     assert (
@@ -125,7 +126,7 @@ def test_check_without_an_answer_warns(program: Path, capfd: pytest.CaptureFixtu
     assert run(program, board=Feeling(0.0)).ok
     program.write_text(program.read_text().replace("X9", "X9999"))
     assert [fault.diagnostic.code for fault in check(program).faults] == ["soft-limit"]
-    # The board in the box makes contact.
+    # The GRBL simulator makes contact.
     program.write_text(program.read_text().replace("X9999", "X9"))
     assert cli.exit_code([str(program)]) == 1
     assert "program-abort: the program aborts itself: contact 1\n  (ABORT" in capfd.readouterr().err
@@ -138,23 +139,23 @@ def test_board_fault_before_the_abort_is_reported(program: Path) -> None:
 
 @pytest.mark.parametrize("surface", [-4.0, None])
 def test_abort_on_a_line_board(program: Path, surface: float | None) -> None:
-    box = (
+    simulator = (
         GrblSimulator()
         if surface is None
         else GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), surface)))
     )
-    port = GrblSimulatorPort(box)
+    port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, GRBL, port.clock, "the simulator")
     board.connect()
     report: Report = run(written(program, PROBED.format(0)), GRBL, board=board)
     board.close()
-    spindle = [event.value for event in box.events if event.kind == "spindle"]
+    spindle = [event.value for event in simulator.events if event.kind == "spindle"]
     if surface is not None:
         assert report.ok
-        assert box.position == pytest.approx((9.0, 0.0, -4.0), abs=0.01)
+        assert simulator.position == pytest.approx((9.0, 0.0, -4.0), abs=0.01)
         return
     assert [fault.diagnostic.code for fault in report.faults] == ["program-abort"]
-    assert box.position == pytest.approx((7.0, 0.0, -5.0), abs=0.01)
-    assert box.lost == 0
+    assert simulator.position == pytest.approx((7.0, 0.0, -5.0), abs=0.01)
+    assert simulator.lost == 0
     assert spindle[0] == "M3 1000"
     assert spindle[-1].startswith("M5")

@@ -1,6 +1,4 @@
-"""The operator and the board: holds, overrides and stops at machine times; the same pulses in the
-end; the time of the plan.
-"""
+"""Holds, overrides and stops at machine times: the same pulses, in the time of the plan."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ def mill() -> Machine:
 
 
 class Timed(Loopback):
-    """Notes the times of its pulses, and refuses them while the motion is held."""
+    """Keeps the times of its pulses, and refuses pulses during a hold."""
 
     def __init__(self) -> None:
         super().__init__(3)
@@ -66,13 +64,13 @@ def program(tmp_path: Path) -> Path:
 def scripted(
     program: Path, *script: tuple[float, Callable[[Control], None]]
 ) -> tuple[Report, Timed, list[Progress]]:
-    """Run with an operator who acts at machine times, and resumes as soon as the machine has come
-    to rest.
+    """Run with an operator who acts at machine times, and resumes when the machine has come to
+    rest.
     """
-    control, board, told, left = Control(), Timed(), [], list(script)
+    control, board, reported, left = Control(), Timed(), [], list(script)
 
     def on_sent(sent: Progress) -> None:
-        told.append(sent)
+        reported.append(sent)
         if sent.held:
             control.resume()
         while left and sent.time >= left[0][0]:
@@ -81,7 +79,7 @@ def scripted(
     return (
         run(program, mill(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)),
         board,
-        told,
+        reported,
     )
 
 
@@ -90,7 +88,7 @@ def test_holds_and_overrides_change_no_step(program):
     assert plain.ok
     for k in range(12):
         at = plain.duration_s * (k + 0.5) / 12
-        report, board, told = scripted(
+        report, board, reported = scripted(
             program,
             (at, Control.hold),
             (at + 0.3, lambda control: control.override(40.0)),
@@ -102,14 +100,14 @@ def test_holds_and_overrides_change_no_step(program):
         assert board.steps_by_direction.tolist() == straight.steps_by_direction.tolist()
         assert report.steps == plain.steps
         assert report.stopped_at_line is None
-        assert [sent.time for sent in told if sent.held] == pytest.approx(board.held, abs=1e-8)
+        assert [sent.time for sent in reported if sent.held] == pytest.approx(board.held, abs=1e-8)
         assert board.held
 
 
 def test_hold_is_fast_and_takes_no_machine_time(program):
     plain, _, _ = scripted(program)
-    report, board, told = scripted(program, (0.5, Control.hold))
-    asked = next(sent.time for sent in told if sent.time >= 0.5)
+    report, board, reported = scripted(program, (0.5, Control.hold))
+    asked = next(sent.time for sent in reported if sent.time >= 0.5)
     # A slice, then acceleration let go of and a ramp from 50 mm/s to rest at the axes' limits.
     assert board.held[0] - asked <= 0.1 + 1.1 * (50 / 1500 + 1500 / 40000)
     assert report.duration_s - plain.duration_s < 0.3
@@ -137,13 +135,13 @@ def test_stop_during_a_hold_is_an_operator_stop(program):
 
 
 def test_hold_waits_without_polling(program):
-    """From another thread: nothing is asked of the board, nor of the operator, until the operator
-    goes on.
+    """Until the operator resumes from another thread, the run calls neither the board nor the
+    operator.
     """
-    control, board, resting, told = Control(), Timed(), threading.Event(), []
+    control, board, resting, reported = Control(), Timed(), threading.Event(), []
 
     def on_sent(sent: Progress) -> None:
-        told.append(sent)
+        reported.append(sent)
         if sent.held:
             resting.set()
         elif sent.time > 0.5 and not resting.is_set():
@@ -156,10 +154,10 @@ def test_hold_waits_without_polling(program):
     )
     worker.start()
     assert resting.wait(60)
-    count, rows = len(told), board.rows
+    count, rows = len(reported), board.rows
     assert not worker.join(0.2)
     assert worker.is_alive()
-    assert (len(told), board.rows) == (count, rows)
+    assert (len(reported), board.rows) == (count, rows)
     control.override(50.0)
     worker.join(0.1)
     assert worker.is_alive()
@@ -178,14 +176,14 @@ def test_hold_resumed_before_rest(program):
 
 
 def test_duration_equals_the_time_played(program):
-    report, board, told = scripted(program)
+    report, board, reported = scripted(program)
     dwells = [block for _, block in board.commands if isinstance(block, Dwell)]
     assert sum(dwell.seconds for dwell in dwells) == 0.25
     # Pulses are in whole ns. The last step of a ramp to rest comes shortly before its end:
     # half a BLU before it at a jerk
     # of 40000 mm/s^3.
     assert -1e-9 <= report.duration_s - board.last_s <= (6 * 0.01 / 40000) ** (1 / 3)
-    assert told[-1].time == pytest.approx(report.duration_s, abs=1e-9)
+    assert reported[-1].time == pytest.approx(report.duration_s, abs=1e-9)
     assert check(program, mill()).duration_s == pytest.approx(report.duration_s, rel=1e-9)
     ends = [time * 1e-9 for time, block in board.commands]
     assert ends == sorted(ends)
@@ -203,8 +201,9 @@ def test_override_does_not_scale_traverses(program, percent):
 
 
 def test_traverses_reach_the_limits_of_the_axes(tmp_path):
-    """G0 along a line at which X binds in speed and Y in acceleration and jerk; the machine's
-    largest feed does not matter.
+    """X limits the speed of this G0, and Y its acceleration and jerk.
+
+    The machine's largest feed has no effect.
     """
     fast = Axis(steps_per_mm=10.0, max_velocity=300.0, max_acceleration=5000.0, max_jerk=200000.0)
     heavy = Axis(steps_per_mm=10.0, max_velocity=400.0, max_acceleration=1000.0, max_jerk=20000.0)

@@ -1,6 +1,4 @@
-"""The executor: order, times of commands, stops and faults, on boards that note what they are
-sent.
-"""
+"""The executor: order, times of commands, stops and faults, on boards that record their calls."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ FILE = "p.nc"
 
 
 def stretch(line: int, t0: float, seconds: float = 1.0, speed_at_end: float = 0.0) -> PlanChunk:
-    """A stretch of a plan of which only times, line and end speed matter here."""
+    """Return a stretch of a plan; only its times, line and end speed matter here."""
     one = np.ones(1)
     path = PathChunk(
         ("x",),
@@ -57,7 +55,7 @@ def stretch(line: int, t0: float, seconds: float = 1.0, speed_at_end: float = 0.
 
 
 class Ticker:
-    """An interpolator that gives each stretch two chunks of two pulses, evenly spread."""
+    """An interpolator that gives each stretch two chunks of two pulses at equal intervals."""
 
     def __init__(self) -> None:
         self.position_steps: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
@@ -88,7 +86,7 @@ def go(
 
 def test_pulses_and_commands_are_in_order() -> None:
     shown: list[PulseChunk] = []
-    told: list[Progress] = []
+    reported: list[Progress] = []
     spindle, dwell, end = Spindle(FILE, 1, "cw", 100.0), Dwell(FILE, 3, 0.5), End(FILE, 5)
     outcome, board = go(
         spindle,
@@ -97,7 +95,7 @@ def test_pulses_and_commands_are_in_order() -> None:
         stretch(4, 1.5),
         end,
         on_pulses=shown.append,
-        on_progress=told.append,
+        on_progress=reported.append,
     )
     assert outcome.finished
     assert outcome.stopped_at_line is None
@@ -108,9 +106,9 @@ def test_pulses_and_commands_are_in_order() -> None:
     assert board.commands == [(0, spindle), (1_000_000_000, dwell), (2_500_000_000, end)]
     assert board.state == "idle"
     assert [c.line[0] for c in shown] == [2, 2, 4, 4]
-    assert [p.line for p in told] == [1, 2, 2, 3, 4, 4, 5]
-    assert [p.rows for p in told] == [0, 2, 4, 4, 6, 8, 8]
-    assert np.all(np.diff([p.time for p in told]) >= 0)
+    assert [p.line for p in reported] == [1, 2, 2, 3, 4, 4, 5]
+    assert [p.rows for p in reported] == [0, 2, 4, 4, 6, 8, 8]
+    assert np.all(np.diff([p.time for p in reported]) >= 0)
 
 
 def test_an_empty_program() -> None:
@@ -134,7 +132,7 @@ def test_dwell_without_motion_advances_the_clock() -> None:
 
 
 class TestStop:
-    """The operator stops the run while its first chunk of pulses is under way."""
+    """The operator stops the run during its first chunk of pulses."""
 
     def stopping(self, **options: Any) -> tuple[Outcome, Loopback, list[int]]:
         control = Control()
@@ -199,7 +197,7 @@ class TestStop:
 
 
 class Aborting(Loopback):
-    """Notes that it was told to abort; can fail at that too, and without a line."""
+    """Counts the requests to abort. It can fail at them, with or without a line."""
 
     aborted = False
 
@@ -210,7 +208,7 @@ class Aborting(Loopback):
 
 
 class Silent(Loopback):
-    """Its faults don't say where."""
+    """Its faults have no line."""
 
     def send(self, chunk: PulseChunk) -> None:
         if self.rows >= 4:
@@ -250,8 +248,9 @@ def test_other_exceptions_abort(fault: BaseException) -> None:
 
 
 class ProbesByMotion(Loopback):
-    """A board whose probe makes contact at a height of the third axis: pulses below are not
-    played.
+    """A board whose probe makes contact at a height of the third axis.
+
+    It does not play pulses below.
     """
 
     def __init__(self, height: int | None) -> None:
@@ -276,7 +275,7 @@ class ProbesByMotion(Loopback):
 
 
 def probing(board: ProbesByMotion, must: bool = True) -> Outcome:
-    """A probe down to -1 mm, then a traverse back up to 0 by way of what the probe found."""
+    """Return a probe to -1 mm, then a traverse to 0 that uses the probe's result."""
     mill = Machine(
         name="mill",
         axes={
@@ -321,8 +320,8 @@ def test_optional_contact_may_be_missing() -> None:
 
 
 def test_stop_at_any_time_rests_on_the_path() -> None:
-    """With the real planner: nothing is left out between the last stretch sent and the ramp,
-    wherever the stop falls.
+    """With the real planner nothing is missing between the last stretch and the ramp, at any time
+    of the stop.
     """
     axis = Axis(steps_per_mm=100.0, max_velocity=100.0, max_acceleration=1500.0, max_jerk=40000.0)
     machine = Machine(axes={"x": axis}, path=PathLimits(max_feed=100.0))

@@ -1,5 +1,6 @@
-"""Homing against the firmware in the simulator: the switches close and open where the pins have
-brought the axes.
+"""Homing against the firmware in the simulator.
+
+The switches follow the position that the pins add up to.
 """
 
 from __future__ import annotations
@@ -10,104 +11,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Callbacks, Control, HomingStopped, Report, home
+from cnc.api import Callbacks, Control, HomingStopped, home
 from cnc.boards.loopback import Loopback
-from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
 from cnc.executor.homing import LATCHES, STUCK, AxisHoming, homing_sequence
-from cnc.machine.models import Axis, Homing, HomingOrder, Machine
+from cnc.machine.models import Homing, HomingOrder, Machine
 from cnc.model.diagnostics import BoardError, CncError, UsageError
-from tests.support.boards.stepper_simulator import (
-    DIRECTION_PINS,
-    STEP_PINS,
-    Simulator,
-    SimulatorPort,
+from tests.support.boards.homing_bench import (
+    EVERYWHERE,
+    INF,
+    PROGRAM,
+    QUICK,
+    STEPS_PER_MM,
+    SWITCH_PINS,
+    Bench,
+    axis,
+    ran,
+    rows,
+    small,
 )
 from tests.support.session.runs import run_with
 from tests.support.soak import share
-
-SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
-STEPS_PER_MM = 100
-QUICK = Homing(seek=20.0, latch=2.0, pull_off=0.5)
-
-
-def axis(travel: tuple[float, float], homing: Homing | None = QUICK, **changes: object) -> Axis:
-    known = Axis(
-        steps_per_mm=STEPS_PER_MM,
-        max_velocity=40.0,
-        max_acceleration=400.0,
-        max_jerk=15_000.0,
-        travel=travel,
-        homing=homing,
-    )
-    return known.model_copy(update=changes)
-
-
-def small(**changes: object) -> Machine:
-    axes = {"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
-    return Machine(axes=axes).model_copy(update=changes)  # type: ignore[arg-type]
-
-
-class Bench:
-    """The chip, its axes' places as its pins have led them (steps, 0 where the bench began), and
-    the switches that these close.
-
-    switches: by the axis's letter the places, in steps, from which to which its switch is closed;
-    pins are set every 0.5 ms.
-    """
-
-    def __init__(self, **switches: tuple[float, float]) -> None:
-        self.simulator = Simulator()
-        self.port = SimulatorPort(self.simulator)
-        self.switches = switches
-        self.place = [0, 0, 0, 0]
-        self.backward = [0, 0, 0, 0]
-        self.seen = 0
-        self._run = self.simulator.run
-        self.simulator.run = self.felt  # type: ignore[method-assign]
-        self.set()
-
-    def felt(self, seconds: float, *, or_byte: bool = False) -> None:
-        self._run(min(seconds, 5e-4), or_byte=or_byte)
-        edges = self.simulator.edges()
-        for edge in edges[self.seen :]:
-            pin, level = int(edge["pin"]), int(edge["level"])
-            if pin in DIRECTION_PINS:
-                self.backward[DIRECTION_PINS.index(pin)] = level
-            elif pin in STEP_PINS and level:
-                column = STEP_PINS.index(pin)
-                self.place[column] += 1 - 2 * self.backward[column]
-        self.seen = len(edges)
-        self.set()
-
-    def set(self) -> None:
-        for letter, (low, high) in self.switches.items():
-            self.simulator.set_pin(
-                SWITCH_PINS[letter], 0 if low <= self.place["xyz".index(letter)] <= high else 1
-            )
-
-    def driver(self, machine: Machine) -> Stepper:
-        return Stepper(self.port, machine, "the simulator", clock=self.port)
-
-    def home(self, machine: Machine, *axes: str, **more: object) -> dict[str, float | None]:
-        board = self.driver(machine)
-        try:
-            return home(machine, axes, board=board, **more)  # type: ignore[arg-type]
-        finally:
-            board.close()
-
-    def standing(self, machine: Machine) -> tuple[int | None, ...]:
-        """What the next program is told."""
-        board = self.driver(machine)
-        try:
-            return board.known_steps
-        finally:
-            board.close()
-
-
-INF = float("inf")
-EVERYWHERE = {"x": (-INF, -300), "y": (-INF, -410), "z": (150, INF)}
-"""Switches 3, 4.1 and 1.5 mm away, at the low ends of X and Y and the high end of Z."""
 
 
 @pytest.fixture
@@ -115,10 +39,6 @@ def bench() -> Iterator[Bench]:
     made = Bench(**EVERYWHERE)
     yield made
     made.simulator.close()
-
-
-def rows(bench: Bench) -> np.ndarray:
-    return bench.simulator.moves()[1]
 
 
 def test_axes_end_off_their_switches_with_known_positions(bench: Bench) -> None:
@@ -162,7 +82,7 @@ def test_single_axis(bench: Bench, invert: bool) -> None:
 
 
 def test_axis_moves_off_a_closed_switch_first(bench: Bench) -> None:
-    """By its own axis, when that has its turn: Z goes up with X on its switch."""
+    """Each axis does so in its turn: Z goes up while X is on its switch."""
     bench.switches["x"] = (-INF, 200)
     machine = small()
     assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
@@ -259,7 +179,7 @@ def test_operator_stops_the_homing(bench: Bench) -> None:
 
 
 def test_reset_loses_all_positions(bench: Bench) -> None:
-    """As does a computer that dies: what counts is what the board says."""
+    """A computer that fails has the same effect: the board's answer counts."""
     board = bench.driver(small())
     real = bench.set
 
@@ -279,8 +199,9 @@ def test_reset_loses_all_positions(bench: Bench) -> None:
 @pytest.mark.parametrize("place", share([*range(-950, 950, 25)], [-950, 950]))
 @pytest.mark.parametrize(("seek", "end"), share([(20.0, "low"), (60.0, "high")], [(60.0, "high")]))
 def test_homing_from_any_position(place: int, seek: float, end: str) -> None:
-    """Within the travel of the axis, and before its switch or behind; with a latch speed of half a
-    step a look at the pins: to the step.
+    """The axis starts within its travel, on either side of its switch.
+
+    At a latch speed of half a step for each look at the pins, it ends on the exact step.
     """
     towards = 1 if end == "high" else -1
     way = Homing(end=end, seek=seek, latch=2.0, pull_off=1.0)  # type: ignore[arg-type]
@@ -296,8 +217,8 @@ def test_homing_from_any_position(place: int, seek: float, end: str) -> None:
 
 
 def test_homing_is_within_the_limits(bench: Bench) -> None:
-    """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no
-    more abruptly than the axis may.
+    """The moves to the switch and off it keep the requested speed, and the axis's acceleration and
+    jerk.
     """
     machine = small()
     bench.switches = {"z": (550, INF)}
@@ -311,20 +232,8 @@ def test_homing_is_within_the_limits(bench: Bench) -> None:
     assert t[100] - t[0] > 0.05
 
 
-PROGRAM = "G21 G90\nG1 X2 Y0 Z0 F1200\nM2\n"
-
-
-def ran(bench: Bench, machine: Machine, folder: Path, **more: object) -> Report:
-    (folder / "p.ngc").write_text(PROGRAM)
-    board = bench.driver(machine)
-    try:
-        return run_with(folder / "p.ngc", machine, board=board, **more)
-    finally:
-        board.close()
-
-
 def test_machine_with_switches_must_home_first(bench: Bench, tmp_path: Path) -> None:
-    """After a switch has stopped it, too: it moves on when it has come home."""
+    """This holds after a stop by a switch, too. The machine moves again after homing."""
     machine = small()
     refused = ran(bench, machine, tmp_path)
     assert [fault.diagnostic.code for fault in refused.faults] == ["not-homed"]
@@ -419,7 +328,7 @@ def test_board_without_switches() -> None:
 
 
 def test_defaults_of_homing() -> None:
-    """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
+    """Z is first, upwards; the others follow in their order, downwards, at the speeds of GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
     ways = homing_sequence(machine)
     assert [(way.letter, way.towards, way.rest) for way in ways] == [

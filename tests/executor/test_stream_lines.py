@@ -1,5 +1,5 @@
-"""Programs on a board that plans for itself: the board in the box goes where the program says, and
-faults and wishes end in reports.
+"""Programs on a board that plans for itself: the GRBL simulator follows the program, and faults
+and requests end in reports.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Callbacks, Control, Outputs, Report, run
+from cnc.api import Callbacks, Control, Machine, Outputs, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop, Unplug
@@ -22,72 +22,90 @@ from cnc.model.diagnostics import UsageError
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
+WITHOUT_TRAVEL = MACHINE.model_copy(
+    update={
+        "axes": {
+            letter: axis.model_copy(update={"travel": None})
+            for letter, axis in MACHINE.axes.items()
+        }
+    }
+)
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
 
 
 @pytest.fixture
-def box() -> GrblSimulator:
+def simulator() -> GrblSimulator:
     return GrblSimulator()
 
 
-def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> Report:
+def ran(
+    simulator: GrblSimulator,
+    tmp_path: Path,
+    text: str,
+    machine: Machine = MACHINE,
+    **arguments: object,
+) -> Report:
     program = tmp_path / "p.nc"
     program.write_text(text)
-    port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    port = GrblSimulatorPort(simulator)
+    board = GrblBoard(port, machine, port.clock, "the simulator")
     board.connect()
-    report = run_with(program, MACHINE, board=board, **arguments)
+    report = run_with(program, machine, board=board, **arguments)
     board.close()
     return report
 
 
-def test_program_ends_at_its_end_point(box: GrblSimulator, tmp_path: Path) -> None:
+def test_program_ends_at_its_end_point(simulator: GrblSimulator, tmp_path: Path) -> None:
     report = ran(
-        box,
+        simulator,
         tmp_path,
         "G21 G90\nG0 Z5\nM3 S1000\nG1 Z-1 F300\nG2 X10 Y0 I5 J0 F900\nG1 Y20\nG0 Z5\nM5\nM30\n",
     )
     assert report.ok, report.faults
-    assert box.position == pytest.approx((10.0, 20.0, 5.0), abs=0.002)
-    assert box.lost == 0
-    assert [event.value for event in box.events if event.kind == "spindle"] == ["M3 1000", "M5 0"]
+    assert simulator.position == pytest.approx((10.0, 20.0, 5.0), abs=0.002)
+    assert simulator.lost == 0
+    assert [event.value for event in simulator.events if event.kind == "spindle"] == [
+        "M3 1000",
+        "M5 0",
+    ]
 
 
-def test_program_uses_the_offsets_of_the_board(box: GrblSimulator, tmp_path: Path) -> None:
-    box.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
-    box.core.eeprom.systems["G55"] = (50.0, 20.0, -10.0)
-    report = ran(box, tmp_path, "G54 G0 X1 Y2 Z3\nG55 G1 X1 F900\nG53 G0 Z0\nM2\n")
+def test_program_uses_the_offsets_of_the_board(simulator: GrblSimulator, tmp_path: Path) -> None:
+    simulator.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
+    simulator.core.eeprom.systems["G55"] = (50.0, 20.0, -10.0)
+    report = ran(simulator, tmp_path, "G54 G0 X1 Y2 Z3\nG55 G1 X1 F900\nG53 G0 Z0\nM2\n")
     assert report.ok, report.faults
-    assert box.position == pytest.approx((51.0, 22.0, 0.0), abs=0.002)
+    assert simulator.position == pytest.approx((51.0, 22.0, 0.0), abs=0.002)
     assert report.end_position == pytest.approx({"x": 51.0, "y": 22.0, "z": 0.0})
 
 
-def test_board_keeps_the_offsets_of_the_program(box: GrblSimulator, tmp_path: Path) -> None:
-    report = ran(box, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
+def test_board_keeps_the_offsets_of_the_program(simulator: GrblSimulator, tmp_path: Path) -> None:
+    report = ran(simulator, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
     assert report.ok, report.faults
-    assert box.core.eeprom.systems["G55"] == pytest.approx((10.0, 5.0, 0.0))
-    assert box.core.eeprom.systems["G56"] == pytest.approx((0.0, 0.0, -4.5))
-    assert box.core.eeprom.systems["G54"] == pytest.approx((0.0, 0.0, 0.0))
+    assert simulator.core.eeprom.systems["G55"] == pytest.approx((10.0, 5.0, 0.0))
+    assert simulator.core.eeprom.systems["G56"] == pytest.approx((0.0, 0.0, -4.5))
+    assert simulator.core.eeprom.systems["G54"] == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_program_gets_the_position_of_the_contact(tmp_path: Path) -> None:
-    box = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
-    report = ran(box, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
+    simulator = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    report = ran(simulator, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
     assert report.ok, report.faults
-    assert box.position == pytest.approx((1.0, 0.0, 1.0), abs=0.01)
-    assert box.core.eeprom.systems["G54"][2] == pytest.approx(-4.0, abs=0.01)
+    assert simulator.position == pytest.approx((1.0, 0.0, 1.0), abs=0.01)
+    assert simulator.core.eeprom.systems["G54"][2] == pytest.approx(-4.0, abs=0.01)
 
 
 def test_lines_outside_the_travel_are_not_sent(tmp_path: Path) -> None:
-    box = GrblSimulator(settings={20: 1, 130: 50, 131: 50, 132: 50})
-    report = ran(box, tmp_path, "G0 X-4\nG1 X10 F100\nM2\n")
+    simulator = GrblSimulator(settings={20: 1, 130: 50, 131: 50, 132: 50})
+    report = ran(simulator, tmp_path, "G0 X-4\nG1 X10 F100\nM2\n")
     (fault,) = report.faults
     assert (fault.diagnostic.code, fault.diagnostic.line, fault.exit_code) == ("soft-limit", 2, 1)
-    assert not box.moves
+    assert not simulator.moves
 
 
-def test_connection_fault_has_file_and_line(box: GrblSimulator, tmp_path: Path) -> None:
-    box.inject(Unplug(), time=6.0)
-    report = ran(box, tmp_path, "".join(f"G1 X{k % 2 * 20} F600\n" for k in range(40)))
+def test_connection_fault_has_file_and_line(simulator: GrblSimulator, tmp_path: Path) -> None:
+    simulator.inject(Unplug(), time=6.0)
+    report = ran(simulator, tmp_path, "".join(f"G1 X{k % 2 * 20} F600\n" for k in range(40)))
     (fault,) = report.faults
     found = fault.diagnostic
     assert (found.code, fault.exit_code) == ("port-lost", 3)
@@ -96,10 +114,10 @@ def test_connection_fault_has_file_and_line(box: GrblSimulator, tmp_path: Path) 
     assert found.text.startswith("G1 X")
 
 
-def test_different_end_position_is_a_fault(box: GrblSimulator, tmp_path: Path) -> None:
+def test_different_end_position_is_a_fault(simulator: GrblSimulator, tmp_path: Path) -> None:
     text = "G1 X20.05 F600\n"
-    assert ran(box, tmp_path, text).ok
-    asked = box.core.receiver.received - 80
+    assert ran(simulator, tmp_path, text).ok
+    asked = simulator.core.receiver.received - 80
     codes = set()
     # One byte after the other of what is sent at the end is lost on the way.
     for byte in range(asked, asked + 80):
@@ -112,7 +130,7 @@ def test_different_end_position_is_a_fault(box: GrblSimulator, tmp_path: Path) -
     assert {"position-differs", "board-error"} <= codes
 
 
-def test_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) -> None:
+def test_stop_is_reported_with_the_position(simulator: GrblSimulator, tmp_path: Path) -> None:
     control = Control()
     seen: list[Progress] = []
 
@@ -122,7 +140,7 @@ def test_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) 
             control.stop()
 
     report = ran(
-        box,
+        simulator,
         tmp_path,
         "G1 X20 F600\n" + "Y0.1\nY0\n" * 30,
         control=control,
@@ -130,8 +148,8 @@ def test_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) 
     )
     assert report.ok
     assert report.stopped_at_line is not None
-    assert report.end_position["x"] == pytest.approx(box.position[0], abs=0.002)
-    assert 10.0 < box.position[0] <= 20.0
+    assert report.end_position["x"] == pytest.approx(simulator.position[0], abs=0.002)
+    assert 10.0 < simulator.position[0] <= 20.0
     assert any(progress.buffered for progress in seen)
 
 
@@ -159,34 +177,58 @@ def test_pauses_wait_or_are_refused_or_skipped(tmp_path: Path) -> None:
     assert report.faults[0].diagnostic.line == 2
     assert not refused.moves
     assert ran(left_out, tmp_path, text, pauses="skip", dialect="linuxcnc").ok
-    for box in (waited, left_out):
-        assert box.position[0] == pytest.approx(3.0, abs=0.002)
+    for simulator in (waited, left_out):
+        assert simulator.position[0] == pytest.approx(3.0, abs=0.002)
 
 
-def test_check_on_the_board_moves_nothing(box: GrblSimulator, tmp_path: Path) -> None:
+def test_check_on_the_board_moves_nothing(simulator: GrblSimulator, tmp_path: Path) -> None:
     program = tmp_path / "p.nc"
     program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
-    port = GrblSimulatorPort(box)
+    port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok
-    assert not box.moves
-    assert box.core.state == "Idle"
+    assert not simulator.moves
+    assert simulator.core.state == "Idle"
 
 
 def test_home_and_unlock_are_sent_first(tmp_path: Path) -> None:
-    box = GrblSimulator(settings={22: 1})
-    report = ran(box, tmp_path, "$H\n", dialect="grbl")
+    simulator = GrblSimulator(settings={22: 1})
+    report = ran(simulator, tmp_path, "$H\n", dialect="grbl")
     assert report.ok, report.faults
-    assert box.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
+    assert simulator.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
     locked = ran(GrblSimulator(settings={22: 1}), tmp_path, "G1 X1 F100\n")
     assert [fault.diagnostic.code for fault in locked.faults] == ["board-locked"]
 
 
-def test_line_board_has_no_pulses(box: GrblSimulator, tmp_path: Path) -> None:
+@pytest.mark.parametrize("upwards", [True, False])
+@pytest.mark.parametrize("restarted", [True, False])
+def test_a_program_that_homes_goes_on_where_the_board_stands(
+    tmp_path: Path, upwards: bool, restarted: bool
+) -> None:
+    simulator = GrblSimulator(settings={22: 1, 23: 0 if upwards else 3, 27: 2.0} | FAST)
+    if not restarted:
+        # The position before homing has nothing to do with the one after it.
+        assert ran(simulator, tmp_path, "$H\nG0 X-30 Y-20\n", WITHOUT_TRAVEL, dialect="grbl").ok
+    program = "$H\nG0 X0 Y0\nG91\nG1 X-1 F500\nG90\nG53 G0 Z-5\nG1 Y-7\nM2\n"
+    report = ran(simulator, tmp_path, program, WITHOUT_TRAVEL, dialect="grbl")
+    assert report.ok, report.faults
+    assert simulator.position == pytest.approx((-1.0, -7.0, -5.0), abs=0.002)
+    assert report.end_position == pytest.approx({"x": -1.0, "y": -7.0, "z": -5.0}, abs=0.002)
+
+
+def test_a_relative_move_after_homing_begins_at_the_homed_position(tmp_path: Path) -> None:
+    simulator = GrblSimulator(settings={22: 1, 27: 3.0} | FAST)
+    program = "$H\nG91 G1 X-4 F500\nM2\n"
+    report = ran(simulator, tmp_path, program, WITHOUT_TRAVEL, dialect="grbl")
+    assert report.ok, report.faults
+    assert simulator.position == pytest.approx((-7.0, -3.0, -3.0), abs=0.002)
+
+
+def test_line_board_has_no_pulses(simulator: GrblSimulator, tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
-        ran(box, tmp_path, "G1 X1 F100\n", outputs=Outputs(pulses=str(tmp_path / "x.npz")))
+        ran(simulator, tmp_path, "G1 X1 F100\n", outputs=Outputs(pulses=str(tmp_path / "x.npz")))
     assert caught.value.diagnostic.code == "no-pulses"
-    assert np.allclose(box.position, 0.0)
+    assert np.allclose(simulator.position, 0.0)
     assert replace(Progress(0.0, 0, 0), held=True).held

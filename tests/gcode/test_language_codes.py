@@ -33,7 +33,7 @@ CASES = {
     "message": ("(MSG, hello there )\n( msg ,second)G0 X1\n(not msg, this)", [
         ("message", "hello there"), ("message", "second"), ("rapid", 1, 0, 0)]),
     "percent": ("\n(head)\n%\nG0 X1\n%\nnot read [", [("rapid", 1, 0, 0)]),
-    "percent at the end only": ("G0 X1\n%\nnot read", [("rapid", 1, 0, 0)]),
+    "percent at the end only": ("G0 X1\n%\n\n", [("rapid", 1, 0, 0)]),
     "block delete off": ("/G0 X1", [("rapid", 1, 0, 0)]),
     "program number": ("%\nO1234 (PART)\nG0 X1\nM30\n%", [("rapid", 1, 0, 0), ("end",)]),
     # G2, G3 in the centre format

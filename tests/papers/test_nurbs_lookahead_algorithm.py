@@ -1,5 +1,5 @@
-"""The sampled interpolator of the paper on bare curves: its equations by a second implementation,
-and what it holds on random curves.
+"""The paper's sampled interpolator on curves: a second implementation of its equations, and its
+limits on random curves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ F, T, A, A_N, J, H_MAX, DELTA_MAX = 300.0, 0.001, 2400.0, 4903.325, 48000.0, 0.0
 
 
 class Rational:
-    """A NURBS as SciPy evaluates it: a B-spline of homogeneous points."""
+    """A NURBS evaluated by SciPy: a B-spline of homogeneous points."""
 
     def __init__(self, block: NurbsFeed) -> None:
         homogeneous = np.column_stack(
@@ -51,14 +51,14 @@ class Rational:
 
 
 def off_chord(p: Floats, q: Floats, m: Floats) -> float:
-    """Distance of m from the line through p and q."""
+    """Return the distance of m from the line through p and q."""
     along = (q - p) / np.linalg.norm(q - p)
     return float(np.linalg.norm((m - p) - ((m - p) @ along) * along))
 
 
 def by_the_equations(curve: Rational) -> tuple[list[float], list[float], list[float]]:
-    """u, speed and chord error of the adaptive step alone: equations 3 to 8 as they are mended, and
-    the S-curve.
+    """Return u, speed and chord error of the adaptive step alone, by equations 3 to 8 as corrected,
+    and the S-curve.
     """
     u, v, h = [0.0], [0.0], [0.0]
     owed = 0.0
@@ -105,8 +105,8 @@ def test_the_adaptive_step_is_what_the_equations_say() -> None:
 
 
 def holds(samples: Samples, curve: Rational, stops: bool = True) -> None:
-    """On the curve to its very end, no step past what was asked for, within the limits of speed and
-    acceleration.
+    """Check that samples reach the exact end of the curve, and keep the requested steps and the
+    limits of speed and acceleration.
     """
     assert samples.u[0] == 0.0 and samples.u[-1] == curve.end
     assert (np.diff(samples.u) > 0.0).all()
@@ -125,7 +125,9 @@ def holds(samples: Samples, curve: Rational, stops: bool = True) -> None:
 
 @st.composite
 def curves(draw: st.DrawFn) -> NurbsFeed:
-    """Degree 1 to 5, up to 40 points some mm apart in 2 or 3 axes, weights 0.1 to 10."""
+    """Draw curves of degree 1 to 5, up to 40 points some mm apart in 2 or 3 axes, weights 0.1 to
+    10.
+    """
     degree = draw(st.integers(1, 5))
     count = draw(st.integers(degree + 1, 40))
     dimension = draw(st.integers(2, 3))
@@ -144,7 +146,7 @@ def curves(draw: st.DrawFn) -> NurbsFeed:
     )
 
 
-@settings(max_examples=share(400, 30))
+@settings(max_examples=share(400, 18))
 @given(curves())
 def test_random_curves_are_run_within_the_limits(block: NurbsFeed) -> None:
     assume(np.diff(np.unique(block.knots)).min() > 1e-3)

@@ -1,4 +1,4 @@
-"""The experiments of the 2002 paper: what the page says."""
+"""The experiments of the 2002 paper: figures of the page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def section() -> Section:
 
 
 def numbers(table: Table, column: str, nth: int = 0) -> list[float]:
-    """A column's numbers."""
+    """Return the numbers of a column."""
     place = [k for k, name in enumerate(table.columns) if name == column][nth]
     return [float(str(row[place])) for row in table.rows if row[place] != ""]
 
@@ -31,8 +31,9 @@ def test_operations(section: Section) -> None:
 def test_circle_and_polynomial(
     section: Section, number: int, rows: int, error: float, ratio: float
 ) -> None:
-    """The same digits as the paper's procedure gives, and ours beside it; times are a ratio of one
-    run.
+    """The digits equal those of the paper's procedure, with ours beside them.
+
+    Times are ratios within one run.
     """
     table = section.tables[number]
     assert numbers(table, "iterations, as printed") == [pytest.approx(rows, abs=1)] * 2

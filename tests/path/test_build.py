@@ -209,7 +209,7 @@ def test_chunks_are_bounded_and_whole():
 
 
 def test_a_chunk_leaves_before_the_stream_ends():
-    """One chunk is held back, no more."""
+    """The builder holds back one chunk at most."""
     read = 0
 
     def stream():
@@ -234,7 +234,7 @@ def test_moves_of_no_length_vanish():
 
 
 def test_tiny_moves_add_up():
-    """3000 moves of 0.4 picometres: each vanishes, their sum doesn't."""
+    """3000 moves of 0.4 pm: each is dropped, but their sum remains."""
     items = built(lines(np.outer(np.arange(1, 3001) * 4e-10, [1, 0, 0])))
     assert evaluate(items[-1], len(items[-1]) - 1, ends(items[-1], len(items[-1]) - 1)[1])[0][
         0
@@ -299,9 +299,7 @@ def test_a_nurbs_starts_where_the_motion_is():
 
 
 def test_speed_and_memory_of_a_finishing_program():
-    """Memory does not grow with the program, and a move takes about a tenth of a microsecond (ten
-    times that are allowed here).
-    """
+    """Memory does not grow with the program. A move takes about 0.1 us; 1 us is allowed."""
 
     def program(count):
         rng = np.random.default_rng(1)

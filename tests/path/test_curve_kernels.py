@@ -41,18 +41,16 @@ TRIDENT = NurbsFeed(
 
 
 def speed(chunk, k, u):
-    """|dr/du| from the position's derivative, over x y z."""
+    """Return |dr/du| from the derivative of the position, over x y z."""
     return float(np.linalg.norm(evaluate(chunk, k, u)[1][:3]))
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 9])
 @pytest.mark.parametrize("knots", ["random", "multiple", "full"])
 def test_spans_are_the_nurbs(degree, knots):
-    """1e-10 of each derivative's size over the span; rounding grows with the degree and the
-    weights.
-
-    On a piece cut out about a hairpin, 1e-5 of the parameter long, the third derivative keeps five
-    digits (checked with 50 digits).
+    """The error is 1e-10 of each derivative's size over the span, since rounding grows with degree
+    and weights. On a piece at a hairpin, 1e-5 of the parameter long, the third derivative keeps
+    five digits (checked with 50 digits).
     """
     rng = np.random.default_rng([degree, len(knots)])
     for _ in range(share(40, 4)):
@@ -176,8 +174,8 @@ def test_inverse_is_as_accurate_as_asked(accuracy):
 
 
 def test_derivatives_by_arc_length():
-    """|q'| = 1, q' . q'' = 0, and central differences over arc length agree with each derivative's
-    predecessor.
+    """|q'| = 1, q' . q'' = 0, and central differences over arc length agree with the next
+    derivative.
     """
     rng = np.random.default_rng(13)
     for degree in (2, 3, 4, 9):
@@ -272,9 +270,7 @@ def test_several_turns_become_one_piece_each():
 
 @pytest.mark.parametrize("radius", [1e-3, 1.0, 1e6])
 def test_arcs_of_any_size_end_where_they_should(radius):
-    """Centre and end rounded to a program's digits: the end is exact, and reached without a
-    jump.
-    """
+    """Centre and end have the digits of a program. The end is exact and reached without a jump."""
     rng = np.random.default_rng(17)
     for _ in range(20):
         a, turns = rng.uniform(-3, 3), rng.uniform(-0.99, 0.99)

@@ -1,4 +1,4 @@
-"""The verbs of the Curve protocol, on the three curves."""
+"""The methods of the Curve protocol, on the three curves."""
 
 import math
 

@@ -1,4 +1,6 @@
-"""Turning points, boxes, cusps and singular ends against dense sampling and closed formulas."""
+"""Turning points, bounding boxes, cusps and singular ends against dense sampling and closed
+formulas.
+"""
 
 import math
 from itertools import pairwise
@@ -51,7 +53,7 @@ def bezier(points, weights=None):
 
 
 def check_turning(chunk, k, axis):
-    """Between turning points the sampled derivative keeps its sign; it changes at each of them."""
+    """Check that the sampled derivative changes its sign at each turning point, and only there."""
     u0, u1 = ends(chunk, k)
     at = turning(chunk, k, axis)
     assert np.all((at > u0) & (at < u1)) and np.all(np.diff(at) > 0)
@@ -111,9 +113,7 @@ def test_turning_points_of_a_circle_are_its_quadrants():
 
 
 def test_a_double_root_is_no_turning_point():
-    """x' = 3 (1 - 2t)^2 touches zero; with a little more pull back it crosses zero twice, with less
-    not at all.
-    """
+    """x' = 3 (1 - 2t)^2 touches zero. A small change makes it cross zero twice, or not at all."""
     for pull, count in ((1.0, 0), (1.001, 2), (0.999, 0)):
         chunk = nurbs_chunk(bezier([[0, 0, 0], [1, 5, 0], [1 - pull, 9, 0], [2 - pull, 20, 0]]))
         assert len(chunk) == 1
@@ -175,7 +175,7 @@ def test_a_cusp_is_cut(weights):
 
 
 def test_a_rational_cusp_in_a_span_of_many():
-    """The same cusp under projective weights, in the middle of a NURBS."""
+    """The same cusp with projective weights, in the middle of a NURBS."""
     points = np.array(
         [[0, 0, 0], [10, 10, 0], [0, 10, 0], [10, 0, 0], [15, -3, 0], [20, 4, 0], [22, 4, 0]], float
     )
@@ -191,7 +191,7 @@ def test_a_rational_cusp_in_a_span_of_many():
 
 
 def test_a_stall_without_a_turn_is_cut():
-    """r' = 6 (1 - 2t)^2 along a line: no change of direction, but |dr/du| vanishes on the way."""
+    """r' = 6 (1 - 2t)^2 along a line: the direction stays, but |dr/du| vanishes inside."""
     chunk = nurbs_chunk(bezier([[-1, -2, 0], [1, 2, 0], [-1, -2, 0], [1, 2, 0]]))
     assert len(chunk) == 2
     assert chunk.length == pytest.approx([math.sqrt(5)] * 2, rel=1e-9)
@@ -201,7 +201,7 @@ def test_a_stall_without_a_turn_is_cut():
 
 
 def test_a_hairpin_is_cut_at_its_tip():
-    """A loop of almost no width: the sharpest point lies at the end of a piece."""
+    """The sharpest point of a very narrow loop lies at the end of a piece."""
     chunk = nurbs_chunk(bezier([[0, 0, 0], [10, 10, 0], [0.01, 10, 0], [10, 0, 0]]))
     assert len(chunk) == 2
     assert ends(chunk, 0)[1] == pytest.approx(0.5, abs=1e-3)
@@ -228,8 +228,9 @@ def test_repeated_control_points_at_the_ends(repeats):
 
 @pytest.mark.parametrize("degree", [2, 3, 5, 9])
 def test_a_line_from_a_standstill(degree):
-    """All control points but the last are one: s = L t^degree, so the inverse is known; no row of
-    the table may be wasted on the start.
+    """All control points but the last are equal: s = L t^degree, so the inverse is known.
+
+    No row of the table may be wasted on the start.
     """
     block = bezier([[-4.0, 42.0, 0.0]] * degree + [[-57.0, -95.0, 0.0]])
     chunk = nurbs_chunk(block)

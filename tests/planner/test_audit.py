@@ -222,7 +222,7 @@ PLANS = [
         ],
         {"axis": (2400.0, 48000.0)},
     ),
-    *(([*random_blocks(np.random.default_rng(seed), 4)], {}) for seed in range(share(30, 4))),
+    *(([*random_blocks(np.random.default_rng(seed), 4)], {}) for seed in range(share(30, 2))),
 ]
 
 

@@ -225,7 +225,7 @@ def random_mill(rng):
     )
 
 
-@settings(max_examples=share(2000, 40), deadline=None)
+@settings(max_examples=share(2000, 10), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_random_chains_are_legal_and_within_the_tolerance(seed):
     rng = np.random.default_rng(seed)
@@ -262,7 +262,7 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     assert interpolator.error_blu <= 0.5 + 1e-6
 
 
-@settings(max_examples=share(500, 20), deadline=None)
+@settings(max_examples=share(500, 8), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_corners_are_the_same_wherever_plans_are_cut(seed):
     rng = np.random.default_rng(seed)
@@ -356,7 +356,7 @@ def test_the_audit_finds_a_jump_at_a_timed_piece():
     assert not Audit(ahead.limits)._continuity(chunk)
 
 
-@settings(max_examples=share(500, 15), deadline=None)
+@settings(max_examples=share(500, 6), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_holds_and_overrides_near_corners_are_legal(seed):
     rng = np.random.default_rng(seed)

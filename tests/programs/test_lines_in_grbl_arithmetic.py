@@ -70,7 +70,7 @@ def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) 
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 
-@settings(max_examples=share(1000, 30))
+@settings(max_examples=share(1000, 18))
 @given(
     seed=st.integers(0, 10**6),
     offset=OFFSETS,

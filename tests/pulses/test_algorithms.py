@@ -1,4 +1,4 @@
-"""Whole paths by every algorithm: each row within half a BLU of the path at its own time, for all
+"""Paths by every algorithm: each row is within half a BLU of the path at its own time, for all
 kinds of pieces.
 """
 
@@ -51,7 +51,7 @@ def run(
     algorithm: Algorithm | None,
     min_ns: float = 0.0,
 ) -> tuple[PulseChunk, ReferencePulse]:
-    """All rows in one, the last move to the rounded end with them."""
+    """Return all rows in one array, with the last move to the rounded end."""
     interpolator = ReferencePulse(scale, start, min_ns, algorithm=algorithm)
     chunks = [c for plan in plans for c in interpolator.pulses(plan)]
     axes = len(interpolator.origin_steps)
@@ -70,8 +70,8 @@ def check(
     *,
     looked_at: int = 150,
 ) -> PulseChunk:
-    """Rows of a plan from rest to rest, and a share of them against the path evaluated another way
-    at their times.
+    """Check the rows of a plan from rest to rest, some of them against an independent evaluation of
+    the path.
     """
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
@@ -119,7 +119,7 @@ def check(
 
 
 def random_nurbs(rng: np.random.Generator, start: Floats, degree: int) -> NurbsFeed:
-    """A rational curve of that degree, from ``start`` on."""
+    """Return a rational curve of a degree, from ``start`` on."""
     points = degree + 1 + int(rng.integers(0, 5))
     inner = np.sort(rng.uniform(0.1, 0.9, points - degree - 1))
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
@@ -128,7 +128,7 @@ def random_nurbs(rng: np.random.Generator, start: Floats, degree: int) -> NurbsF
 
 
 def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block]]:
-    """Lines, arcs and curves, on the grid and off it."""
+    """Return lines, arcs and curves, with ends on the grid and off it."""
     start = rng.uniform(-1, 1, axes).round(int(rng.integers(1, 6)))
     p = start
     blocks: list[Block] = []
@@ -169,7 +169,7 @@ def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
 def steps(
     blocks: Sequence[Block], start: ArrayLike, algorithm: Algorithm | None
 ) -> list[list[int]]:
-    """The rows at 100 steps/mm."""
+    """Return the rows at 100 steps/mm."""
     origin = np.asarray(start, dtype=np.float64)
     rows, _ = run(
         [plan_of(path_of(blocks, origin))], np.full(len(origin), 100.0), origin, algorithm
@@ -178,8 +178,9 @@ def steps(
 
 
 def test_each_piece_has_its_algorithm() -> None:
-    """Half steps on lines and arcs, enclosing lines on other curves; what is named instead takes
-    every piece.
+    """Lines and arcs use half steps, other curves enclosing lines.
+
+    A named algorithm is used for every piece.
     """
     rng = np.random.default_rng(3)
     flat, space = np.zeros(2), np.zeros(3)
@@ -201,7 +202,7 @@ def test_each_piece_has_its_algorithm() -> None:
 
 
 def test_a_leader_steps_evenly_across_the_joints_of_its_path() -> None:
-    """Chords that end off the grid, at constant speed along the leading axis: no step is early or
+    """The chords end off the grid, and the leading axis has constant speed: no step is early or
     late.
     """
     x = np.cumsum(np.full(50, 0.0377))
@@ -230,8 +231,9 @@ def test_a_leader_steps_evenly_across_the_joints_of_its_path() -> None:
 
 
 def test_rest_is_on_the_rounded_point() -> None:
-    """Where the motion stops the grid point is the nearest; where it goes on no step is made for
-    it.
+    """At rest the grid point is the nearest one.
+
+    Where the motion continues, no extra step is made.
     """
     corner = path_of([polyline([[0.0377, 0.0], [0.0377, 0.05]])], [0.0, 0.0])
     first, second = (pieces(corner, k, k) for k in (0, 1))
@@ -242,7 +244,7 @@ def test_rest_is_on_the_rounded_point() -> None:
 
 
 def test_a_step_left_behind_is_made_before_it_is_two() -> None:
-    """The second axis is 1.4 steps behind where the first line ends, and leads on the second."""
+    """The second axis lags by 1.4 steps at the end of the first line, and leads on the second."""
     path = path_of([polyline([[0.9, 0.84], [1.0, 2.0]])], [0.0, 0.0])
     rows, _ = run([at_constant_speed(path, 1.0)], [1.0] * 2, [0.0, 0.0], None)
     grid = np.cumsum(rows.step, axis=0)
@@ -301,9 +303,7 @@ def test_a_buffer_smaller_than_the_rows(
 def test_rows_are_never_nearer_than_the_board_takes_them(
     algorithm: Algorithm | None, seed: int
 ) -> None:
-    """At the highest speed that the board's rate allows on any one axis, over short moves off the
-    grid.
-    """
+    """Short moves off the grid run at the highest speed that the board allows on one axis."""
     rng = np.random.default_rng(seed)
     start, blocks = random_path(rng, 3)
     min_ns = 20_000.0

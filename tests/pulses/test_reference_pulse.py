@@ -1,17 +1,15 @@
-"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against paths evaluated
-another way.
+"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against an independent
+evaluation.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed
@@ -19,99 +17,16 @@ from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
 from cnc.pulses import reference_pulse
 from cnc.pulses.reference_pulse import ReferencePulse
-from tests.support.pulses.oracle import crossings, segments_of
 from tests.support.pulses.plans import FILE, arc, cut, path_of, plan_of, polyline, state_at, trident
+from tests.support.pulses.reference_rows import (
+    check,
+    check_rows,
+    check_time,
+    random_nurbs,
+    run,
+    spacing,
+)
 from tests.support.soak import share
-
-Floats = NDArray[np.float64]
-
-
-def run(
-    plans: Sequence[PlanChunk], steps_per_mm: ArrayLike, start: ArrayLike
-) -> tuple[PulseChunk, ReferencePulse]:
-    """All rows in one."""
-    interpolator = ReferencePulse(steps_per_mm, start, algorithm="crossings")
-    chunks = [c for plan in plans for c in interpolator.pulses(plan)]
-    axes = len(interpolator.origin_steps)
-    whole = PulseChunk(
-        np.concatenate([np.empty(0, np.int64), *(c.time_ns for c in chunks)]),
-        np.concatenate([np.empty((0, axes), np.int8), *(c.step for c in chunks)]),
-        np.concatenate([np.empty(0, np.int32), *(c.line for c in chunks)]),
-    )
-    return whole, interpolator
-
-
-def check_rows(rows: PulseChunk, interpolator: ReferencePulse, end: ArrayLike) -> None:
-    """What holds for the pulses of any path that ends at ``end``."""
-    assert (np.abs(rows.step) <= 1).all()
-    assert rows.step.any(axis=1).all()
-    assert (np.diff(rows.time_ns) >= 0).all()
-    np.testing.assert_array_equal(
-        interpolator.origin_steps + rows.step.sum(axis=0, dtype=np.int64),
-        interpolator.position_steps,
-    )
-    off = np.abs(interpolator.position_steps - np.asarray(end) * interpolator.steps_per_mm)
-    assert (off <= 0.5 + 1e-9).all()
-    assert interpolator.error_blu <= 0.5 + 1e-9
-
-
-def check(
-    blocks: Sequence[Block],
-    start: ArrayLike,
-    steps_per_mm: ArrayLike,
-    *,
-    dense: int = 200,
-    plan: PlanChunk | None = None,
-) -> PulseChunk:
-    """Run the blocks and hold every row against the oracle: same steps in the same order at the
-    same places, at the times of the plan.
-    """
-    origin = np.asarray(start, dtype=np.float64)
-    scale = np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape)
-    path = path_of(blocks, origin)
-    plan = plan_of(path)
-    rows, interpolator = run([plan], scale, origin)
-    segments = segments_of(blocks, origin)
-    check_rows(rows, interpolator, segments[-1].q(np.array(1.0)))
-
-    expected = crossings(segments, scale, interpolator.origin_steps, dense)
-    assert len(expected) == int(np.abs(rows.step).sum())
-    before = np.cumsum([0.0] + [s.length(1.0) for s in segments])
-    assert before[-1] == pytest.approx(plan.phase_s[-1], rel=1e-9)
-    grid = interpolator.origin_steps.copy()
-    left = list(expected)
-    taken = 0
-    for k in range(len(rows.step)):
-        moved = np.flatnonzero(rows.step[k])
-        group = left[taken : taken + len(moved)]
-        taken += len(moved)
-        assert sorted((c.axis, c.sign) for c in group) == [(i, rows.step[k, i]) for i in moved]
-        grid += rows.step[k]
-        place = group[0].place
-        number = min(int(place), len(segments) - 1)
-        off = np.abs(segments[number].q(np.array(place - number)) * scale - grid)
-        assert off.max() <= 0.5 + 1e-7  # the oracle's bisection, and rounding of its own
-        if k % max(len(rows.step) // 25, 1) == 0:
-            s = before[number] + segments[number].length(place - number)
-            check_time(plan, s, int(rows.time_ns[k]))
-    return rows
-
-
-def check_time(plan: PlanChunk, s: float, time_ns: int) -> None:
-    """That the plan is at s at that time: to 1 ns, and to the accuracy of s where the speed is too
-    small to tell the time from it.
-    """
-
-    def miss(t: float) -> float:
-        return float(state_at(plan, np.array([t]))[0, 0]) - s
-
-    t = time_ns * 1e-9 - plan.t0
-    v = float(state_at(plan, np.array([t]))[1, 0])
-    if v > 0.1:
-        exact = brentq(miss, 0.0, plan.duration, xtol=1e-15, rtol=1e-15)
-        assert abs(time_ns - (plan.t0 + exact) * 1e9) <= 1.0 + 2e9 * 1e-9 / v
-    else:
-        assert abs(miss(min(max(t, 0.0), plan.duration))) <= 3e-9
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3, 4, 5, 6, 9])
@@ -159,20 +74,6 @@ def test_a_circle_has_the_counts_of_theory() -> None:
 
 def test_nurbs() -> None:
     check([trident()], np.array([10.0, 10.0]), [20.0, 30.0], dense=2000)
-
-
-def random_nurbs(rng: np.random.Generator, axes: int, degree: int, points: int) -> NurbsFeed:
-    inner = np.sort(rng.uniform(0.1, 0.9, points - degree - 1))
-    knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
-    return NurbsFeed(
-        FILE,
-        1,
-        degree,
-        knots,
-        rng.uniform(-1.0, 1.0, (points, axes)),
-        rng.uniform(0.3, 3.0, points),
-        10.0,
-    )
 
 
 @pytest.mark.parametrize("seed", range(share(60, 6)))
@@ -289,7 +190,7 @@ def test_lines_are_those_of_the_pieces() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 1e-13, -1e-13])
 def test_an_axis_on_a_half_grid_line_is_quiet(noise: float) -> None:
-    """Of two equally near grid points the axis keeps the one it has."""
+    """Between two equally near grid points the axis keeps its own."""
     start = np.array([0.0, 0.005])
     points = [[0.1 * k, 0.005 + noise * (-1) ** k] for k in range(1, 9)]
     rows, interpolator = run([plan_of(path_of([polyline(points)], start))], [100.0, 100.0], start)
@@ -365,7 +266,7 @@ def test_times_are_exact_after_hours() -> None:
 
 
 def test_times_never_decrease_from_chunk_to_chunk() -> None:
-    """Even where the clocks of two chunks overlap by rounding."""
+    """This holds even where rounding makes the clocks of two chunks overlap."""
     interpolator = ReferencePulse([100.0], [0.0])
     (first,) = interpolator.pulses(plan_of(path_of([polyline([[0.01]])], [0.0])))
     (second,) = interpolator.pulses(plan_of(path_of([polyline([[0.02]])], [0.01])))
@@ -392,7 +293,7 @@ def test_constant_speed_is_evenly_timed() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(200, 10))
 def test_times_under_random_phases(seed: int) -> None:
-    """Random jerks between two rests: each row at the time at which s(t) reaches its place."""
+    """Between two rests with random jerks, each row comes when s(t) reaches its place."""
     rng = np.random.default_rng(seed)
     rise = [
         (float(t), float(j))
@@ -415,9 +316,7 @@ def test_times_under_random_phases(seed: int) -> None:
 
 
 def test_cusps_and_repeated_control_points() -> None:
-    """Where |dr/du| vanishes: at a start with a doubled control point, and at a cusp inside a
-    span.
-    """
+    """|dr/du| vanishes at a start with a doubled control point, and at a cusp inside a span."""
     doubled = NurbsFeed(
         FILE,
         1,
@@ -442,8 +341,8 @@ def test_cusps_and_repeated_control_points() -> None:
 
 @pytest.mark.parametrize("weight", [1e2, 1e3, 1e4])
 def test_a_strained_conic(weight: float) -> None:
-    """A heavy point rounds positions by more than polynomials may be off, however narrow their
-    windows are.
+    """A large weight rounds positions by more than the tolerance of the polynomials, however narrow
+    their windows are.
     """
     points = np.array([[0.0, 0, 0], [5, 5, 0], [10, 0, 0]])
     block = NurbsFeed(
@@ -458,22 +357,12 @@ def test_a_strained_conic(weight: float) -> None:
     assert np.cumsum(rows.step[:, 1], dtype=int).max() == highest
 
 
-def spacing(rows: PulseChunk) -> float:
-    """Least time between two pulses of one axis, ns."""
-    return min(
-        float(np.diff(rows.time_ns[rows.step[:, i] != 0]).min(initial=10**18))
-        for i in range(rows.step.shape[1])
-    )
-
-
 @pytest.mark.parametrize("beyond", [1e-7, 1e-5])
 @pytest.mark.parametrize("rows_at_once", [1, 2, 65536])
 def test_a_graze_faster_than_the_board_makes_no_steps(
     beyond: float, rows_at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tops of these waves lie a hair above a half-grid line: there and back again within
-    microseconds.
-    """
+    """The peaks of these waves pass a half-grid line by a little, for microseconds."""
     monkeypatch.setattr(reference_pulse, "ROWS", rows_at_once)
     radius = (50.5 + beyond) / 100.0
     start = np.array([-radius, 0.0])

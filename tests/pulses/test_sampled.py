@@ -1,4 +1,4 @@
-"""Samples: on the path at s(t), without drift or noise, the same however the plan is cut, at rest
+"""Samples: on the path at s(t), without drift or noise, independent of cuts of the plan, at rest
 between chunks.
 """
 
@@ -51,7 +51,7 @@ WAVE = NurbsFeed(
 def run(
     plans: Sequence[PlanChunk], period: float, start: ArrayLike, end: float | None = None
 ) -> SampleChunk:
-    """All rows in one."""
+    """Return all rows in one array."""
     interpolator = Sampled(period, start)
     chunks = [c for plan in plans for c in interpolator.samples(plan)]
     chunks += interpolator.finish(plans[-1].t0 + plans[-1].duration if end is None else end)
@@ -65,7 +65,7 @@ def run(
 
 
 def place_of(segments: Sequence[Segment], s: float) -> Floats:
-    """The point at path length s, by quadrature and bisection."""
+    """Return the point at path length s, by quadrature and bisection."""
     for segment in segments:
         length = segment.length(1.0)
         if s <= length or segment is segments[-1]:
@@ -111,8 +111,8 @@ def test_every_row_is_where_and_as_the_plan_says() -> None:
 
 
 def noise_of(x: Floats, order: int = 6) -> float:
-    """The size of independent errors in evenly spaced values of a smooth function: its differences
-    of high order, scaled.
+    """Return the size of independent errors in evenly spaced values of a smooth function, from
+    differences of high order.
     """
     gain = np.sqrt(
         np.sum(
@@ -126,7 +126,7 @@ def noise_of(x: Floats, order: int = 6) -> float:
 
 
 def test_third_differences_show_no_noise() -> None:
-    """At 0.1 ms, below a thousandth of a jerk of 48 000 mm/s^3: 6e-12 mm."""
+    """At a period of 0.1 ms, noise of 6e-12 mm is a thousandth of a jerk of 48 000 mm/s^3."""
     start = WAVE.control_points[0]
     path = path_of([WAVE], start)
     # constant speed throughout, so that nothing but the curve is in the differences
@@ -230,8 +230,9 @@ def test_nothing_moves() -> None:
 
 
 def test_step_deviation_is_the_bend_of_the_step() -> None:
-    """On a circle 1 - sin(x) / x with x half the angle of the step; nothing on straight lines,
-    whatever the corner between them.
+    """On a circle it is 1 - sin(x) / x, x half the angle of the step.
+
+    On straight lines it is 0, at any corner between them.
     """
     start = np.array([5.0, 0.0])
     path = path_of([arc(start, (0.0, 0.0), 0.9)], start)
@@ -269,8 +270,8 @@ def test_rotary_axes_alone_are_measured_in_degrees() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(200, 12))
 def test_random_curves(seed: int) -> None:
-    """Cusps, doubled control points and steep weights included: on the path, in order, at the exact
-    end.
+    """Cusps, doubled control points and large ratios of weights: samples are on the path, in order,
+    to the exact end.
     """
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))

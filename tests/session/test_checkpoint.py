@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ from cnc.cli import exit_code
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.session import checkpoint
-from cnc.session.checkpoint import Checkpoint, CheckpointWriter
+from cnc.session.checkpoint import Checkpoint, CheckpointWriter, checkpoint_schema
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.session.runs import run_with
@@ -45,6 +46,10 @@ def simulator() -> Iterator[Simulator]:
     made = Simulator()
     yield made
     made.close()
+
+
+def first_of(program: str) -> Checkpoint:
+    return Checkpoint(program=program, sha256="0" * 64, machine="m", board="b")
 
 
 def record(program: Path) -> dict:
@@ -122,11 +127,11 @@ def test_an_interrupted_run_continues_at_its_checkpoint(
     assert found["position"]["x"] == pytest.approx(
         stands[0], abs=0.2 if kind in ("e-stop", "stopped") else 5.0
     )
-    told: list[str] = []
+    reported: list[str] = []
     before = len(simulator.moves()[1])
 
     def agree(story) -> bool:
-        told.extend(story)
+        reported.extend(story)
         return True
 
     second = on_board(
@@ -136,8 +141,8 @@ def test_an_interrupted_run_continues_at_its_checkpoint(
     made = simulator.moves()[1]
     assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
     assert (made[before, :2] == 0).all() and made[before, 2] == 1, "up before anything else"
-    assert told[0] == f"from line {found['line']}:"
-    assert any("spindle cw" in line for line in told)
+    assert reported[0] == f"from line {found['line']}:"
+    assert any("spindle cw" in line for line in reported)
     assert not Path(f"{program}.checkpoint").exists(), "it came to its end"
     assert not second.warnings
 
@@ -198,8 +203,8 @@ def test_a_run_that_ends_in_a_subprogram_continues_at_the_call(tmp_path: Path) -
 
 def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> None:
     """The last line that the board has taken may be a planner buffer ahead."""
-    box, control = GrblSimulator(), Control()
-    port = GrblSimulatorPort(box)
+    simulator, control = GrblSimulator(), Control()
+    port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the simulator")
     board.connect()
 
@@ -217,7 +222,7 @@ def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> 
     )
     board.close()
     assert report.resume_line is not None
-    assert report.resume_line - 4 <= np.ceil(box.position[0])
+    assert report.resume_line - 4 <= np.ceil(simulator.position[0])
     assert report.resume_line >= 7
 
 
@@ -227,7 +232,7 @@ def test_a_reader_never_sees_a_partial_checkpoint(
     """The file is read again and again, from its first version on."""
     monkeypatch.setattr(checkpoint, "WRITE_INTERVAL", 0.001)
     name = str(tmp_path / "p.ngc")
-    recorder = CheckpointWriter(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
+    recorder = CheckpointWriter(first_of(name), ("x", "y"))
     seen: set[int] = set()
     for line in range(1, 300):
         recorder.note(Progress(0.0, line, 0, position=(line, 0.0), at=line))
@@ -246,10 +251,27 @@ def test_a_reader_never_sees_a_partial_checkpoint(
     assert Checkpoint.read(name) is None
 
 
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("line", -1), ("line", "far"), ("sha256", 5), ("position", {"x": "left"}), ("speed", 1.0)],
+)
+def test_a_checkpoint_with_a_wrong_value_is_not_read(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    name = str(tmp_path / "p.ngc")
+    good = first_of(name).model_dump() | {"line": 3, "position": {"x": 1.0}}
+    jsonschema.validate(good, checkpoint_schema())
+    Path(name + ".checkpoint").write_text(json.dumps(good))
+    found = Checkpoint.read(name)
+    assert found is not None and (found.line, found.position) == (3, {"x": 1.0})
+    Path(name + ".checkpoint").write_text(json.dumps(good | {key: value}))
+    assert Checkpoint.read(name) is None
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(good | {key: value}, checkpoint_schema())
+
+
 def test_a_checkpoint_that_cannot_be_written_does_not_stop_the_run(tmp_path: Path) -> None:
-    recorder = CheckpointWriter(
-        Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",)
-    )
+    recorder = CheckpointWriter(first_of(str(tmp_path / "no" / "p.ngc")), ("x",))
     recorder.note(Progress(0.0, 5, 0, at=5))
     assert recorder.end("stopped", 7, {"x": 1.0}, int) == 7
     recorder.done()

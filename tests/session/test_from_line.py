@@ -11,13 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import Callbacks, Report, start_position
+from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError
 from cnc.session.resume import RestartPoint
+from tests.support.boards.simulator_bench import Bench
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
@@ -130,7 +134,7 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_plunge() -> No
     assert rest.points[0].tolist() == [33.0, 7.0, -1.0]
     assert rest.feeds[0] == 20.0
     story = "\n".join(restart.steps)
-    for told in (
+    for reported in (
         "lift Z to 5.000",
         "go to X31.000 Y7.000 Z5.000",
         "tool 3",
@@ -139,7 +143,7 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_plunge() -> No
         "go down to Z-1.000 with F300",
         "line 11",
     ):
-        assert told in story
+        assert reported in story
     assert not any(isinstance(block, Tool) for block in begun)
 
 
@@ -232,7 +236,7 @@ def test_a_run_cannot_begin_in_a_subprogram(text: str, line: int) -> None:
 def test_without_earlier_motion_there_are_no_moves_to_the_line() -> None:
     begun, restart = from_line("G21 G90\nG1 Z-1 F100\nX5\nM2\n", 2)
     assert [number for number, _ in moves(begun)] == [2, 3]
-    assert not any("lift" in told or "go to" in told for told in restart.steps)
+    assert not any("lift" in reported or "go to" in reported for reported in restart.steps)
 
 
 def test_line_0_is_refused() -> None:
@@ -264,3 +268,54 @@ def test_a_run_from_a_line_ends_at_the_end_of_the_program(board: str, tmp_path: 
     refused = ran(False)
     assert refused.stopped_at_line == 0
     assert len(asked) == 2
+
+
+HOMED = {20: 1, 21: 1, 22: 1, 27: 1.5, 110: 5000.0, 111: 5000.0, 112: 5000.0}
+UNLIMITED = MACHINE.model_copy(
+    update={
+        "axes": {
+            letter: axis.model_copy(update={"travel": None})
+            for letter, axis in MACHINE.axes.items()
+        }
+    }
+)
+
+
+def on_homed_machine(tmp_path: Path, text: str, line: int) -> GrblSimulator:
+    """Home, go down to a part at machine Z-30, and begin a program at a line."""
+    simulator = GrblSimulator(settings=HOMED)
+    simulator.core.eeprom.systems["G54"] = (-150.0, -150.0, -30.0)
+    for source, begin in (("$H\nG0 X10 Y10\nZ-2\nM2\n", None), (text, line)):
+        program = tmp_path / "p.nc"
+        program.write_text(source)
+        port = GrblSimulatorPort(simulator, hang_up=False)
+        board = GrblBoard(port, UNLIMITED, port.clock, "the simulator")
+        board.connect()
+        before = len(simulator.moves)
+        report = run_with(program, UNLIMITED, board=board, from_line=begin, dialect="grbl")
+        board.close()
+        assert report.ok, report.faults
+    assert not [event for event in simulator.events if event.kind == "alarm"]
+    del simulator.moves[:before]
+    return simulator
+
+
+def test_a_lift_on_a_homed_machine_goes_no_higher_than_the_program(tmp_path: Path) -> None:
+    # Line 7 begins at the greatest height of the program.
+    text = "G0 Z5\nX1 Y1\nG1 Z-1 F300\nX20\nG0 Z5\nX0 Y0\nG0 X30 Y30\nG1 Z-1\nG0 Z5\nM2\n"
+    simulator = on_homed_machine(tmp_path, text, 7)
+    assert simulator.toolpath()[:, 2].max() == pytest.approx(-25.0)
+    assert simulator.position == pytest.approx((-120.0, -120.0, -25.0), abs=0.002)
+
+
+def test_a_lift_keeps_clear_of_the_limit_switch(tmp_path: Path) -> None:
+    text = "G0 Z5\nG53 G0 Z0\nX1 Y1\nG1 Z-1 F300\nX20\nG1 X30\nM2\n"
+    simulator = on_homed_machine(tmp_path, text, 6)
+    assert simulator.toolpath()[:, 2].max() == pytest.approx(-1.5)
+
+
+def test_a_move_to_a_limit_switch_presses_it() -> None:
+    bench = Bench(settings=HOMED | {20: 0})
+    bench.send("$H\n", 300.0)
+    heard = bench.send("G53G0Z0\n", 5.0)
+    assert "ALARM:1" in heard

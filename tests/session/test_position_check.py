@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,7 @@ from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session import last_position
 from cnc.session.last_position import LastPosition
 from tests.support.session.runs import run_with
+from tests.support.waiting import wait_until
 
 MACHINE = load_machine("grbl-uno")
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
@@ -40,18 +40,20 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "p.ngc"
 
 
-def tool(box: GrblSimulator) -> tuple[float, ...]:
+def tool(simulator: GrblSimulator) -> tuple[float, ...]:
     """Return the position of the tool from its first position; the board counts from its start."""
-    began = box.core.environment.of_travels(*box.core.per_axis(130)).offset
+    began = simulator.core.environment.of_travels(*simulator.core.per_axis(130)).offset
     return tuple(
         round(p + o - b, 3)
-        for p, o, b in zip(box.position, box.core.environment.offset, began, strict=True)
+        for p, o, b in zip(
+            simulator.position, simulator.core.environment.offset, began, strict=True
+        )
     )
 
 
-def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
+def ran(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:
     """Run a program on a port that keeps DTR high, as the serial port does."""
-    port = GrblSimulatorPort(box, hang_up=False)
+    port = GrblSimulatorPort(simulator, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
@@ -82,7 +84,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
         command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
         assert not [
@@ -108,7 +110,7 @@ def test_a_stopped_run_continues_at_its_position(
         )
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         more = [
             "--machine",
             "grbl-uno",
@@ -150,7 +152,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             "--yes",
         ]
         for _ in range(2):
-            time.sleep(0.1)
+            wait_until(lambda: not server.is_open)
             assert exit_code(command) == 3
             said = capsys.readouterr().err
             assert "position-lost" in said
@@ -158,7 +160,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             assert f"X{stands[0]:.3f} Y{stands[1]:.3f} Z{stands[2]:.3f}" in said
             assert "--trust-position" in said
             assert tool(server.simulator) == stands
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
         assert tool(server.simulator) == pytest.approx(
             [a + b for a, b in zip(stands, END, strict=True)], abs=0.01
@@ -166,8 +168,8 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
 
 
 def test_a_board_without_a_record_is_accepted(program: Path) -> None:
-    box = GrblSimulator(settings=FAST)
-    assert ran(box, program).ok
+    simulator = GrblSimulator(settings=FAST)
+    assert ran(simulator, program).ok
     kept = LastPosition.read("the simulator")
     assert kept is not None
     assert (kept.position, kept.ended, kept.lost) == ({"x": 4.0, "y": 3.0, "z": -1.0}, "end", False)
@@ -175,51 +177,51 @@ def test_a_board_without_a_record_is_accepted(program: Path) -> None:
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
 def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
-    box = GrblSimulator(settings=FAST)
-    assert ran(box, program).ok
+    simulator = GrblSimulator(settings=FAST)
+    assert ran(simulator, program).ok
     if how == "power":
-        box.power_up()
+        simulator.power_up()
     else:
-        port = GrblSimulatorPort(box, hang_up=False)
+        port = GrblSimulatorPort(simulator, hang_up=False)
         port.write(b"G91G0X0.1\n")
         port.read(0.0)
         port.clock.sleep(2.0)
         port.close()
-    before = len(box.moves)
-    said = refused(ran(box, program))
+    before = len(simulator.moves)
+    said = refused(ran(simulator, program))
     assert ("X0.000 Y0.000 Z0.000" if how == "power" else "X4.100 Y3.000 Z-1.000") in said
     assert "ended at X4.000 Y3.000 Z-1.000" in said
     assert ("has restarted" in said) == (how == "power")
     assert "does not home ($22=0)" in said
-    assert "has restarted" not in refused(ran(box, program)), "once is enough to forget it"
-    assert len(box.moves) == before
-    assert ran(box, program, trust_position=True).ok
-    assert ran(box, program).ok
+    assert "has restarted" not in refused(ran(simulator, program)), "once is enough to forget it"
+    assert len(simulator.moves) == before
+    assert ran(simulator, program, trust_position=True).ok
+    assert ran(simulator, program).ok
 
 
 def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
-    box = GrblSimulator(settings=FAST)
-    assert ran(box, program).ok
+    simulator = GrblSimulator(settings=FAST)
+    assert ran(simulator, program).ok
     step = 1.0 / 250.0
     LastPosition("the simulator", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
-    assert ran(box, program).ok
+    assert ran(simulator, program).ok
     LastPosition("the simulator", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
-    assert "Y2.992" in refused(ran(box, program))
+    assert "Y2.992" in refused(ran(simulator, program))
 
 
 def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
     """The tool may have moved while the board was off, and a second opening shows no restart."""
-    box = GrblSimulator(settings=FAST)
+    simulator = GrblSimulator(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
-    assert ran(box, program).ok
-    box.power_up()
-    assert "has restarted" in refused(ran(box, program))
-    refused(ran(box, program))
-    assert ran(box, program, trust_position=True).ok
+    assert ran(simulator, program).ok
+    simulator.power_up()
+    assert "has restarted" in refused(ran(simulator, program))
+    refused(ran(simulator, program))
+    assert ran(simulator, program, trust_position=True).ok
 
 
 def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
-    box = GrblSimulator(settings=SWITCHES)
+    simulator = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
     program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
@@ -233,7 +235,7 @@ def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
     )
 
     def go(name: Path, **arguments: object) -> Report:
-        port = GrblSimulatorPort(box, hang_up=False)
+        port = GrblSimulatorPort(simulator, hang_up=False)
         board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
         board.connect()
         try:
@@ -244,19 +246,19 @@ def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
     for _ in range(2):
         assert not go(homing).faults
         assert not go(program).faults, "a board that has homed is not locked"
-        assert box.position == pytest.approx((-50.0, -50.0, -20.0))
-        box.power_up()
+        assert simulator.position == pytest.approx((-50.0, -50.0, -20.0))
+        simulator.power_up()
         said = refused(go(program))
         assert "home the machine with cncrun home" in said
-    box.core.environment.broken.add("Z")
+    simulator.core.environment.broken.add("Z")
     assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
     assert refused(go(program)), "a homing that fails finds nothing"
 
 
 def home_alone(
-    box: GrblSimulator, *axes: str, control: Control | None = None
+    simulator: GrblSimulator, *axes: str, control: Control | None = None
 ) -> dict[str, float | None]:
-    port = GrblSimulatorPort(box, hang_up=False)
+    port = GrblSimulatorPort(simulator, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
@@ -266,27 +268,27 @@ def home_alone(
 
 
 def test_cncrun_home_homes_a_grbl_board() -> None:
-    box = GrblSimulator(settings=SWITCHES)
+    simulator = GrblSimulator(settings=SWITCHES)
     for _ in range(2):
-        assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
+        assert home_alone(simulator) == {"x": -1.0, "y": -1.0, "z": -1.0}
         kept = LastPosition.read("the simulator")
         assert kept is not None and (kept.position, kept.lost) == (
             {"x": -1.0, "y": -1.0, "z": -1.0},
             False,
         )
-        assert box.core.state == "Idle"
-        box.power_up()
+        assert simulator.core.state == "Idle"
+        simulator.power_up()
     with pytest.raises(UsageError) as caught:
-        home_alone(box, "x")
+        home_alone(simulator, "x")
     assert caught.value.diagnostic.code == "board-homes-all"
 
 
 def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
-    box = GrblSimulator(settings=SWITCHES)
-    home_alone(box)
-    box.core.environment.broken.add("Z")
+    simulator = GrblSimulator(settings=SWITCHES)
+    home_alone(simulator)
+    simulator.core.environment.broken.add("Z")
     with pytest.raises(BoardError) as caught:
-        home_alone(box)
+        home_alone(simulator)
     assert caught.value.diagnostic.code == "board-alarm"
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost
@@ -299,82 +301,82 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
 
 
 def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
-    box = GrblSimulator(settings=FAST)
-    assert ran(box, program).ok
+    simulator = GrblSimulator(settings=FAST)
+    assert ran(simulator, program).ok
     for _ in range(2):
         with pytest.raises(BoardError) as caught:
-            home_alone(box)
+            home_alone(simulator)
         assert caught.value.diagnostic.code == "board-error"
-    assert ran(box, program).ok
-    box.power_up()
+    assert ran(simulator, program).ok
+    simulator.power_up()
     program.write_text("$H\n" + SQUARE)
-    assert [fault.diagnostic.code for fault in ran(box, program, dialect="grbl").faults] == [
+    assert [fault.diagnostic.code for fault in ran(simulator, program, dialect="grbl").faults] == [
         "board-error"
     ]
     program.write_text(SQUARE)
-    refused(ran(box, program))
+    refused(ran(simulator, program))
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
 def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
-    box = GrblSimulator(settings=FAST)
+    simulator = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
         if sent.position is not None and sent.position[0] > 8.0:
             if code == "port-lost":
-                box.inject(Unplug())
+                simulator.inject(Unplug())
             else:
-                box.power_up()
+                simulator.power_up()
 
-    report = ran(box, program, callbacks=Callbacks(on_sent=on_sent))
+    report = ran(simulator, program, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost and kept.ended == code
     assert kept.position["x"] > 8.0
-    assert f"ended ({code}) at X" in refused(ran(box, program))
-    assert ran(box, program, trust_position=True).ok
+    assert f"ended ({code}) at X" in refused(ran(simulator, program))
+    assert ran(simulator, program, trust_position=True).ok
 
 
 def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(program: Path) -> None:
-    box = GrblSimulator(settings=FAST)
-    box.inject(Error(20), line=14)
-    report = ran(box, program)
+    simulator = GrblSimulator(settings=FAST)
+    simulator.inject(Error(20), line=14)
+    report = ran(simulator, program)
     assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
     kept = LastPosition.read("the simulator")
     assert kept is not None and (kept.ended, kept.lost) == ("board-error", False)
-    assert ran(box, program).ok
+    assert ran(simulator, program).ok
 
 
 def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) -> None:
     """The record of the board is missing, or the computer crashed during the run."""
-    box, control = GrblSimulator(settings=FAST), Control()
-    first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
+    simulator, control = GrblSimulator(settings=FAST), Control()
+    first = ran(simulator, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
     for file in last_position.folder().iterdir():
         file.unlink()
-    box.power_up()
-    assert "was stopped at X1" in refused(ran(box, program, from_line=5))
+    simulator.power_up()
+    assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
     for file in last_position.folder().iterdir():
         file.unlink()
     LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
-    assert "was stopped at X1" in refused(ran(box, program, from_line=5))
+    assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
 
 
 def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
-    box = GrblSimulator(settings=FAST)
-    assert ran(box, program).ok
+    simulator = GrblSimulator(settings=FAST)
+    assert ran(simulator, program).ok
     kept = LastPosition.read("the simulator")
-    box.power_up()
-    port = GrblSimulatorPort(box, hang_up=False)
+    simulator.power_up()
+    port = GrblSimulatorPort(simulator, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok
     board.close()
     assert LastPosition.read("the simulator") == kept
-    refused(ran(box, program))
+    refused(ran(simulator, program))
 
 
 def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(

@@ -86,7 +86,7 @@ def test_words_that_the_board_cannot_carry_out_are_refused(
         "a check for such a machine tells the same"
     )
     assert run(tmp_path / "p.ngc", MACHINE, board="loopback").ok, (
-        "the board in the box carries out everything"
+        "the GRBL simulator carries out everything"
     )
 
 
@@ -113,15 +113,15 @@ def test_a_pause_waits_or_is_refused_or_skipped(tmp_path: Path, words: str, why:
     assert [fault.diagnostic.code for fault in refused.faults] == ["needs-operator"]
     assert refused.faults[0].diagnostic.line == 2
     assert made.rows == 0 and not made.commands
-    control, told = Control(), []
+    control, reported = Control(), []
 
     def on_sent(sent) -> None:
         if sent.held:
-            told.append((sent.line, sent.hold_reason))
+            reported.append((sent.line, sent.hold_reason))
             control.resume()
 
     assert ran(tmp_path, words, control=control, callbacks=Callbacks(on_sent=on_sent))[0].ok
-    assert told == [(2, why)]
+    assert reported == [(2, why)]
     assert ran(tmp_path, words, pauses="skip", control=Control())[0].ok
 
 

@@ -49,8 +49,8 @@ class Operated:
     changes: list[float] = field(default_factory=list)
 
     def run(self, program: Path) -> None:
-        box = GrblSimulator(settings=settings_of(ROUTER) | self.settings)
-        port = GrblSimulatorPort(box)
+        simulator = GrblSimulator(settings=settings_of(ROUTER) | self.settings)
+        port = GrblSimulatorPort(simulator)
         board = GrblBoard(port, ROUTER, port.clock, "the simulator")
         board.connect()
         control, held_at, held, reports = Control(self.feed), 0.0, 0.0, 0
@@ -87,7 +87,7 @@ class Operated:
         )
         board.close()
         assert report.ok, report.faults
-        self.end, self.held = box.moves[-1].end_time, held
+        self.end, self.held = simulator.moves[-1].end_time, held
 
     def worst(self, since: float = 0.0) -> float:
         """Return the largest error of settled reports since a time, relative to the duration."""

@@ -29,8 +29,6 @@ PIXELS = """(() => {
   return counts;
 })()"""
 """Counts the pixels of each colour on the screen."""
-OPENING_TIMEOUT = 60_000
-"""ms within which a page must open on a busy machine."""
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +58,6 @@ def show(browser, tmp_path):
         assert cli.exit_code(["view", str(program), "-o", str(page), "--quiet", *options]) == 0
         opened = browser.open(page)
         assert opened.isdigit(), opened
-        assert int(opened) < OPENING_TIMEOUT
         assert browser.complaints == []
 
     return carry_out

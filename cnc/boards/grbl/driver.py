@@ -24,6 +24,8 @@ from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 
+DOOR_SHUT = 0
+"""Phase of state Door: the door is closed, and the board waits for a resume."""
 SAME_POSITION = 0.002
 """mm: rounding of a reported position or offset, with three decimals, of inches even."""
 
@@ -155,6 +157,30 @@ class GrblBoard:
         return self._machine_axes(self.stream.position)
 
     @property
+    def homed_position(self) -> tuple[float, ...]:
+        """Machine position of each axis of the machine after homing, mm, by the settings."""
+        return tuple(self.info.homed(column) for column in self._columns)
+
+    @property
+    def holds(self) -> bool:
+        """Whether a hold has come to rest, as last reported; a door counts as a hold."""
+        return self.status.state in ("Hold", "Door") and self.status.at_rest
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the machine itself holds, and how to go on: the safety door; "" if it does not."""
+        if self.status.state != "Door":
+            return ""
+        if self.status.phase == DOOR_SHUT and "D" not in self.status.pins:
+            return "the safety door was opened; it is closed now: resume"
+        return "the safety door is open: close it, then resume"
+
+    @property
+    def ceiling(self) -> float | None:
+        """Highest position of Z that keeps clear of its limit switch, mm; None without one."""
+        return self.info.top(AXIS_LETTERS.index("z")) if self.info.homes else None
+
+    @property
     def work_offset(self) -> tuple[float, ...]:
         """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
         return self._machine_axes(self._g54_offset())
@@ -183,7 +209,16 @@ class GrblBoard:
         return "M" in self.info.options
 
     def limited_to_board(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the soft limits of the board."""
+        """Return the machine as the board limits it: travel by its soft limits, laser by its mode.
+
+        Raises:
+            BoardError: ``laser-mode-off`` if the board is not in laser mode, but the machine is a
+                laser: the beam would stay on in traverses and stops.
+        """
+        if machine.kind == "laser" and not self.info.laser:
+            message = "the machine is a laser, but the board is not in laser mode ($32=0)"
+            hint = "switch it on: cncrun settings 32=1"
+            raise board_error("laser-mode-off", message, hint=hint)
         return self.info.narrowed(machine)
 
     @property

@@ -127,26 +127,34 @@ def elsewhere(position: Sequence[float], off: float, line: int) -> BoardError:
     return board_error("position-differs", message, line=line, hint=CABLE)
 
 
-def not_grbl(name: str, received: Sequence[str], *, garbled: bool) -> BoardError:
+def too_old(name: str, version: str, report: str = "") -> BoardError:
+    """Return the fault of a board with an older GRBL; ``report``: what showed its version."""
+    shown = f" (it reports {report!r})" if report else ""
+    return board_error(
+        "board-too-old",
+        f"the board at {name} runs Grbl {version}{shown}, which has another protocol",
+        hint="flash GRBL 1.1 or grblHAL",
+    )
+
+
+def not_grbl(name: str, received: Sequence[str]) -> BoardError:
     """Return the fault of a port without the welcome of a GRBL board.
 
     Args:
         name: Name of the port.
-        received: The lines that came.
-        garbled: Whether other bytes came.
+        received: The lines that came, and the begin of another one.
     """
-    readable = next((text for text in received if text.isascii() and text.isprintable()), None)
-    if readable is not None:
+    if any(not (text.isascii() and text.isprintable()) for text in received):
         return board_error(
             "board-not-grbl",
-            f"the board at {name} is not a GRBL board: it sends {readable[:60]!r}",
-            hint="name the port of a board with GRBL 1.1 or grblHAL, or flash this board",
+            f"the device at {name} sends unreadable bytes: its baud rate is another one",
+            hint="GRBL 1.1 has 115200: give --baud 115200, or board.baud in the machine file",
         )
-    if received or garbled:
+    if received:
         return board_error(
             "board-not-grbl",
-            f"the board at {name} sends unreadable bytes",
-            hint="set board.baud in the machine file: 115200 for GRBL 1.1",
+            f"the board at {name} is not a GRBL board: it sends {received[0][:60]!r}",
+            hint="name the port of a board with GRBL 1.1 or grblHAL, or flash this board",
         )
     hint = "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
     return board_error("no-answer", f"no board answers at {name}", hint=hint)

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Sequence
 
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import (
@@ -46,9 +48,13 @@ RESET_AFTER = 2.6
 """Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
 else.
 """
-RAISE_DTR_AFTER = 3.4
+RAISE_DTR_AFTER = 3.0
 """Seconds without a byte after which DTR is raised: some boards send only then. A board that this
-resets still greets in time.
+resets still greets in time. Where DTR is up, nothing else can be tried.
+"""
+FOREIGN = 2.0
+"""Seconds from the first line or noise of another device until it counts as one: a boot loader may
+send bytes before the welcome.
 """
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
@@ -64,6 +70,10 @@ DROP_ATTEMPTS = 20
 """Stops that are sent to a board that does not answer: bytes may get lost."""
 OLDEST_VERSION = (1, 1)
 """The version of this protocol."""
+
+
+_OLD_REPORT = re.compile(r"<\w+,MPos:")
+"""The begin of a status report of GRBL 0.9 and older."""
 
 
 class _ReconnectError(BoardError):
@@ -223,23 +233,31 @@ class GrblLink:
             int(part)
             for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2]
         )
-        if not welcome.hal and (version < OLDEST_VERSION or version[0] > OLDEST_VERSION[0]):
-            hint = "flash GRBL 1.1 or grblHAL"
-            raise board_error(
-                "board-too-old",
-                f"the board at {self.name} runs Grbl {welcome.version}, which has another protocol",
-                hint=hint,
-            )
-        self.info = BoardInfo(welcome.version, welcome.hal)
+        if not (welcome.hal or welcome.fluid) and (
+            version < OLDEST_VERSION or version[0] > OLDEST_VERSION[0]
+        ):
+            raise faults.too_old(self.name, welcome.version)
+        self.info = BoardInfo(welcome.version, welcome.hal, welcome.fluid)
         log.info("%s: %s", self.name, self.info.firmware)
         # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
-        self.info.take([*self.ask("$I"), *self.ask("$$")])
+        self.info.take([*self.ask("$I"), *self._settings()])
         self.protocol.status_reader.unit = self.info.unit
         self.info.take(self.ask("$#"))
         self.protocol.status_reader.axes = len(self.info.places.get("G54", ()))
         self.protocol.rx_bytes = self.info.rx_bytes
         self.refresh()
+
+    def _settings(self) -> list[Feedback | Setting]:
+        """Return the numbered settings; FluidNC keeps its own in a file, and may have none."""
+        try:
+            return self.ask("$$")
+        except BoardError as error:
+            if self.info.fluid and error.diagnostic.code == "board-error":
+                # The answer was an error, so the lines before it do not count.
+                self.protocol.state = State.READY
+                return []
+            raise
 
     def refresh(self) -> Status:
         """Return the present status with a position; BoardError ``no-answer``."""
@@ -352,7 +370,7 @@ class GrblLink:
     def _wait_for_welcome(self) -> Welcome:
         """Return the welcome of a board at rest."""
         received: list[str] = []
-        began = self.clock.now()
+        began, foreign_since = self.clock.now(), math.inf
         forced = reset = raised = False
         if self.protocol.state is not State.UNKNOWN:
             self.write(self.protocol.reset())
@@ -363,8 +381,11 @@ class GrblLink:
                 forced = reset = True
                 self.write(self.protocol.reset())
             if not raised and not received and now - began > RAISE_DTR_AFTER:
+                if not self._port.raise_lines():
+                    break
                 raised, reset = True, False
-                self._port.raise_lines()
+            if now - foreign_since > FOREIGN and not _boots_slowly(received):
+                break
             for event in self.pump(0.1):
                 if isinstance(event, Started):
                     self.greeted_unasked |= not reset
@@ -382,5 +403,15 @@ class GrblLink:
                     self.write(self.protocol.reset())
                     reset = True
                 elif isinstance(event, Other):
+                    if old := _OLD_REPORT.match(event.text):
+                        raise faults.too_old(self.name, "0.9", old[0])
                     received.append(event.text)
-        raise faults.not_grbl(self.name, received, garbled=bool(self.protocol.partial))
+            if received or self.protocol.partial:
+                foreign_since = min(foreign_since, self.clock.now())
+        rest = self.protocol.partial.decode("latin-1")
+        raise faults.not_grbl(self.name, [*received, rest] if rest else received)
+
+
+def _boots_slowly(received: Sequence[str]) -> bool:
+    """Return whether the lines are those of an ESP32 that boots; networks take it some seconds."""
+    return any(text.startswith(("ets ", "rst:", "ESP-ROM:")) for text in received)

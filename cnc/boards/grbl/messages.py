@@ -5,6 +5,7 @@ Source: "Grbl v1.1 Interface", response and push messages::
 ok  error:20                            a reply, one to each line sent        Reply
 ALARM:2                                 the board has stopped by itself       Alarm
 Grbl 1.1h ['$' for help]                the board has just started            Welcome
+Grbl 3.7 [FluidNC v3.7 (wifi) '$' for help]
 <Run|MPos:1.000,2.000,0.000|FS:500,0>   the answer to ``?``                   Report
 $110=500.000                            a setting                             Setting
 [MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]      all other information                 Feedback
@@ -36,10 +37,17 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """The board has started; ``version`` is such as ``1.1h``, ``hal`` whether it is grblHAL."""
+    """The board has started.
+
+    Attributes:
+        version: Such as ``1.1h``.
+        hal: Whether it is grblHAL.
+        fluid: Whether it is FluidNC.
+    """
 
     version: str
     hal: bool
+    fluid: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +105,7 @@ def message(line: str) -> Message:
         return Reply(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
     # A boot loader may leave bytes on the line before it.
     if found := _WELCOME.search(line):
-        return Welcome(found[2], hal=found[1] == "GrblHAL")
+        return Welcome(found[2], hal=found[1] == "GrblHAL", fluid="[FluidNC " in line)
     return Other(line)
 
 

@@ -31,8 +31,6 @@ JERK_TIME = 0.025
 """Time in which an axis reaches its acceleration, s."""
 STEP_RATE = 30_000
 """Step rate of GRBL on an Uno, steps/s; the file has more where the settings need more."""
-HOMING = 22
-"""Setting that enables homing."""
 
 
 def grbl_report(port: str, info: BoardInfo, status: Status, baud: int) -> Iterator[str]:
@@ -77,6 +75,8 @@ def machine_file(port: str, info: BoardInfo, baud: int) -> str:
     file.add(tomlkit.nl())
     header = tomlkit.table()
     header.add("name", info.firmware)
+    if info.laser:
+        header.add("kind", "laser")
     header.add(tomlkit.nl())
     file.add("machine", header)
     rates, step_rates = [], [float(STEP_RATE)]
@@ -87,10 +87,9 @@ def machine_file(port: str, info: BoardInfo, baud: int) -> str:
         step_rates.append(rate * steps)
         axes.add(letter, _axis(info, column, (steps, rate, acceleration)))
     file.add("axes", axes)
-    if info.number(HOMING) in (None, 0.0):
-        file.add(tomlkit.comment("The board does not home ($22=0)."))
-        file.add(tomlkit.comment("Machine zero is its position at power-up."))
-        file.add(tomlkit.comment("Correct the travel accordingly."))
+    if not info.homes:
+        file.add(tomlkit.comment("The board does not home ($22=0): machine zero is its position"))
+        file.add(tomlkit.comment("at power-up, and the ends of the travel are not known."))
         file.add(tomlkit.nl())
     path = tomlkit.table()
     path.add("max_feed", _number(max(rates)))
@@ -127,7 +126,7 @@ def _axis(info: BoardInfo, column: int, settings: tuple[float, float, float]) ->
     table.add("max_acceleration", _number(acceleration, f"${ACCELERATIONS + column}"))
     jerk = f"GRBL has none; {JERK_TIME:g} s to the full acceleration"
     table.add("max_jerk", _number(acceleration / JERK_TIME, jerk))
-    travel = info.travel(column)
+    travel = info.travel(column) if info.homes else None
     if travel is not None:
         table.add("travel", tomlkit.value(f"[{travel[0]:.10g}, {travel[1]:.10g}]"))
     table.add(tomlkit.nl())

@@ -12,8 +12,10 @@ from cnc.boards.grbl.messages import Feedback, Setting
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.boards.grbl.status import MM_PER_INCH
 from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
 
-ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
+ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
+HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
@@ -64,6 +66,7 @@ class BoardInfo:
     Attributes:
         version: Version of the welcome, such as ``1.1h``.
         hal: Whether it is grblHAL.
+        fluid: Whether it is FluidNC.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
         blocks: Blocks of the planner; 0 where it is not reported.
@@ -75,6 +78,7 @@ class BoardInfo:
 
     version: str
     hal: bool
+    fluid: bool = False
     build: str = ""
     options: str = ""
     blocks: int = 0
@@ -86,7 +90,8 @@ class BoardInfo:
     @property
     def firmware(self) -> str:
         """Name and version."""
-        return f"{'grblHAL' if self.hal else 'GRBL'} {self.version}"
+        name = "grblHAL" if self.hal else "FluidNC" if self.fluid else "GRBL"
+        return f"{name} {self.version}"
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
@@ -148,6 +153,41 @@ class BoardInfo:
         return (0.0, reach) if "Z" in self.options and downwards else (-reach, 0.0)
 
     @property
+    def homes(self) -> bool:
+        """Whether the board homes the machine (``$22``)."""
+        return self.number(HOMING) not in (None, 0.0)
+
+    @property
+    def laser(self) -> bool:
+        """Whether the power changes during motion (``$32``)."""
+        return self.number(LASER_MODE) == 1.0
+
+    def top(self, column: int) -> float | None:
+        """Return the highest machine position that keeps clear of the limit switch, mm."""
+        travel = self.travel(column)
+        if travel is None:
+            return None
+        return travel[1] - (0.0 if "Z" in self.options else self.number(PULL_OFF) or 0.0)
+
+    def homed(self, column: int) -> float:
+        """Return the machine position of an axis after homing, mm.
+
+        The axis rests the pull-off (``$27``) from its switch. With option Z that is machine zero.
+        """
+        if "Z" in self.options:
+            return 0.0
+        off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
+        downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
+        return travel[0] + off if travel is not None and downwards else -off
+
+    def named_places(self) -> dict[str, dict[str, float]]:
+        """Return the offsets by name and axis, mm."""
+        return {
+            name: dict(zip(AXIS_LETTERS, place, strict=False))
+            for name, place in self.places.items()
+        }
+
+    @property
     def soft_limits(self) -> bool:
         """Whether the board refuses targets outside its travel (``$20``)."""
         return self.number(SOFT_LIMITS) not in (None, 0.0)
@@ -162,7 +202,12 @@ class BoardInfo:
         return max(times, default=1.0)
 
     def narrowed(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the board's soft limits, if they are on."""
+        """Return the machine with its travel limited to the board's soft limits, if they are on.
+
+        A board in laser mode makes it a laser.
+        """
+        if self.laser:
+            machine = machine.model_copy(update={"kind": "laser"})
         if not self.soft_limits:
             return machine
         axes = dict(machine.axes)

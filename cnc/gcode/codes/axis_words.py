@@ -12,6 +12,7 @@ from cnc.gcode.codes import polar
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import Feed, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS
@@ -48,9 +49,12 @@ class AxisWords:
         state: ModalState,
         position: list[float],
         coordinates: Coordinates,
+        here: SourceLocation,
         unused_words: UnusedWords,
     ) -> None:
         self.position = position
+        self._here = here
+        self._idle: set[str] = set()
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -95,6 +99,9 @@ class AxisWords:
                     f"{letter} is not an axis in the {self._dialect.name} dialect",
                     words.rest[letter],
                 )
+            if index is None and self._dialect.lenient and words.rest[letter].number == 0.0:
+                self._take_idle(words, letter, user)
+                continue
             if index is None:
                 hint = f"its axes are {' '.join(self.axes).upper()}"
                 raise fault(
@@ -106,6 +113,15 @@ class AxisWords:
         if not POLAR.isdisjoint(words.rest):
             self._polar(words, user, found)
         return found
+
+    def _take_idle(self, words: LineWords, letter: str, user: str) -> None:
+        """Take a word of 0 for an axis that the machine lacks, and report it once."""
+        word = words.take(letter, user)
+        assert word is not None
+        if letter not in self._idle:
+            self._idle.add(letter)
+            message = f"{word.written}: the machine has no {letter} axis; its words of 0 do nothing"
+            self._here.report_warning("axis-idle", message, word)
 
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""

@@ -63,22 +63,33 @@ class MachineCodes:
         state: ModalState,
         out: BlockBuffer,
         unused_words: UnusedWords,
+        *,
+        laser: bool = False,
     ) -> None:
+        """``laser``: S is the power of a laser, which changes in motion."""
         self._dialect = dialect
         self._here = here
         self._state = state
         self._out = out
         self._unused_words = unused_words
+        self._laser = laser
 
     # Speed, tool, spindle
 
     def speed_and_tool(self, words: LineWords, codes: Codes) -> None:
         """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
-        if "S" in words.rest and "spindle-mode" not in codes and (word := words.take("S", "S")):
+        dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
+        is_time = dwell and "S" in self._dialect.dwell
+        if (
+            "S" in words.rest
+            and "spindle-mode" not in codes
+            and not is_time
+            and (word := words.take("S", "S"))
+        ):
             state.speed = self._speed(word)
             if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
-                self._spindle()
+                self._spindle(with_motion=self._laser)
             elif word.number:
                 self._unused_words.note(word)
         if word := words.take("T", "T"):
@@ -142,8 +153,8 @@ class MachineCodes:
                 message = f"{code.word.written} before any S word: the spindle does not turn"
                 self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
             self._unused_words.mark_used("S")
-            state.spindle = "cw" if code.number == M.M3 else "ccw"
-            self._spindle()
+            before, state.spindle = state.spindle, "cw" if code.number == M.M3 else "ccw"
+            self._spindle(with_motion=self._laser and state.spindle == before)
 
     def _spindle_mode(self, words: LineWords, code: Code) -> None:
         """G96 D S: constant surface speed, at most D rpm. G97 S: rpm."""
@@ -162,14 +173,16 @@ class MachineCodes:
         # A surface speed gives no rpm, so without S under G97 the speed is unknown.
         state.speed = self._speed(word) if word else None
 
-    def _spindle(self) -> None:
+    def _spindle(self, *, with_motion: bool = False) -> None:
         state, here = self._state, self._here
         on = state.spindle != "off"
         speed = (state.speed or 0.0) if on else 0.0
         if state.constant_surface and on:
             self._out.add(Spindle(here.file, here.line, state.spindle, state.most_rpm, speed))
         else:
-            self._out.add(Spindle(here.file, here.line, state.spindle, speed))
+            self._out.add(
+                Spindle(here.file, here.line, state.spindle, speed, with_motion=with_motion)
+            )
 
     def _spindle_off(self) -> None:
         if self._state.spindle != "off":
@@ -265,14 +278,17 @@ class MachineCodes:
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
-        seconds = not_negative(time, "the time") * letters[letter]
+        unit = letters[letter]
+        if "." in time.written:
+            unit = self._dialect.dwell_point.get(letter, unit)
+        seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(
                 "value-out-of-range",
                 f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
                 time,
             )
-        if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
+        if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count milliseconds "
                 f"take {seconds / 1000.0:g} s"

@@ -83,14 +83,14 @@ class Motion(AxisWords):
         out: BlockBuffer,
         unused_words: UnusedWords,
     ) -> None:
-        super().__init__(axes, dialect, state, position, coordinates, unused_words)
+        super().__init__(axes, dialect, state, position, coordinates, here, unused_words)
         self.collector: Collector | None = None
         self.compensation = Compensation(out, here)
         self.handlers: dict[G, Handler] = {}
         self.motion_before: G | None = None
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
-        self._here = here
         self._out = out
+        self._resting: G | None = dialect.motion
         self.arcs = ArcMoves(self, dialect, here, state)
 
     @property
@@ -191,8 +191,14 @@ class Motion(AxisWords):
                     special.word,
                     "such as G53 G0 Z0",
                 )
-        self._state.motion = None if code.number == _CANCEL else code.g
+        before = self._state.motion
+        if before in QUICK_MOTIONS:
+            self._resting = before
         if code.number == _CANCEL:
+            resting = self._resting if self._dialect.after_g80 == "previous" else None
+            self._state.motion = resting
+            if has_axis and resting is not None:
+                return resting
             if has_axis:
                 word = words.first_axis()
                 raise fault(
@@ -202,6 +208,7 @@ class Motion(AxisWords):
                     "give G0 or G1",
                 )
             return None
+        self._state.motion = code.g
         if code.number in _STRAIGHT and not has_axis:
             return None
         return code.g

@@ -6,10 +6,13 @@ A statement in a loop is prepared once.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
+from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Codes, codes_of
 from cnc.gcode.syntax.code_numbers import G
@@ -22,6 +25,7 @@ NEAR_CODE = 1e-3
 _DISTANCES = AXES | frozenset("IJKR")
 _MOTION_OF = {motion.code: motion for motion in QUICK_MOTIONS}
 _ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
+_EXPONENT = re.compile(r"E(?:[+-][0-9]{1,2}|[0-9]{2})")
 _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
@@ -54,12 +58,16 @@ class PreparedLine:
 
     Attributes:
         codes: The codes by modal group; None if a code is computed.
+        extra: Codes that were taken out of the words.
+        builder: Takes them out.
         quick: The move for the fast path, if the line is simple enough.
     """
 
     statement: Statement
     words: LineWords
     codes: Codes | None
+    extra: tuple[ExtraCode, ...]
+    builder: BuilderCodes
     quick: QuickMove | None
 
     def line_words(self, parameters: Parameters) -> LineWords:
@@ -86,7 +94,9 @@ class PreparedLine:
                 words[index] = Word(word.letter, number, word.written, word.column, word.length)
         for index in reversed(vacant):
             del words[index]
-        return LineWords.of(words)
+        found = LineWords.of(words)
+        self.builder.take(found)
+        return found
 
 
 def _code(word: Word, number: float) -> Word:
@@ -96,22 +106,51 @@ def _code(word: Word, number: float) -> Word:
     return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
 
 
-def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> PreparedLine:
+def prepare(
+    statement: Statement, dialect: Dialect, builder: BuilderCodes, column: dict[str, int]
+) -> PreparedLine:
     """Prepare a statement.
 
     Args:
         statement: The statement.
         dialect: The dialect.
+        builder: Takes codes without a part in the motion out of the line.
         column: Column of each axis letter.
 
     Raises:
         GcodeError: The words or codes are wrong.
     """
     words = LineWords.of(statement.words)
+    if "E" in words.rest:
+        _refuse_exponent(statement)
+    extra = builder.take(words)
     computed = {index for index, _ in statement.computed}
     constant = all(statement.words[index].letter not in "GM" for index in computed)
     codes = codes_of(words.g, words.m, dialect) if constant else None
-    return PreparedLine(statement, words, codes, _quick(statement, words, codes, dialect, column))
+    quick = None if extra else _quick(statement, words, codes, dialect, column)
+    return PreparedLine(statement, words, codes, extra, builder, quick)
+
+
+def _refuse_exponent(statement: Statement) -> None:
+    """Refuse an E that follows a coordinate without a blank and looks like an exponent."""
+    for before, word in pairwise(statement.words):
+        if (
+            word.letter == "E"
+            and before.letter in _QUICK_WORDS
+            and before.column + before.length == word.column
+            and _EXPONENT.fullmatch(word.written)
+        ):
+            whole = Word(
+                before.letter,
+                before.number,
+                before.written + word.written,
+                before.column,
+                before.length + word.length,
+            )
+            message = f"{whole.written}: a number has no exponent"
+            digits = int(word.written[1:])
+            value = f"{before.number * 10.0**digits:.9f}".rstrip("0").rstrip(".")
+            raise fault("number-exponent", message, whole, f"write {before.letter}{value}")
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
@@ -21,9 +22,19 @@ class ToolCodes:
     """Execution of the codes of tools."""
 
     def __init__(
-        self, dialect: Dialect, state: ModalState, motion: Motion, table: ToolTable
+        self,
+        dialect: Dialect,
+        here: SourceLocation,
+        state: ModalState,
+        motion: Motion,
+        table: ToolTable,
+        *,
+        zero_without_table: bool,
     ) -> None:
         self._dialect = dialect
+        self._here = here
+        self._zero_without_table = zero_without_table
+        self._zero_reported = False
         self._state = state
         self._motion = motion
         self._coordinates = motion.coordinates
@@ -132,18 +143,42 @@ class ToolCodes:
         entry = self._table.tool(number)
         if entry is not None:
             return entry
-        if self._table.file or len(self._table):
+        if self._table.file or (len(self._table) and not self._zero_without_table):
             hint = f"add T{number} to {self._table.file or 'the tool table'}"
             raise fault(
                 "tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint
             )
+        if self._zero_without_table:
+            self._report_zero(at)
+            return ToolEntry(number)
         message = f"{at.written} needs the data of tool {number}, but there is no tool table"
         raise fault(
             "tool-table-missing",
             message,
             at,
-            "name one in the machine file: tool_table under [program]",
+            "name one in the machine file: tool_table under [program]; cncrun tools writes a "
+            "skeleton; --tool-lengths zero takes every length as 0",
         )
+
+    def _report_zero(self, at: Word) -> None:
+        """Report once that lengths and radii are taken as 0."""
+        if not self._zero_reported:
+            self._zero_reported = True
+            message = (
+                f"{at.written}: there is no tool table, so lengths and radii of tools are 0; "
+                "positions are those of the gauge line"
+            )
+            hint = "cncrun tools PROGRAM writes a skeleton of the table"
+            self._here.report_warning("tool-length-zero", message, at, hint)
+
+    def check_change(self, number: int, at: Word) -> None:
+        """Check that a table from a file has the tool of a tool change; T0 empties the spindle.
+
+        Raises:
+            GcodeError: ``tool-unknown``, at the word ``at``.
+        """
+        if number and self._table.file:
+            self.entry(number, at)
 
     # G10
 

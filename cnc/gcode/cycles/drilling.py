@@ -183,7 +183,10 @@ class DrillingCycles:
         )
 
     def _seconds(self, word: Word) -> float:
-        seconds = not_negative(word, "the dwell") * self._dialect.dwell["P"]
+        unit = self._dialect.dwell.get("P", 1.0)
+        if "." in word.written:
+            unit = self._dialect.dwell_point.get("P", unit)
+        seconds = not_negative(word, "the dwell") * unit
         if seconds > MAX_DWELL:
             raise fault(
                 "value-out-of-range",

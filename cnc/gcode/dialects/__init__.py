@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
-from cnc.gcode.syntax.words import Word, fault
+from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import PathControl
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
@@ -66,6 +67,40 @@ class CycleRules:
     fine_boring: bool
 
 
+class NotedCode(NamedTuple):
+    """A code of the controller that has no effect here.
+
+    Attributes:
+        name: The function of the code on its controller.
+        words: Letters of the words that belong to it.
+        needs: Letters of which one must stand in the line; empty for a code that needs none. Such
+            a code is distinguished by its words from one with the same number.
+    """
+
+    name: str
+    words: str
+    needs: str
+
+    def applies(self, words: LineWords) -> bool:
+        """Return whether a line with this code has the words that it needs."""
+        rest = words.rest.keys()
+        return not self.needs or (not rest.isdisjoint(self.needs) and rest.isdisjoint(AXES))
+
+
+class Alias(NamedTuple):
+    """Another number for a code, such as G71 for G21.
+
+    Attributes:
+        code: The number of the code that is meant.
+        word: Letter and number of a word that belongs to it; empty for none.
+        without: Letters of words that give the number another meaning.
+    """
+
+    code: float
+    word: str
+    without: str
+
+
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """The rules of a dialect. The TOML files explain every key."""
@@ -98,10 +133,16 @@ class Dialect:
     siemens: bool
     dollar: bool
     initial_level: bool
+    lenient: bool
+    after_g80: Literal["none", "previous"]
+    local_calls: bool
     dwell: dict[str, float]
+    dwell_point: dict[str, float]
     cycles: CycleRules
     arc_mm: ArcTolerance
     arc_inch: ArcTolerance
+    noted: Mapping[tuple[str, float], NotedCode]
+    aliases: Mapping[float, Alias]
 
     @property
     def systems(self) -> int:
@@ -134,18 +175,37 @@ class Dialect:
 def _read(name: str) -> dict[str, Any]:
     table = tomllib.loads(files(__name__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
     if base := table.pop("base", ""):
-        table = _read(base) | table
-    table["g"] += " " + table.pop("more_g", "")
+        table = _merged(_read(base), table)
+    for key in "gm":
+        table[key] += " " + table.pop(f"more_{key}", "")
     return table
+
+
+_ADDED = ("noted", "aliases")
+"""Tables that a dialect adds to those of its base; other keys replace those of the base."""
+
+
+def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Return the keys of a base with those of a dialect over them."""
+    found = base | own
+    for key in _ADDED:
+        found[key] = base[key] | own.get(key, {})
+    return found
 
 
 def _codes(text: str) -> list[float]:
     return [float(code) for code in text.split()]
 
 
-@lru_cache(maxsize=len(NAMES))
-def load(name: str) -> Dialect:
+@lru_cache(maxsize=2 * len(NAMES))
+def load(name: str, *, lenient: bool = False) -> Dialect:
     """Return the dialect of a name.
+
+    Args:
+        name: The name.
+        lenient: Read as ``auto`` reads a program that it recognised as one of this dialect: the
+            words mean what they mean here, but the codes of ``auto`` are legal too, and common
+            slips are warnings.
 
     Raises:
         UsageError: ``unknown-dialect``.
@@ -159,6 +219,24 @@ def load(name: str) -> Dialect:
             )
         )
     table = _read(name)
+    if lenient and name != "auto":
+        auto = _read("auto")
+        table["g"] += " " + auto["g"]
+        table["m"] += " " + auto["m"]
+        table["nurbs"] = sorted({*table["nurbs"], *auto["nurbs"]})
+        table |= {key: auto[key] for key in _LENIENT}
+        table["noted"] = auto["noted"] | table["noted"]
+    return _dialect(name, table)
+
+
+_LENIENT = (
+    "lenient", "axes", "arc_turns", "arc_idle_center", "home_beside_motion", "program_end",
+    "machine_in_incremental", "dollar", "program_number", "units_before_feed",
+)  # fmt: skip
+"""Keys in which ``auto`` is at least as tolerant as any dialect."""
+
+
+def _dialect(name: str, table: dict[str, Any]) -> Dialect:
     arc = table["arc"]
     return Dialect(
         name=name,
@@ -167,33 +245,36 @@ def load(name: str) -> Dialect:
         axes=frozenset(table["axes"]),
         nurbs=tuple(table["nurbs"]),
         motion=G(round(float(table["motion"]) * 10)) if table["motion"] else None,
-        units_before_feed=table["units_before_feed"],
-        arc_turns=table["arc_turns"],
-        arc_idle_center=table["arc_idle_center"],
-        path_stop=table["path_stop"],
         path_words=frozenset(table["path_words"]),
         offsets=tuple(table["offsets"]),
-        offsets_current=table["offsets_current"],
-        offsets_add=table["offsets_add"],
-        more_systems=table["more_systems"],
-        shift_stays=table["shift_stays"],
-        rotation=table["rotation"],
-        offset_memory=table["offset_memory"],
-        length_axes=table["length_axes"],
-        home_beside_motion=table["home_beside_motion"],
-        machine_in_incremental=table["machine_in_incremental"],
-        program_number=table["program_number"],
-        decimal_points=table["decimal_points"],
-        program_end=table["program_end"],
-        flavour=table["flavour"],
-        siemens=table["siemens"],
-        dollar=table["dollar"],
-        initial_level=table["initial_level"],
-        dwell=table["dwell"],
         cycles=CycleRules(**table["cycles"]),
         arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
         arc_inch=ArcTolerance(arc["slack_inch"], arc["relative"], arc["limit_inch"], arc["reach"]),
+        noted=dict(_noted(table["noted"])),
+        aliases={
+            float(code): Alias(float(each["is"]), each.get("word", ""), each.get("without", ""))
+            for code, each in table["aliases"].items()
+        },
+        **{key: table[key] for key in _PLAIN},
     )
+
+
+_PLAIN = (
+    "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
+    "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
+    "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
+    "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
+    "local_calls", "dwell", "dwell_point",
+)  # fmt: skip
+"""Keys whose values are those of the file."""
+
+
+def _noted(table: dict[str, Any]) -> Iterator[tuple[tuple[str, float], NotedCode]]:
+    """Yield the codes of ``[noted]``: letter and number, and the note."""
+    for code, each in table.items():
+        words = each.get("words", "PQ" if code[0] == "M" else "")
+        note = NotedCode(each["name"], words, each.get("needs", ""))
+        yield (code[0], float(code[1:])), note
 
 
 @lru_cache(maxsize=1)
@@ -225,9 +306,13 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         f"{kind.upper()}{other}"
         for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
     )
-    return fault(
-        "code-unknown", f"{name} is unknown", word, f"did you mean {near}?" if near else ""
-    )
+    hint = f"did you mean {near}?" if near else ""
+    if kind == "m":
+        builder = (
+            f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+        )
+        hint = f"{hint} {builder}" if hint else builder
+    return fault("code-unknown", f"{name} is unknown", word, hint)
 
 
 def _near(written: str, legal: frozenset[float]) -> list[str]:

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 
 from cnc.gcode.dialects import ArcTolerance
 from cnc.gcode.syntax.words import Word, fault
+from cnc.kernels.gcode import arcs as kernel
+from cnc.kernels.gcode.arcs import Tolerance, Wanted
+from cnc.kernels.jit import interpreted
 
 Point = tuple[float, float]
 
-SAME_POINT = 1e-7
-"""mm. An arc that ends this near to its start is a full circle: the distance is rounding."""
+SAME_POINT = kernel.SAME_POINT
+_arc_of = interpreted(kernel.arc_of)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,28 +63,23 @@ def from_center(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-mismatch``.
     """
-    radius = math.dist(start, center)
-    end_radius = math.dist(end, center)
-    if radius == 0 or end_radius == 0:
-        which = "start" if radius == 0 else "end"
+    found = _arc_of(
+        Wanted(*start, *end, *center, 0.0, clockwise),
+        Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
+    )
+    if found.status == kernel.NO_RADIUS:
+        which = "start" if found.radius == 0 else "end"
         hint = "give I, J, K from the start point to the centre"
         raise fault("arc-radius-zero", f"the centre of the arc is its {which} point", word, hint)
-    error = abs(radius - end_radius)
-    if error > tolerance.limit or (
-        error > tolerance.slack and error > tolerance.relative * max(radius, end_radius)
-    ):
+    if found.status == kernel.MISMATCH:
         raise fault(
             "arc-radius-mismatch",
-            f"the arc has radius {radius:.6g} mm at its start and {end_radius:.6g} mm at its end",
+            f"the arc has radius {found.radius:.6g} mm at its start and {found.end_radius:.6g} mm "
+            "at its end",
             word,
             "the centre must be as far from the end point as from the start point",
         )
-    return Arc(
-        center,
-        radius,
-        end_radius,
-        _turns(start, end, center, clockwise=clockwise) + (1 - turns if clockwise else turns - 1),
-    )
+    return _with_turns(found, turns, clockwise=clockwise)
 
 
 def from_radius(
@@ -101,43 +99,30 @@ def from_radius(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-no-chord``, ``arc-radius-too-small``.
     """
-    chord = math.dist(start, end)
-    if radius == 0:
+    found = _arc_of(
+        Wanted(*start, *end, math.nan, math.nan, radius, clockwise),
+        Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
+    )
+    if found.status == kernel.NO_RADIUS:
         raise fault("arc-radius-zero", "the radius of the arc is 0", word)
-    if chord <= SAME_POINT:
+    if found.status == kernel.NO_CHORD:
         raise fault(
             "arc-radius-no-chord",
             "an arc with R can't end where it starts",
             word,
             "write a full circle with I, J, K, or as two arcs",
         )
-    half = chord / 2
-    if half > abs(radius) + tolerance.reach:
-        message = f"R is {abs(radius):.6g} mm, but the end point is {chord:.6g} mm away"
+    if found.status == kernel.TOO_SMALL:
+        message = f"R is {found.radius:.6g} mm, but the end point is {found.end_radius:.6g} mm away"
         raise fault("arc-radius-too-small", message, word, "R must be at least half of that")
-    # The centre is to the left of the chord for a counter-clockwise arc of less than half a turn.
-    offset = math.sqrt(max((abs(radius) - half) * (abs(radius) + half), 0.0))
-    left = offset if clockwise == (radius < 0) else -offset
-    (x0, y0), (x1, y1) = start, end
-    center = ((x0 + x1) / 2 - left * (y1 - y0) / chord, (y0 + y1) / 2 + left * (x1 - x0) / chord)
-    swept = _turns(start, end, center, clockwise=clockwise)
+    return _with_turns(found, turns, clockwise=clockwise)
+
+
+def _with_turns(found: kernel.Arc, turns: int, *, clockwise: bool) -> Arc:
+    """Return the arc with the full turns that the P word adds."""
     return Arc(
-        center,
-        math.dist(start, center),
-        math.dist(end, center),
-        swept + (1 - turns if clockwise else turns - 1),
+        (found.x, found.y),
+        found.radius,
+        found.end_radius,
+        found.turns + (1 - turns if clockwise else turns - 1),
     )
-
-
-def _turns(start: Point, end: Point, center: Point, *, clockwise: bool) -> float:
-    """The signed turns from start to end: more than 0, up to one."""
-    if math.dist(start, end) <= SAME_POINT:
-        return -1.0 if clockwise else 1.0
-    ax, ay = start[0] - center[0], start[1] - center[1]
-    bx, by = end[0] - center[0], end[1] - center[1]
-    # For short arcs the angle from cross and dot product is more accurate than a difference of two
-    # angles.
-    turns = math.atan2(ax * by - ay * bx, ax * bx + ay * by) / math.tau
-    if clockwise:
-        return turns if turns < 0 else turns - 1.0
-    return turns if turns > 0 else turns + 1.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, Protocol
 
 from cnc.gcode.program.interpreter import Interpreter
@@ -47,6 +48,16 @@ class Loop:
     first: int
     last: int
     since: int = 0
+
+
+class Files(Protocol):
+    """Files of subroutines, for the call at a place. Each method may raise GcodeError."""
+
+    def find(self, label: str, at: Place) -> Listing | None:
+        """Return the file of a label, or None if there is none."""
+
+    def open(self, path: Path, at: Place) -> Listing:
+        """Return the file at a path."""
 
 
 class Nothing:
@@ -99,7 +110,9 @@ class Listing(LineIndex):
         last_executed: The highest line that was ever executed.
     """
 
-    def __init__(self, text: Text, syntax: Syntax, *, block_delete: bool = False) -> None:
+    def __init__(
+        self, text: Text, syntax: Syntax, *, block_delete: frozenset[int] | bool = False
+    ) -> None:
         super().__init__(text, syntax, block_delete=block_delete)
         self.steps: dict[int, Step] = {}
         self.labels: dict[tuple[int, str], int] = {}
@@ -120,6 +133,11 @@ class Listing(LineIndex):
                 self._pages.popitem(last=False)
         self._pages.move_to_end(window.first)
         return page
+
+    def forget_steps(self) -> None:
+        """Make the steps of all lines again when they are reached."""
+        for page in self._pages.values():
+            page.steps[:] = [None] * page.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +195,7 @@ class Flow:
     Attributes:
         interpreter: Executes statements.
         parameters: The parameters of the program.
-        find_file: Finds the file of a subroutine by label, for the call at a place.
+        library: The files of subroutines.
         limits: The limits of repetition.
         main: The text of the main program.
         listing: The text that is being executed.
@@ -185,6 +203,7 @@ class Flow:
         frames: The calls around the current one, outermost first.
         executed: Number of lines executed so far, up to date whenever a step runs.
         new: Number of lines executed for the first time.
+        update_loops: Brings the entries of loops up to date before they are compared.
         value: Value of the last return, None if it had none.
         percent: Whether a ``%`` was read.
         main_border: Line of the O number of the main program; 0 for none.
@@ -194,20 +213,21 @@ class Flow:
         self,
         interpreter: Interpreter,
         listing: Listing,
-        find_file: Callable[[str, Place], Listing | None],
+        library: Files,
         limits: Limits,
         *,
         mark_calls: bool = False,
     ) -> None:
         self.interpreter = interpreter
         self.parameters = interpreter.parameters
-        self.find_file = find_file
+        self.library = library
         self.limits = limits
         self.main = self.listing = listing
         self._mark_calls = mark_calls
         self.frame = Frame("main", "", listing, 0, listing, Place(0), 0)
         self.frames: list[Frame] = []
         self.executed = self.new = 0
+        self.update_loops: Callable[[], None] = lambda: None
         self.value: float | None = None
         self.percent = False
         self.main_border = 0
@@ -268,6 +288,7 @@ class Flow:
 
     def endless(self, line: int) -> CncError:
         """Return the error for too many repeated lines, at the loop or call that caused them."""
+        self.update_loops()
         listing, at, name = self._cause_of_repetition(line)
         many = f"{self.limits.repeated_lines:,}".replace(",", " ")
         message = f"{name} does not end: more than {many} lines were executed again"

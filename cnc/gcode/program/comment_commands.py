@@ -8,6 +8,7 @@ from __future__ import annotations
 from cnc.gcode.codes.comments import fill
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.syntax.mending import MENDED
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import Word, fault
@@ -38,6 +39,10 @@ class CommentCommands:
         if remark.kind in _MESSAGES:
             text = remark.text if remark.kind == "msg" else fill(remark.text, self._parameters)
             self._out.add(Message(here.file, here.line, text))
+            return None
+        if remark.kind == MENDED:
+            at = Word("(", 0.0, "(", remark.column, remark.length)
+            here.report_warning("comment-mended", remark.text, at, "correct the brackets")
             return None
         name = f"({remark.kind.upper()})"
         at = Word("(", 0.0, name, remark.column, 1)

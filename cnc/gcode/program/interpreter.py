@@ -12,6 +12,7 @@ from __future__ import annotations
 from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
 from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
@@ -38,6 +39,7 @@ from cnc.gcode.state.modal_groups import (
     feed_of,
 )
 from cnc.gcode.state.position_parameters import bind_position
+from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import SourceLocation, Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
@@ -51,6 +53,8 @@ from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
+_CENTRE = frozenset("IJK")
+_NO_FEED = (None, G.G0)
 _QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
@@ -76,6 +80,7 @@ class Interpreter:
         parameters: Parameters,
         warn: Warn | None,
         tools: ToolTable | None = None,
+        policy: ReadingPolicy = STRICT,
     ) -> None:
         self.ended = self.aborted = False
         self.begun = False
@@ -83,7 +88,10 @@ class Interpreter:
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
         self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
+        if policy.default_feed is not None:
+            self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect = dialect
+        self.policy = policy
         self.parameters = parameters
         self.coordinates = Coordinates(
             axes,
@@ -93,8 +101,9 @@ class Interpreter:
             shift_stays=dialect.shift_stays,
         )
         self.unused_words = UnusedWords(self.here)
+        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, self.unused_words
+            dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
         self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
@@ -108,7 +117,12 @@ class Interpreter:
             self.unused_words,
         )
         self.tool_codes = ToolCodes(
-            dialect, self.modal, self.motion, ToolTable() if tools is None else tools
+            dialect,
+            self.here,
+            self.modal,
+            self.motion,
+            ToolTable() if tools is None else tools,
+            zero_without_table=policy.tool_lengths == "zero",
         )
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
         self.compensation_codes = CompensationCodes(
@@ -135,6 +149,7 @@ class Interpreter:
             )
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
         self.points_wanted = dialect.decimal_points
+        self._moving: G | None = None
         self._prepared: dict[int, PreparedLine] = {}
         self._saved_state = SavedState(
             self.machine_codes, self.modal, self.motion, self.unused_words
@@ -163,11 +178,22 @@ class Interpreter:
                 self.aborted = True
                 raise error
         if words is not None:
-            self._execute(words, prepared.codes)
+            self._execute(words, prepared.codes, prepared.extra)
             self.begun = True
             self._update_plain()
         elif statement.board:
-            self.out.add(BoardCommand(self.here.file, line, statement.board))
+            self._command_board(BoardCommand(self.here.file, line, statement.board))
+
+    def _command_board(self, command: BoardCommand) -> None:
+        """Add a command of the board. After homing the program goes on where the board stands."""
+        if command.homes:
+            self.out.ask(command, self._homed)
+        else:
+            self.out.add(command)
+
+    def _homed(self, position: tuple[float, ...]) -> None:
+        if position:
+            self.motion.position = list(position)
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
         """Execute a line that is nothing but a move.
@@ -211,7 +237,7 @@ class Interpreter:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
         prepared = self._prepared[id(statement)] = prepare(
-            statement, self.dialect, self.motion.column
+            statement, self.dialect, self._builder_codes, self.motion.column
         )
         if self.points_wanted and (
             word := without_point(statement, collected=self.motion.collector is not None)
@@ -261,16 +287,34 @@ class Interpreter:
         if number >= EXTERNAL_OFFSET and self.parameters.macro:
             self.coordinates.refresh()
 
-    def _execute(self, words: LineWords, codes: Codes | None) -> None:
+    def _execute(self, words: LineWords, codes: Codes | None, extra: tuple[ExtraCode, ...]) -> None:
         if codes is None:
             codes = codes_of(words.g, words.m, self.dialect)
+        if extra:
+            self._builder_codes.execute(words, extra)
         collector = self.motion.collector
         if not (collector and collector.line(words, codes)) and (
             codes or not self._is_program_number(words)
         ):
             self._in_order(words, codes)
-        if words.rest:
+        if words.rest and not self._is_idle(words):
             raise unused(words, self.modal)
+        if extra:
+            self._builder_codes.pause(extra)
+
+    def _is_idle(self, words: LineWords) -> bool:
+        """Take centre words of a traverse under a lenient dialect, with a warning."""
+        if (
+            not self.dialect.lenient
+            or self.modal.motion != G.G0
+            or not words.rest.keys() <= _CENTRE
+        ):
+            return False
+        word = words.first()
+        message = f"{word.written} has no use in a traverse (G0) and is ignored"
+        self.here.report_warning("word-idle", message, word, "remove it, or give G2 or G3")
+        words.rest.clear()
+        return True
 
     def _is_program_number(self, words: LineWords) -> bool:
         if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:
@@ -281,6 +325,7 @@ class Interpreter:
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
         moving = self.motion.check(words, codes)
+        self._moving = moving
         if not codes:
             self._feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)
@@ -307,6 +352,8 @@ class Interpreter:
         functions.speed_and_tool(words, codes)
         self.input_output_codes.execute(words, codes)
         functions.tool_change(words, codes)
+        if change := codes.get("tool-change"):
+            self.tool_codes.check_change(state.loaded, change.word)
         functions.spindle(words, codes)
         if code := codes.get("state"):
             self._saved_state.execute(code)
@@ -340,7 +387,15 @@ class Interpreter:
 
     def _feed(self, words: LineWords, codes: Codes) -> None:
         """Execute F. In inverse time mode the move of the line uses it instead."""
-        if "F" not in words.rest or self.modal.feed_mode == "inverse-time":
+        if "F" not in words.rest or self._is_dwell_time("F", codes):
+            return
+        if self.modal.feed_mode == "inverse-time":
+            if self._moving in _NO_FEED:
+                word = words.rest.pop("F")
+                message = (
+                    f"{word.written} has no effect: under G93 it belongs to the move of its line"
+                )
+                self.here.report_note("word-without-effect", message, word)
             return
         word = words.rest.pop("F")
         scale = self.modal.scale
@@ -351,6 +406,10 @@ class Interpreter:
         ):
             message = f"F is read before {code.word.written} takes effect"
             self.here.report_warning("feed-before-units", message, word, "write F in the next line")
+        if word.number == 0 and self._moving in _NO_FEED and self.dialect.lenient:
+            self.modal.feed = None
+            self.unused_words.mark_used("F")
+            return
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale)
@@ -361,6 +420,11 @@ class Interpreter:
             raise fault("feed-too-slow", message, word)
         self.modal.feed = feed
         self.unused_words.note(word)
+
+    def _is_dwell_time(self, letter: str, codes: Codes) -> bool:
+        """Whether a word is the time of a dwell in its line."""
+        code = codes.get("non-modal")
+        return code is not None and code.number == G.G4 and letter in self.dialect.dwell
 
     def _units(self, codes: Codes) -> None:
         """G20, G21, G7, G8."""

@@ -25,9 +25,13 @@ _CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
 _END_OF_TEXT = 1 << 62
 """A line number beyond that of any line."""
+_ALL_SWITCHES = frozenset(range(1, 10))
+"""Switches of block delete; ``/`` alone is that of ``/1``."""
+_SLASH = re.compile(r"[ \t]*/[ \t]*([1-9](?![0-9.]))?")
 _COMMENTS_AND_BLANKS = re.compile(r"\([^)]*\)|;.*|[ \t]")
+_PERCENT = re.compile(rb"(?<![^\r\n])[ \t]*%")
 _SUB = re.compile(r"/?(?:n[0-9]+)?o(?:[0-9]+|<[^>]*>)sub")
-_PROGRAM = re.compile(r"/?(?:n[0-9]+)?o[0-9]+")
+_PROGRAM = re.compile(r"/?(?:n[0-9]+)?o(?:[0-9]+|<[^>]*>)")
 
 
 class Place(NamedTuple):
@@ -61,6 +65,8 @@ class Definitions:
         assert isinstance(control.label, str), "the search takes written labels only"
         if control.keyword == "program":
             self.borders.append(line)
+            if not control.label.isdigit():
+                return
             number = int(control.label)
             if self.programs.setdefault(number, line) != line:
                 self.repeated_programs.setdefault(number, line)
@@ -71,11 +77,13 @@ class Definitions:
 class LineIndex:
     """Gives access to the lines of a text by number, and finds lines by their content."""
 
-    def __init__(self, text: Text, syntax: Syntax, *, block_delete: bool = False) -> None:
+    def __init__(
+        self, text: Text, syntax: Syntax, *, block_delete: frozenset[int] | bool = False
+    ) -> None:
         self.name = text.name
         self._text = text
         self._syntax = syntax
-        self._block_delete = block_delete
+        self._block_delete = _ALL_SWITCHES if block_delete is True else block_delete or frozenset()
         self._definitions: Definitions | None = None
         self._is_control_letter = np.zeros(256, np.bool_)
         self._is_control_letter[[ord(letter) for letter in _CONTROL_LETTERS[syntax.flavour]]] = True
@@ -105,8 +113,10 @@ class LineIndex:
         Raises:
             GcodeError: A syntax error, with file and line.
         """
-        if self._block_delete and window.text(index).lstrip(" \t").startswith("/"):
-            return None
+        if self._block_delete and (slash := _SLASH.match(window.text(index))):
+            switch = int(slash[1] or 1)
+            if switch in self._block_delete:
+                return None
         try:
             return window.statement(index, self._syntax)
         except GcodeError as error:
@@ -153,7 +163,10 @@ class LineIndex:
         """
         if self._definitions is None:
             self._definitions = Definitions()
+            end = self._end_of_tape()
             for number, window, index in self._candidates(1):
+                if number > end:
+                    break
                 text = _COMMENTS_AND_BLANKS.sub("", window.text(index)).lower()
                 if not (_SUB.match(text) or _PROGRAM.fullmatch(text)):
                     continue
@@ -161,6 +174,25 @@ class LineIndex:
                 if statement is not None and statement.control is not None:
                     self._definitions.add(number, statement.control)
         return self._definitions
+
+    def _end_of_tape(self) -> int:
+        """Return the line of the % that ends the text; a very large number if there is none.
+
+        It is the second one, or the first that has code before it.
+        """
+        line, opened, code = 1, False, False
+        while (window := self._text.window(line)) is not None:
+            index = 0
+            while index < window.count:
+                found = window.find(_PERCENT, index, window.count)
+                code = code or bool(window.scan.lines.first[found] > window.scan.lines.first[index])
+                if found < window.count:
+                    if opened or code:
+                        return window.first + found
+                    opened = True
+                index = found + 1
+            line = window.first + window.count
+        return _END_OF_TEXT
 
     def program_around(self, line: int) -> tuple[int, int]:
         """Return the first line of the program around a line, and the first line after it.

@@ -5,17 +5,24 @@ All other lines are executed as statements and have no step class.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
+from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightRuns
+from cnc.gcode.program.line_machine import LineMachine
+from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
+from cnc.gcode.syntax.words import Word
+from cnc.machine.program_codes import CodeAction
 
+MANY_LINES = 500
+"""Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     block_matching.MAKERS | subprograms.MAKERS
@@ -25,12 +32,29 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
 class StepMaker:
     """Makes the steps of lines when they are reached for the first time."""
 
-    def __init__(self, flow: Flow, dialect: dialects.Dialect) -> None:
+    def __init__(
+        self, flow: Flow, dialect: dialects.Dialect, codes: Mapping[int, CodeAction]
+    ) -> None:
         self._flow = flow
+        self._builder_codes = codes
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
         self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
-        self._runs = StraightRuns(flow.interpreter)
+        machine = LineMachine(flow.interpreter)
+        self._runs = PlainLines(flow.interpreter, machine)
+        self._compiled = CompiledProgram(flow, machine) if dialect.flavour == "ngc" else None
+        self._is_long = False
+
+    def compile_from_here(self, executed: int) -> bool:
+        """Return whether compiled code is worth its start from now on, and was not before.
+
+        Args:
+            executed: Number of lines executed so far.
+        """
+        if self._compiled is None or self._is_long or executed < MANY_LINES:
+            return False
+        self._is_long = True
+        return True
 
     def step(self, page: Page, index: int) -> Step | Statement:
         """Return the step of a line, and keep it if the line is likely to be executed again.
@@ -74,9 +98,25 @@ class StepMaker:
             raise flow.listing.fault(at, "program-end-missing", message, hint)
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
+        if (
+            self._compiled is not None
+            and (self._is_long or window.count >= MANY_LINES)
+            and window.has_expressions
+            and not self._flow.interpreter.points_wanted
+            and self._compiled.knows(window, index)
+        ):
+            return _Compiled(self._compiled, self, window)
+        if window.simple[index] >= SHORTEST:
+            return _Run(self._runs, self, window)
+        return self.single(window, line, index)
+
+    def single(self, window: Window, line: int, index: int) -> Step | Statement:
+        """Return the step of a line that is executed on its own.
+
+        Raises:
+            GcodeError: The line is faulty, or the block that it opens.
+        """
         flow = self._flow
-        if window.straight[index] >= SHORTEST:
-            return _Run(self._runs, window)
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
@@ -91,7 +131,17 @@ class StepMaker:
         if statement.control is None:
             return self._of_words(line, statement)
         step = self._of_control(line, statement.control)
+        if self._compiled is not None and (self._is_long or window.count >= MANY_LINES):
+            self._compiled.register(window, index, step)
         return _Announced(statement, step) if statement.remarks else step
+
+    def run_single(self, flow: Flow, window: Window, line: int) -> int:
+        """Execute a line on its own; return the line to continue at."""
+        step = self.single(window, line, line - window.first)
+        if isinstance(step, Statement):
+            flow.interpreter.execute(step, line)
+            return line + 1
+        return step.run(flow, line)
 
     def _of_control(self, line: int, control: Control) -> Step:
         flow = self._flow
@@ -118,31 +168,50 @@ class StepMaker:
                 else:
                     self._dialect.check_g(word)
                 return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+        if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
+            return step
         if statement.words or statement.assignments or statement.remarks or statement.board:
             return statement
         return NOTHING
 
 
 class _Run:
-    """The first line of a run of straight moves."""
+    """The first line of a run of plain lines."""
 
-    __slots__ = ("_runs", "_window")
+    __slots__ = ("_maker", "_runs", "_window")
 
-    def __init__(self, runs: StraightRuns, window: Window) -> None:
+    def __init__(self, runs: PlainLines, maker: StepMaker, window: Window) -> None:
         self._runs = runs
+        self._maker = maker
         self._window = window
 
     def run(self, flow: Flow, line: int) -> int:
-        """Execute the run on arrays, or else its first line as a statement."""
+        """Execute the run in compiled code, or else its first line on its own."""
         window, listing = self._window, flow.listing
         count = self._runs.run(window, line - window.first)
         if not count:
-            return _execute_statement(flow, window, line)
+            return self._maker.run_single(flow, window, line)
         last = line + count - 1
         flow.executed += count - 1
         flow.new += max(0, last - listing.last_executed)
         listing.last_executed = max(last, listing.last_executed)
         return last + 1
+
+
+class _Compiled:
+    """A line that compiled code may execute, with those after it."""
+
+    __slots__ = ("_maker", "_program", "_window")
+
+    def __init__(self, program: CompiledProgram, maker: StepMaker, window: Window) -> None:
+        self._program = program
+        self._maker = maker
+        self._window = window
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute lines in compiled code, or else the line on its own."""
+        after = self._program.run(self._window, line)
+        return self._maker.run_single(flow, self._window, line) if after is None else after
 
 
 class _Move:
@@ -194,11 +263,40 @@ class _Percent:
             if line == frame.first and not frame.scope:  # of a file without an O line
                 return line + 1
             raise control_flow.not_ended(flow, f"before the % in line {line}")
+        if interpreter.begun and not flow.percent:
+            self._check_unopened(flow, line)
         if interpreter.begun or flow.percent:
             interpreter.end_of_file()
             interpreter.ended = True
         flow.percent = True
         return line + 1
+
+    @staticmethod
+    def _check_unopened(flow: Flow, line: int) -> None:
+        """Refuse a % that would end a program without a first one.
+
+        As the last line it is what other controllers leave of a pair of %.
+        """
+        at = Place(line, 1)
+        message = "this % ends the program, and no % begins it"
+        hint = "begin the program with %, or end it with M2 or M30"
+        if not flow.interpreter.dialect.lenient or _has_code(flow, line + 1):
+            raise flow.listing.fault(at, "percent-place", message, hint)
+        percent = Word("%", 0.0, "%", 1, 1)
+        flow.interpreter.here.line = line
+        flow.interpreter.here.report_warning("percent-unopened", message, percent, hint)
+
+
+def _has_code(flow: Flow, line: int) -> bool:
+    """Whether a line from here on is not empty."""
+    while (window := flow.listing.window(line)) is not None:
+        if any(
+            window.text(index).strip(" \t\0\x1a")
+            for index in range(line - window.first, window.count)
+        ):
+            return True
+        line = window.first + window.count
+    return False
 
 
 _PERCENT = _Percent()

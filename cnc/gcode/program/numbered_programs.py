@@ -169,7 +169,7 @@ class ProgramCall:
         for listing in (flow.listing, flow.main):
             if found := self._in(listing, number):
                 return listing, found
-        file = flow.find_file(str(number), self.at)
+        file = flow.library.find(str(number), self.at)
         if file is not None:
             if found := self._in(file, number):
                 return file, found

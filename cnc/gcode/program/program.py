@@ -7,7 +7,7 @@ executed as often as the flow of control reaches the line.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from cnc.gcode.program.call_stack import Flow, Limits, Listing, Page, Step
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_steps import StepMaker
 from cnc.gcode.program.subprograms import Library
+from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
@@ -36,19 +37,24 @@ class ProgramOptions:
     """Options that rarely differ from their defaults.
 
     Attributes:
-        block_delete: Skip lines that begin with ``/`` unread.
+        block_delete: Switches of block delete that are on, 1 to 9, or True for all: lines that
+            begin with ``/`` (1) or ``/2`` are skipped unread.
+        policy: Choices of the user.
         folders: Folders of subroutines in files. The program's own folder is not added.
         limits: Limits that end endless programs.
         on_line: Called with the number of executed lines from time to time.
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
+        laser: S is the power of a laser, which changes in motion.
     """
 
-    block_delete: bool = False
+    block_delete: frozenset[int] | bool = False
+    policy: ReadingPolicy = STRICT
     folders: Sequence[Path] = ()
     limits: Limits = field(default_factory=Limits)
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
+    laser: bool = False
 
 
 DEFAULTS = ProgramOptions()
@@ -58,7 +64,7 @@ def interpret(
     text: Text,
     *,
     axes: tuple[str, ...] = ("x", "y", "z"),
-    dialect: str = "auto",
+    dialect: str | dialects.Dialect = "auto",
     start: NDArray[np.float64] | None = None,
     parameters: Parameters | None = None,
     tools: ToolTable | None = None,
@@ -72,7 +78,7 @@ def interpret(
     Args:
         text: The program. Its name stands in blocks and errors.
         axes: The machine's axes, in the order of the columns of every position.
-        dialect: Name of the dialect.
+        dialect: The dialect, or its name.
         start: (axes,) machine position at the start, mm or degrees; zeros by default.
         parameters: Parameters at the start. The program changes them.
         tools: Tool table. The program may change it.
@@ -85,15 +91,31 @@ def interpret(
         UsageError: ``unknown-dialect``, ``unreadable-file``.
     """
     position = [0.0] * len(axes) if start is None else [float(value) for value in start]
-    rules = dialects.load(dialect)
+    rules = dialects.load(dialect) if isinstance(dialect, str) else dialect
     if parameters is None:
         parameters = Parameters(macro=rules.flavour == "macro-b")
-    interpreter = Interpreter(text.name, axes, rules, position, parameters, warn, tools)
-    syntax = Syntax(rules.flavour, siemens=rules.siemens, dollar=rules.dollar, dialect=rules.name)
+    interpreter = Interpreter(
+        text.name,
+        axes,
+        rules,
+        position,
+        parameters,
+        warn,
+        tools,
+        replace(options.policy, laser=options.laser),
+    )
+    syntax = Syntax(
+        rules.flavour,
+        siemens=rules.siemens,
+        dollar=rules.dollar,
+        lenient=rules.lenient,
+        dialect=rules.name,
+    )
     listing = Listing(text, syntax, block_delete=options.block_delete)
     library = Library(options.folders, syntax, block_delete=options.block_delete)
-    flow = Flow(interpreter, listing, library.find, options.limits, mark_calls=options.mark_calls)
-    yield from _run(flow, StepMaker(flow, rules), options.on_line)
+    flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
+    maker = StepMaker(flow, rules, options.policy.codes)
+    yield from _run(flow, maker, options.on_line)
 
 
 def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:
@@ -140,6 +162,8 @@ def _execute_lines(flow: Flow, maker: StepMaker, watch: _Watch) -> Iterator[Bloc
             executed += 1
             if executed > next_check:
                 next_check = watch.check(executed, line)
+                if maker.compile_from_here(executed):
+                    listing.forget_steps()
             if step.__class__ is Statement:
                 execute(step, line)
                 line += 1

@@ -31,7 +31,9 @@ _SUFFIXES = (".ngc", ".nc")
 class Library:
     """Files of subroutines in given folders. Each file is read once."""
 
-    def __init__(self, folders: Sequence[Path], syntax: Syntax, *, block_delete: bool) -> None:
+    def __init__(
+        self, folders: Sequence[Path], syntax: Syntax, *, block_delete: frozenset[int] | bool
+    ) -> None:
         self.folders = folders
         self._syntax = syntax
         self._block_delete = block_delete
@@ -67,6 +69,19 @@ class Library:
         real = path.resolve()
         if not real.is_relative_to(folder.resolve()):
             raise _outside(f"{path} is a link to a file outside of its folder", at)
+        return self.open(path, at)
+
+    def open(self, path: Path, at: Place) -> Listing:
+        """Return the text of a file.
+
+        Args:
+            path: The file.
+            at: The place of the call, for errors.
+
+        Raises:
+            GcodeError: The file cannot be read.
+        """
+        real = path.resolve()
         if real not in self._listings:
             try:
                 text = Text.of_file(real, os.fspath(path))
@@ -191,7 +206,7 @@ class Call:
         for listing in texts:
             if found := self._in(listing, label):
                 return found
-        file = flow.find_file(label, self.at)
+        file = flow.library.find(label, self.at)
         if file is None:
             raise self._unknown(flow, label)
         if found := self._in(file, label):

@@ -8,15 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.model.blocks import Block, Polyline, Probe, WaitInput
+from cnc.model.blocks import (
+    AnalogOutput,
+    Block,
+    BoardCommand,
+    Coolant,
+    DigitalOutput,
+    Orient,
+    Overrides,
+    PathMode,
+    Polyline,
+    Probe,
+    Spindle,
+    Stop,
+    Tool,
+    WaitInput,
+)
+from cnc.model.motion_commands import command_array, goes_with_motion
 
 MAX_MOVES = 4096
 """Most moves of a Polyline. Arrays of this length are efficient, and the first pulse does not wait
 long for them.
 """
 
+Question = Probe | WaitInput | BoardCommand
 TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
+
+
+_Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+"""Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
 
 class BlockBuffer:
@@ -32,7 +53,7 @@ class BlockBuffer:
 
     def __init__(self, here: SourceLocation, axes: int) -> None:
         self.ready: list[Block] = []
-        self.unanswered: list[tuple[Probe | WaitInput, TakeAnswer]] = []
+        self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
         self.assumed = False
         self._here = here
@@ -40,13 +61,17 @@ class BlockBuffer:
         self._points: list[float] = []
         self._feeds: list[float] = []
         self._lines: list[int] = []
+        self._pieces: list[_Piece] = []
+        self._held = 0
+        self._commands: dict[int, tuple[Block, ...]] = {}
+        self._in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
-        if len(self._feeds) >= MAX_MOVES:
+        if self._held + len(self._feeds) >= MAX_MOVES:
             self.flush()
 
     def moves(
@@ -59,35 +84,23 @@ class BlockBuffer:
             feeds: (n,) mm/s; NaN for a traverse.
             lines: (n,) source lines.
         """
-        begin, count = 0, len(feeds)
         if self._feeds:
-            begin = min(count, MAX_MOVES - len(self._feeds))
-            self._points += points[:begin].ravel().tolist()
-            self._feeds += feeds[:begin].tolist()
-            self._lines += lines[:begin].tolist()
-            if len(self._feeds) < MAX_MOVES:
-                return
+            self._pack()
+        begin, count = 0, len(feeds)
+        while count - begin >= MAX_MOVES - self._held:
+            end = begin + MAX_MOVES - self._held
+            self._pieces.append((points[begin:end], feeds[begin:end], lines[begin:end]))
+            self._held = MAX_MOVES
             self.flush()
-        while count - begin >= MAX_MOVES:
-            end = begin + MAX_MOVES
-            self.ready.append(
-                Polyline(
-                    self._here.file,
-                    int(lines[begin]),
-                    points[begin:end],
-                    feeds[begin:end],
-                    lines[begin:end],
-                )
-            )
             begin = end
-        self._points, self._feeds, self._lines = (
-            points[begin:].ravel().tolist(),
-            feeds[begin:].tolist(),
-            lines[begin:].tolist(),
-        )
+        if count > begin:
+            self._pieces.append((points[begin:], feeds[begin:], lines[begin:]))
+            self._held += count - begin
 
     def add(self, block: Block) -> None:
-        """Add any other block."""
+        """Add any other block, unless it changes nothing."""
+        if not self._changes(block):
+            return
         if self.defer is None:
             self.put(block)
         else:
@@ -107,10 +120,14 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
+        place = self._held + len(self._feeds)
+        if place and goes_with_motion(block):
+            self._commands[place] = (*self._commands.get(place, ()), block)
+            return
         self.flush()
         self.ready.append(block)
 
-    def ask(self, block: Probe | WaitInput, take: TakeAnswer) -> None:
+    def ask(self, block: Question, take: TakeAnswer) -> None:
         """Add a block that the board answers.
 
         ``take`` gets the answer before the next line is executed.
@@ -128,15 +145,63 @@ class BlockBuffer:
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
-        if not self._feeds:
+        if self._feeds:
+            self._pack()
+        if not self._pieces:
             return
-        self.ready.append(
-            Polyline(
-                self._here.file,
-                self._lines[0],
+        if len(self._pieces) == 1:
+            points, feeds, lines = self._pieces[0]
+        else:
+            points = np.concatenate([piece[0] for piece in self._pieces])
+            feeds = np.concatenate([piece[1] for piece in self._pieces])
+            lines = np.concatenate([piece[2] for piece in self._pieces])
+        behind = self._commands.pop(self._held, ()) if self._commands else ()
+        commands = command_array(self._held, self._commands)
+        self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands))
+        self.ready.extend(behind)
+        self._pieces, self._held, self._commands = [], 0, {}
+
+    def _pack(self) -> None:
+        """Turn the single moves into arrays."""
+        self._pieces.append(
+            (
                 np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
                 np.array(self._feeds, dtype=np.float64),
                 np.array(self._lines, dtype=np.int32),
             )
         )
+        self._held += len(self._feeds)
         self._points, self._feeds, self._lines = [], [], []
+
+    def _changes(self, block: Block) -> bool:
+        """Return whether a block changes a state that is known from an earlier block."""
+        if isinstance(block, Tool | Orient | BoardCommand | Stop):
+            # Spindle and outputs may have another state afterwards. At a stop the operator may
+            # have switched the spindle off by hand, and the next move would cut without it.
+            self._in_effect.clear()
+        state = _state(block)
+        if state is None:
+            return True
+        kind, values = state
+        if self._in_effect.get(kind) == values:
+            return False
+        self._in_effect[kind] = values
+        return True
+
+
+def _state(block: Block) -> tuple[tuple[str, int], tuple[object, ...]] | None:
+    """Return what a block sets, and its values; None for a block that sets nothing lasting."""
+    match block:
+        case Spindle(state=state, rpm=rpm, surface_speed=speed):
+            return ("spindle", 0), (state, rpm, speed)
+        case Coolant(mist=mist, flood=flood):
+            return ("coolant", 0), (mist, flood)
+        case Overrides(feed=feed, spindle=spindle, adaptive_feed=adaptive, feed_stop=stop):
+            return ("overrides", 0), (feed, spindle, adaptive, stop)
+        case PathMode(control=control, tolerance=tolerance):
+            return ("path", 0), (control, tolerance)
+        case DigitalOutput(number=number, on=on):
+            return ("digital", number), (on,)
+        case AnalogOutput(number=number, value=value):
+            return ("analog", number), (value,)
+    return None

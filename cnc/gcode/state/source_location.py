@@ -29,16 +29,13 @@ class SourceLocation:
     def report_warning(self, code: str, message: str, word: Word, hint: str = "") -> None:
         """Report a legal but unusual word of the line."""
         if self.warn:
-            self.warn(
-                Diagnostic(
-                    code,
-                    message,
-                    self.file,
-                    self.line,
-                    word.column,
-                    word.length,
-                    self.text,
-                    hint,
-                    severity="warning",
-                )
-            )
+            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="warning"))
+
+    def report_note(self, code: str, message: str, word: Word, hint: str = "") -> None:
+        """Report a word that does no harm and has no effect."""
+        if self.warn:
+            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="note"))
+
+    def _place(self, word: Word) -> tuple[str, int, int, int, str]:
+        """Return file, line, column and length of a word, and the text of its line."""
+        return self.file, self.line, word.column, word.length, self.text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,32 @@ O_KEYWORDS = (
     "CONTINUE",
 )
 MACRO_KEYWORDS = ("GOTO", "IF", "THEN", "WHILE", "DO", "END")
+_ASCII = 128
+_TYPOGRAPHIC = {
+    "\u2212": "a minus sign (-)",
+    "\u2010": "a minus sign (-)",
+    "\u2011": "a minus sign (-)",
+    "\u2012": "a minus sign (-)",
+    "\u2013": "a minus sign (-)",
+    "\u2014": "a minus sign (-)",
+    "\u00a0": "a plain blank",
+    "\u2009": "a plain blank",
+    "\u202f": "a plain blank",
+    "\u3000": "a plain blank",
+    "\u200b": "nothing: the character is invisible",
+    "\ufeff": "nothing: the character is invisible",
+    "\u00ad": "nothing: the character is invisible",
+    "\u2018": "a comment in ( )",
+    "\u2019": "a comment in ( )",
+    "\u201c": "a comment in ( )",
+    "\u201d": "a comment in ( )",
+    "\u00d7": "a * in an expression",
+    "\uff0e": "a decimal point (.)",
+    "\u00b7": "a decimal point (.)",
+    "\uff08": "a ( with its )",
+    "\uff09": "a ) with its (",
+}
+"""Characters of word processors that stand for one of G-code."""
 DIGITS = "0123456789."
 LETTERS = re.compile(r"[A-Z]+")
 
@@ -116,8 +143,18 @@ class ErrorContext:
     def unknown_character(self) -> GcodeError:
         """Return the error for a character that the language does not have."""
         char = self.char
-        shown = f"{char!r}" if char.isprintable() else f"U+{ord(char):04X}"
-        return self.fault("character-unknown", f"the character {shown} has no meaning here")
+        if char == "," and self.text[self.at + 1 : self.at + 2].isdigit():
+            hint = "write a decimal point"
+            return self.fault("character-unknown", "a decimal comma is not G-code", hint=hint)
+        if ord(char) < _ASCII:
+            return self.fault("character-unknown", f"the character {char!r} has no meaning here")
+        name = unicodedata.name(char, "").lower()
+        shown = f"{char!r} (U+{ord(char):04X}{f', {name}' if name else ''})"
+        meant = _TYPOGRAPHIC.get(char)
+        hint = f"write {meant}" if meant else "the word processor or web page may have changed it"
+        return self.fault(
+            "character-unknown", f"the character {shown} has no meaning here", hint=hint
+        )
 
 
 def near_hint(name: str, known: Iterable[str]) -> str:

@@ -67,6 +67,9 @@ class Parameters:
         locals: Values of the numbers of the current call. Expressions read it first.
         open_numbers: Numbers of the line that is being computed
             (:mod:`cnc.gcode.syntax.line_templates`).
+        changed: Numbers and names that were set, or shown by a function, since the set was emptied.
+            None while nobody asks.
+        calls: Number of calls entered and left.
         increments: Least input increments in a unit of length: 1000 for mm, 10000 for inches.
             FANUC's ROUND rounds words to them.
     """
@@ -82,6 +85,8 @@ class Parameters:
         self._globals: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
+        self.changed: set[int | str] | None = None
+        self.calls = 0
         self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
         self._unset = VACANT if macro else 0.0
@@ -151,10 +156,32 @@ class Parameters:
         """
         if name in self._bound:
             self._write(name, value, column)
-        elif name.startswith("_"):
-            self._globals[name] = value
         else:
-            self._names[name] = value
+            (self._globals if name.startswith("_") else self._names)[name] = value
+            if self.changed is not None:
+                self.changed.add(name)
+
+    def stored_value(self, key: int | str) -> float:
+        """Return the value of a number up to 5000 or of a name; NaN if a function shows it.
+
+        A name that was never set is NaN, too.
+        """
+        if key in self._bound:
+            return math.nan
+        if isinstance(key, str):
+            return (self._globals if key.startswith("_") else self._names).get(key, math.nan)
+        return (self.locals if key <= self._last_local else self.values).get(key, self._unset)
+
+    def store_value(self, key: int | str, value: float) -> None:
+        """Store the value of a number up to 5000 or of a name, which no function shows."""
+        if isinstance(key, str):
+            (self._globals if key.startswith("_") else self._names)[key] = value
+        else:
+            (self.locals if key <= self._last_local else self.values)[key] = value
+
+    def is_bound(self, key: int | str) -> bool:
+        """Return whether a function shows the parameter."""
+        return key in self._bound
 
     def exists(self, target: str | float) -> bool:
         """Return whether a name has a value, or a parameter of that number exists."""
@@ -173,6 +200,8 @@ class Parameters:
         if isinstance(key, int):
             self.values.pop(key, None)
         self._bound[key] = read, write
+        if self.changed is not None:
+            self.changed.add(key)
 
     def push(self, arguments: Sequence[float]) -> None:
         """Enter a call, which has its own names and its own local numbers.
@@ -185,9 +214,11 @@ class Parameters:
             number: value for number, value in enumerate(arguments, start=1) if value == value
         }
         self._names = {}
+        self.calls += 1
 
     def pop(self) -> None:
         """Leave a call."""
+        self.calls += 1
         self.locals, self._names = self._callers.pop()
 
     def stored(self) -> dict[int, float]:
@@ -204,6 +235,8 @@ class Parameters:
 
     def _store(self, store: dict[int, float], number: int, value: float) -> None:
         """Store a value. A vacant value removes the parameter."""
+        if self.changed is not None:
+            self.changed.add(number)
         if value == value:
             store[number] = value
         else:

@@ -10,16 +10,18 @@ import os
 import re
 import string
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
+from cnc.gcode.syntax.mending import as_program_start, mend
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
+from cnc.model.diagnostics import GcodeError
 from cnc.version import __version__
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ MEMO = 4096
 """Parsed lines that are kept."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
+_TAPE = "\0\x11\x12\x13\x14\x1a\x7f \t"
+"""Characters of paper tape and of serial links; a line of nothing else is empty."""
 _PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
 _CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
 _FOREIGN = re.compile(r"\([^()]*\)|[(;].*|([\[#O])", re.DOTALL)
@@ -51,12 +55,15 @@ class Syntax:
         flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, or none.
         siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
         dollar: Whether lines that begin with $ are commands for the board.
+        lenient: Whether comments that are nested or open, and text after %, are read with a
+            warning.
         dialect: Name of the dialect for messages.
     """
 
     flavour: Flavour = "ngc"
     siemens: bool = False
     dollar: bool = False
+    lenient: bool = False
     dialect: str = "auto"
 
 
@@ -110,6 +117,8 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         raise fault(
             "line-too-long", f"the line has more than {MAX_LINE} characters", column=MAX_LINE + 1
         )
+    if syntax.lenient and not text.strip(_TAPE):
+        return Statement()
     if control := _CONTROL.search(text):
         message = f"control character U+{ord(control[0]):04X}"
         raise fault(
@@ -119,10 +128,24 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return Statement()
     if text.lstrip(" \t").startswith("$"):
         return _board_line(text, syntax)
-    flavour = f"{syntax.flavour} {syntax.siemens} {syntax.dialect}"
+    flavour = f"{syntax.flavour} {syntax.siemens} {syntax.lenient} {syntax.dialect}"
     return line_templates.statement(
-        text, flavour, lambda open_numbers: _parse(text, syntax, open_numbers)
+        text, flavour, lambda open_numbers: _parse_mended(text, syntax, open_numbers)
     )
+
+
+def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
+    """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
+    if syntax.lenient or syntax.flavour == "macro-b":
+        text = as_program_start(text)
+    try:
+        return _parse(text, syntax, open_numbers)
+    except GcodeError as error:
+        mended = mend(text, error.diagnostic) if syntax.lenient else None
+        if mended is None:
+            raise
+    found = _parse(mended.text, syntax, open_numbers)
+    return replace(found, remarks=(*found.remarks, mended.remark))
 
 
 def _parse(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:

@@ -9,7 +9,9 @@ import numpy as np
 from cnc.gcode.syntax.parser import MAX_LINE
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import MAX_NUMBER, Word
+from cnc.kernels.gcode import coding
 from cnc.kernels.gcode import scanner as kernel
+from cnc.kernels.gcode.expressions import Code, Names
 
 _LINE_BYTES, _WORD_BYTES = 8, 3
 """Expected average bytes of a line and a word. A scan takes fewer lines if they are shorter."""
@@ -79,7 +81,7 @@ def scan(data: bytes, *, whole: bool) -> Scan:
         head=np.empty(most_lines, np.uint8),
         label=np.empty(most_lines, np.int64),
         plain=np.empty(most_lines, np.int32),
-        straight=np.empty(most_lines, np.int32),
+        simple=np.empty(most_lines, np.int32),
         first=np.empty(most_lines + 1, np.int32),
     )
     words = kernel.Words(
@@ -91,3 +93,27 @@ def scan(data: bytes, *, whole: bool) -> Scan:
     text = np.frombuffer(data, np.uint8)
     count, size = kernel.scan(text, int(whole), MAX_LINE, MAX_NUMBER, lines, words)
     return Scan(count, size, lines, words)
+
+
+def code(data: bytes, found: Scan) -> coding.Coded:
+    """Return the lines of a scan as instructions, those with expressions too."""
+    size, count = found.size, found.count
+    places = 16
+    while places < size // 2:
+        places *= 2
+    coded = coding.Coded(
+        np.empty(count, np.uint8),
+        np.empty(count + 1, np.int32),
+        np.empty(size, np.uint8),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        Code(np.empty(size, np.uint8), np.empty(size)),
+        Names(
+            np.empty(size // 3 + 1, np.int32),
+            np.empty(size // 3 + 1, np.int32),
+            np.full(places, -1, np.int32),
+            np.zeros(1, np.int32),
+        ),
+    )
+    coding.code_lines(np.frombuffer(data, np.uint8), found.lines, MAX_LINE, coded)
+    return coded

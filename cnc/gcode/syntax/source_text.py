@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
-from cnc.gcode.syntax.scanner import Scan, scan
+from cnc.gcode.syntax.scanner import Scan, code, scan
 from cnc.gcode.syntax.statement import Statement
+from cnc.kernels.gcode.coding import Coded
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 WINDOW_BYTES = 1 << 18
@@ -49,7 +50,7 @@ class Window:
         head: See :class:`cnc.kernels.gcode.scanner.Lines`, as for the next three.
         label: N numbers.
         plain: Numbers of consecutive plain lines.
-        straight: Numbers of consecutive straight moves.
+        simple: Numbers of consecutive lines in which no word is repeated.
     """
 
     def __init__(
@@ -68,9 +69,24 @@ class Window:
         self.head: NDArray[np.uint8] = found.lines.head[:count]
         self.label: NDArray[np.int64] = found.lines.label[:count]
         self.plain: NDArray[np.int32] = found.lines.plain[:count]
-        self.straight: NDArray[np.int32] = found.lines.straight[:count]
+        self.simple: NDArray[np.int32] = found.lines.simple[:count]
         self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
+
+    @property
+    def has_expressions(self) -> bool:
+        """Whether a line may have parameters or expressions."""
+        return b"#" in self._data or b"[" in self._data
+
+    def code(self) -> Coded:
+        """Return the lines as instructions."""
+        return code(self._data, self.scan)
+
+    def names(self, coded: Coded) -> list[str]:
+        """Return the different names of parameters in the lines."""
+        text, count = self._data.decode("latin-1").lower(), int(coded.names.used[0])
+        begins, ends = coded.names.begin[:count].tolist(), coded.names.end[:count].tolist()
+        return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
 
     def text(self, index: int) -> str:
         """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""
@@ -180,6 +196,12 @@ class Text:
             found = self._again(index)
         self._keep(index, found)
         return found
+
+    def first_lines(self) -> Iterator[str]:
+        """Yield the lines of the first window."""
+        window = self.window(1)
+        if window is not None:
+            yield from map(window.text, range(window.count))
 
     def _keep(self, index: int, window: Window) -> None:
         self._kept[index] = window

@@ -61,6 +61,8 @@ def _describe(context: ErrorContext) -> GcodeError:
 
 def _of_part(context: ErrorContext) -> GcodeError | None:
     """Return the error of a comment, an expression, a parameter or a label; None otherwise."""
+    if context.char and not context.char.isascii():
+        return context.unknown_character()
     if not context.open and (refused := spline_word(context)):
         return refused
     if context.char == "(" and not re.match(r"\([^()]*\)", context.text[context.at :]):

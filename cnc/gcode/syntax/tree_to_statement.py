@@ -18,7 +18,7 @@ from lark import Token, Transformer_NonRecursive, Tree, v_args
 from cnc.gcode.syntax.expressions import Builder, Node, ParameterNode, constant
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Statement, Value
-from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault
+from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
 
 LENGTHS = "XYZUVWABCIJKRQ"
 """Letters of words in which FANUC's ROUND rounds to the least input increment."""
@@ -67,6 +67,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         super().__init__(visit_tokens=False)
         self._open = open_numbers
         self._opened = -1
+        self._comments: list[Token] = []
         self._text = text
         self._build = build
         self._siemens = siemens
@@ -157,8 +158,11 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
     def program(self, letter: Token, number: Token) -> Control:
         return self._control("program", self._label(number), (), letter, number)
 
-    def oword(self, letter: Token, label: Token | Node, keyword: Token, *values: Node) -> Control:
-        results = tuple(value.value for value in values)
+    def oword(
+        self, letter: Token, label: Token | Node, keyword: Token, *values: Node | Token
+    ) -> Control:
+        results = tuple(value.value for value in values if isinstance(value, Node))
+        self._comments += [value for value in values if not isinstance(value, Node)]
         return self._control(
             cast(Keyword, str(keyword).lower()), self._label(label), results, letter, keyword
         )
@@ -192,7 +196,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         remarks: list[Remark] = []
         control: Control | None = None
         deletable = False
-        for item in items:
+        for item in (*items, *self._comments):
             if isinstance(item, tuple):
                 word, value = item
                 if value is not None:
@@ -277,12 +281,12 @@ def _check_alone(control: Control, words: list[Word], assignments: list[Assignme
     number = (
         words[0] if words and words[0].letter == "N" and words[0].column < control.column else None
     )
-    if number is not None and (number.whole is None or "-" in number.written):
+    if number is not None and not is_line_number(number.written):
         raise fault(
             "line-number-bad",
             f"{number.written} is not a line number",
             number,
-            "a line number is a whole number from 0",
+            "a line number is a number from 0, such as N100",
         )
     places = [(word.column, word.length) for word in words if word is not number]
     places += [(assignment.column, assignment.length) for assignment in assignments]

@@ -8,6 +8,7 @@ refuses a line with such a word, so no word is ever ignored.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NoReturn
@@ -20,6 +21,8 @@ AXES = frozenset("XYZABCUVW")
 POLAR = frozenset("@^")
 """Distance and angle of polar coordinates, instead of X and Y."""
 _POINT = AXES | POLAR
+_LINE_NUMBER = re.compile(r"N\+?[0-9]+(\.[0-9]*)?")
+"""Source: LinuxCNC, "G-code overview", line numbers: a second number may follow a point."""
 NEAR_WHOLE = 1e-4
 """Tolerance of a computed number that must be whole. Source: LinuxCNC."""
 
@@ -153,6 +156,11 @@ class LineWords:
         )
 
 
+def is_line_number(written: str) -> bool:
+    """Return whether a word is N and a number from 0, without a sign."""
+    return _LINE_NUMBER.fullmatch(written) is not None
+
+
 def _check_line_number(word: Word, *, first: bool) -> None:
     if not first:
         raise fault(
@@ -161,12 +169,12 @@ def _check_line_number(word: Word, *, first: bool) -> None:
             word,
             "move the N word to the front",
         )
-    if word.whole is None or "-" in word.written:
+    if not is_line_number(word.written):
         raise fault(
             "line-number-bad",
             f"{word.written} is not a line number",
             word,
-            "a line number is a whole number from 0",
+            "a line number is a number from 0, such as N100",
         )
 
 

@@ -36,7 +36,7 @@ class Lines(NamedTuple):
         head: (lines,) first letter after blanks, comments, ``/`` and N; a capital, 0 for none.
         label: (lines,) N number, -1 for none.
         plain: (lines,) number of consecutive plain lines from here on; 0 if this one is not plain.
-        straight: (lines,) number of consecutive lines from here on with straight moves only.
+        simple: (lines,) number of consecutive plain lines from here on without a repeated word.
         first: (lines + 1,) index of the first word; the last entry is the number of words.
     """
 
@@ -45,7 +45,7 @@ class Lines(NamedTuple):
     head: Bytes
     label: Ints
     plain: Counts
-    straight: Counts
+    simple: Counts
     first: Counts
 
 
@@ -82,13 +82,10 @@ _OPEN, _CLOSE, _PLUS, _MINUS, _DOT, _SLASH, _ZERO, _SEMICOLON, _DELETE = (
     59,
     127,
 )
-_A, _F, _G, _N, _O, _Z = 65, 70, 71, 78, 79, 90
+_A, _G, _M, _N, _O, _Z = 65, 71, 77, 78, 79, 90
 _LOWER = 32
 """The bit that is set in a small letter and not in a capital."""
 
-_STRAIGHT = 0
-for _letter in b"NGFXYZABCUVW":
-    _STRAIGHT |= 1 << (_letter - _A)
 _ACTIVE = np.array(
     [[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "abo", "py\0")],
     np.uint8,
@@ -97,7 +94,7 @@ _ACTIVE = np.array(
 
 
 @njit
-def _comment_end(data: Bytes, at: int, stop: int) -> int:
+def comment_end(data: Bytes, at: int, stop: int) -> int:
     """Return the position after the comment that opens at ``at``.
 
     NOT_PLAIN if it is not closed, holds another comment, or may be a command.
@@ -122,7 +119,7 @@ def _comment_end(data: Bytes, at: int, stop: int) -> int:
 
 
 @njit
-def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
+def tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
     """Return whether the comment from the semicolon at ``at`` has only legal characters."""
     for i in range(at, stop):
         char = int(data[i])
@@ -151,12 +148,12 @@ def _read_words(
             i += 1
             continue
         if char == _OPEN:
-            i = _comment_end(data, i, stop)
+            i = comment_end(data, i, stop)
             if i < 0:
                 return NOT_PLAIN
             continue
         if char == _SEMICOLON:
-            return count if _tail_is_plain(data, i, stop) else NOT_PLAIN
+            return count if tail_is_plain(data, i, stop) else NOT_PLAIN
         capital = char & ~_LOWER
         if char < _A or capital < _A or capital > _Z:
             return NOT_PLAIN
@@ -239,26 +236,20 @@ def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
 
 
 @njit
-def _is_straight(words: Words, first: int, end: int) -> bool:
-    """Return whether a line has only words of a straight move, each at most once.
-
-    These are N, one of G0 and G1, axes and a feed.
-    """
+def _is_simple(words: Words, first: int, end: int) -> bool:
+    """Return whether a line has each word at most once, except G and M, and a whole line number."""
     letter, number = words.letter, words.number
     seen = 0
     for k in range(first, end):
         code = int(letter[k])
         bit = 1 << (code - _A)
-        if _STRAIGHT & bit == 0 or seen & bit != 0:
+        if seen & bit != 0 and code != _G and code != _M:
             return False
         seen |= bit
-        value = number[k]
-        # A number with a minus is no code and no line number, not even where it is zero.
-        if code == _N and (value != math.floor(value) or math.copysign(1.0, value) < 0.0):
-            return False
-        if code == _G and ((value != 0.0 and value != 1.0) or math.copysign(1.0, value) < 0.0):
-            return False
-        if code == _F and not value > 0.0:
+        # A line number with a minus is wrong, even -0.
+        if code == _N and (
+            number[k] != math.floor(number[k]) or math.copysign(1.0, number[k]) < 0.0
+        ):
             return False
     return True
 
@@ -313,7 +304,7 @@ def scan(
     Returns:
         The number of lines, and the bytes that they took.
     """
-    begin, end, head, label, plain, straight, first = lines
+    begin, end, head, label, plain, simple, first = lines
     letter, number = words.letter, words.number
     count = 0
     found = 0
@@ -336,15 +327,15 @@ def scan(
             named = found + 1 if has_n else found
             head[count] = letter[named] if named < total else 0
             plain[count] = 1
-            straight[count] = 1 if _is_straight(words, found, total) else 0
+            simple[count] = 1 if _is_simple(words, found, total) else 0
             found = total
         else:
             head[count], label[count] = _head(data, at, stop)
             plain[count] = 0
-            straight[count] = 0
+            simple[count] = 0
         count += 1
         at = after
     first[count] = found
     _run_lengths(plain, count)
-    _run_lengths(straight, count)
+    _run_lengths(simple, count)
     return count, at

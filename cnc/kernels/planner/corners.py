@@ -192,19 +192,6 @@ def choose(
 
 
 @njit
-def is_cornered(path: PathArrays, k: int) -> bool:
-    """Return whether a corner with a tolerance between two lines is behind piece ``k``."""
-    kind = path.pieces.kind
-    return (
-        path.tolerance[k] > 0.0
-        and not path.stop_after[k]
-        and k + 1 < len(kind)
-        and kind[k] == LINE
-        and kind[k + 1] == LINE
-    )
-
-
-@njit
 def round_corners(
     own: int,
     path: PathArrays,
@@ -235,7 +222,8 @@ def round_corners(
     scratch = Scratch(np.zeros((2, n)), np.zeros((4, n)), np.zeros((2, 4, n)), np.zeros((3, n)))
     pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
     used = len(path.pieces.data)
-    data[:used] = path.pieces.data
+    for i in range(used):
+        data[i] = path.pieces.data[i]
     count = 0
     for k in range(own):
         if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS + START + 2 * n > len(data):
@@ -243,7 +231,13 @@ def round_corners(
         choice = STAY
         reach = 0.0
         blend = used + START + 2 * n
-        if is_cornered(path, k):
+        if (
+            path.tolerance[k] > 0.0
+            and not path.stop_after[k]
+            and k + 1 < len(path.pieces.kind)
+            and path.pieces.kind[k] == LINE
+            and path.pieces.kind[k + 1] == LINE
+        ):
             choice, reach = choose(path, k, bound, limits, data, blend, scratch)
         pieces.kind[count] = path.pieces.kind[k]
         at[count] = path.pieces.at[k]

@@ -261,7 +261,7 @@ def newton_step(first: int, last: int, system: NewtonSystem) -> float:
     step[first] = 0.0
     step[last] = 0.0
     for k in range(first + 1, last):
-        step[k] = gradient[k]
+        step[k, 0], step[k, 1] = gradient[k, 0], gradient[k, 1]
         if k > first + 1:
             p00 = diagonal[k - 1, 0, 0]
             p01 = diagonal[k - 1, 0, 1]

@@ -248,7 +248,8 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
     n = len(speed)
     bound_s = np.empty(n + 1)
     bound_s[0] = start
-    bound_s[1:] = known.end
+    for k in range(n):
+        bound_s[k + 1] = known.end[k]
     chain, free = forced_nodes(known, v_start)
     kind, v, cap = chain.kind, chain.v, chain.cap
     pending = 0

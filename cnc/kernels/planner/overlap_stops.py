@@ -24,9 +24,6 @@ from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_tim
 PIECES_OF_CORNER = 3
 """Largest number of timed pieces of a corner."""
 
-S, V, A, J = range(4)
-"""Entries of a state of motion: arc length, speed, acceleration and jerk."""
-
 
 class Cuts(NamedTuple):
     """The overlaps of a plan.
@@ -42,22 +39,6 @@ class Cuts(NamedTuple):
     before: Floats
     after: Floats
     rest: Ints
-
-
-class Corner(NamedTuple):
-    """Scratch for one overlap.
-
-    Attributes:
-        u: (2, axes): directions of the legs.
-        place: (axes,): the corner.
-        ends: (4, axes): start, inner control points (measured from the start) and end of a part.
-        state: (2, 4): S, V, A and J of both ramps.
-    """
-
-    u: Floats
-    place: Floats
-    ends: Floats
-    state: Floats
 
 
 class Progress(NamedTuple):
@@ -81,61 +62,12 @@ REACHED, EARLIER, SHIFT = range(3)
 
 
 @njit
-def at_time(t: float, k: int, plan: PlanArrays, out: Floats) -> None:
-    """Write the entries S, V, A, J at time ``t`` of phase ``k`` to ``out`` (4,)."""
+def state_at(t: float, k: int, plan: PlanArrays) -> tuple[float, float, float]:
+    """Return arc length, speed and acceleration at time ``t`` by phase ``k``."""
     dt = t - plan.t[k]
-    s, v, a, j = plan.s[k], plan.v[k], plan.a[k], plan.j[k]
-    out[S] = s + dt * (v + dt * (0.5 * a + dt * j / 6.0))
-    out[V] = v + dt * (a + 0.5 * dt * j)
-    out[A] = a + dt * j
-    out[J] = j
-
-
-@njit
-def overlap_at(
-    path: PathArrays, plan: PlanArrays, k: int, b: int, past: float, limits: LimitArrays, u: Floats
-) -> float:
-    """Return the duration of the overlap at the rest before phase ``k``, behind piece ``b``, s.
-
-    Args:
-        path: of the motion.
-        plan: its phases.
-        k: the phase.
-        b: the piece.
-        past: time of the overshoot there, s, or 0.
-        limits: of the machine.
-        u: (2, axes): receives the directions of the legs.
-
-    Returns:
-        The duration; 0 for none.
-    """
-    data, at = path.pieces.data, path.pieces.at
-    tolerance = path.tolerance[b]
-    m = phases_of_ramp(past)
-    j1 = plan.j[k - m]
-    j2 = plan.j[k + m - 1]
-    t1 = plan.t[k] - plan.t[k - m]
-    t2 = plan.t[k + m] - plan.t[k]
-    turn = directions(data, at[b], data, at[b + 1], u)
-    common = 0.0
-    if past > 0.0:
-        period = limits.period
-        near = tolerance / math.sqrt(2.0)
-        common = min(
-            time_remaining(near / j1, past) + time_remaining(near / j2, past),
-            PHASE_SHARE * t1,
-            PHASE_SHARE * t2,
-        )
-        common = min(
-            common, 8.0 * limits.chord_error / (period * period * math.sqrt(j1 * j1 + j2 * j2))
-        )
-    elif j1 > 0.0 and j2 > 0.0 and abs(plan.a[k - 1] + j1 * t1) <= SPLIT * j1:
-        length1 = min(LEGS_SHARE * path.length[b], plan.s[k] - plan.s[k - 1])
-        length2 = min(LEGS_SHARE * path.length[b + 1], plan.s[k + 1] - plan.s[k])
-        before = Leg(j1, t1, length1)
-        after = Leg(j2, t2, length2)
-        common = overlap_time(u, turn, before, after, tolerance, limits)
-    return common
+    v, a, j = plan.v[k], plan.a[k], plan.j[k]
+    s = plan.s[k] + dt * (v + dt * (0.5 * a + dt * j / 6.0))
+    return s, v + dt * (a + 0.5 * dt * j), a + dt * j
 
 
 @njit
@@ -162,11 +94,10 @@ def find_cuts(
         overlaps.
     """
     kind, piece_s, length = path.pieces.kind, plan.piece_s, path.length
+    data, at = path.pieces.data, path.pieces.at
     pieces = len(kind)
     cuts = Cuts(np.zeros(pieces), np.zeros(pieces), np.zeros(pieces), np.zeros(pieces, np.int64))
-    u = np.zeros((2, len(limits.axis_jerk)))
-    begins = np.zeros(4)
-    ends = np.zeros(4)
+    u = np.empty((2, len(limits.axis_jerk)))
     found = 0
     b = 0
     for k in range(1, len(plan.j)):
@@ -174,32 +105,44 @@ def find_cuts(
             continue
         while b + 1 < pieces and piece_s[b + 1] < plan.s[k] - REST:
             b += 1
+        tolerance = path.tolerance[b]
         if (
             b + 1 >= pieces
             or path.stop_after[b]
-            or not path.tolerance[b] > 0.0
+            or not tolerance > 0.0
             or kind[b] != LINE
             or kind[b + 1] != LINE
+            or abs(plan.s[k] - piece_s[b + 1]) > REST
         ):
-            continue
-        if abs(plan.s[k] - piece_s[b + 1]) > REST:
             continue
         m = phases_of_ramp(past[b])
         if k < m or k + m > len(plan.j):
             continue
-        common = overlap_at(path, plan, k, b, past[b], limits, u)
+        j1 = plan.j[k - m]
+        j2 = plan.j[k + m - 1]
+        t1 = plan.t[k] - plan.t[k - m]
+        t2 = plan.t[k + m] - plan.t[k]
+        common = 0.0
+        if past[b] > 0.0:
+            near = tolerance / math.sqrt(2.0)
+            reach = time_remaining(near / j1, past[b]) + time_remaining(near / j2, past[b])
+            bend = limits.period**2 * math.sqrt(j1 * j1 + j2 * j2)
+            longest = min(PHASE_SHARE * t1, PHASE_SHARE * t2, 8.0 * limits.chord_error / bend)
+            common = min(reach, longest)
+        elif j1 > 0.0 and j2 > 0.0 and abs(plan.a[k - 1] + j1 * t1) <= SPLIT * j1:
+            turn = directions(data, at[b], data, at[b + 1], u)
+            before = Leg(j1, t1, min(LEGS_SHARE * length[b], plan.s[k] - plan.s[k - 1]))
+            after = Leg(j2, t2, min(LEGS_SHARE * length[b + 1], plan.s[k + 1] - plan.s[k]))
+            common = overlap_time(u, turn, before, after, tolerance, limits)
         if common > 0.0:
-            at_time(plan.t[k] - common, k - m, plan, begins)
-            at_time(plan.t[k] + common, k + m - 1, plan, ends)
-            cuts.after[b] = plan.s[k] - begins[S]
-            cuts.before[b + 1] = ends[S] - plan.s[k]
+            cuts.after[b] = plan.s[k] - state_at(plan.t[k] - common, k - m, plan)[0]
+            cuts.before[b + 1] = state_at(plan.t[k] + common, k + m - 1, plan)[0] - plan.s[k]
+            cuts.common[b] = common
+            cuts.rest[b] = k
+            found = 1
         most = max(cuts.after[b] / length[b], cuts.before[b + 1] / length[b + 1])
         if past[b] > 0.0 and (common <= 2.0 * BACK * past[b] or most > LEGS_SHARE):
             return -1, cuts
-        if common > 0.0:
-            found = 1
-            cuts.common[b] = common
-            cuts.rest[b] = k
     for b in range(pieces):
         if past[b] > 0.0 and cuts.common[b] == 0.0:
             return -1, cuts
@@ -207,202 +150,106 @@ def find_cuts(
 
 
 @njit
-def copy_phases(
-    plan: PlanArrays, first: int, end: int, out: PlanArrays, progress: Progress
-) -> None:
-    """Append the phases first .. end - 1 at their new times and arc lengths."""
-    written = progress.counts[PHASES]
-    earlier, shift = progress.places[EARLIER], progress.places[SHIFT]
-    for k in range(first, end):
-        out.t[written] = plan.t[k] - earlier
-        out.s[written] = plan.s[k] + shift
-        out.v[written] = plan.v[k]
-        out.a[written] = plan.a[k]
-        out.j[written] = plan.j[k]
-        written += 1
-    progress.counts[PHASES] = written
-
-
-@njit
-def copy_piece(
+def write_overlap(
     path: PathArrays,
-    b: int,
-    lowest: int,
-    cuts: Cuts,
-    out: PathArrays,
-    out_s: Floats,
-    progress: Progress,
-) -> None:
-    """Append piece ``b`` without the parts that overlaps take.
-
-    Args:
-        path: the path.
-        b: the piece.
-        lowest: index in the old data of the first record in the new data.
-        cuts: the overlaps.
-        out: the new path.
-        out_s: receives the arc length at the start of the piece.
-        progress: state of the construction.
-    """
-    count, data = progress.counts[PIECES], out.pieces.data
-    at = path.pieces.at[b] - lowest
-    before, after = cuts.before[b], cuts.after[b]
-    out.pieces.kind[count] = path.pieces.kind[b]
-    out.pieces.at[count] = at
-    out.length[count] = path.length[b]
-    if before > 0.0 or after > 0.0:
-        used = progress.counts[NUMBERS]
-        out.pieces.at[count] = used
-        progress.counts[NUMBERS] = write_line(data, used, at, before, after)
-        out.length[count] = data[used + LENGTH]
-    out.feed[count] = path.feed[b]
-    out.line[count] = path.line[b]
-    out.stop_after[count] = path.stop_after[b]
-    out.tolerance[count] = 0.0 if cuts.common[b] > 0.0 else path.tolerance[b]
-    out_s[count] = progress.places[REACHED]
-    progress.places[REACHED] += out.length[count]
-    progress.counts[PIECES] += 1
-
-
-@njit
-def begin_overlap(path: PathArrays, b: int, out: PathArrays, count: int, corner: Corner) -> None:
-    """Prepare ``corner`` for the overlap behind piece ``b``, written as piece ``count`` - 1."""
-    data, at = path.pieces.data, path.pieces.at
-    n = len(corner.place)
-    left = out.pieces.at[count - 1] + START + n
-    directions(data, at[b], data, at[b + 1], corner.u)
-    for i in range(n):
-        corner.place[i] = data[at[b + 1] + START + i]
-        corner.ends[3, i] = out.pieces.data[left + i]
-
-
-@njit
-def control_points(
     plan: PlanArrays,
+    m: int,
     cuts: Cuts,
     b: int,
-    first: int,
-    second: int,
-    t: float,
-    until: float,
-    corner: Corner,
-) -> None:
-    """Compute the Bezier curve of the next part of an overlap.
-
-    Args:
-        plan: the phases.
-        cuts: the overlaps.
-        b: the piece before the overlap.
-        first: the phase of the ramp to rest.
-        second: the phase of the ramp from rest.
-        t: start of the part, from the start of the overlap, s.
-        until: its end, s.
-        corner: receives the result in ``ends``, and the states at the end.
-    """
-    u, ends, one, two = corner.u, corner.ends, corner.state[0], corner.state[1]
-    common, r = cuts.common[b], cuts.rest[b]
-    rest_t, rest_s = plan.t[r], plan.s[r]
-    begin = rest_t - common
-    dt = until - t
-    ends[0] = ends[3]
-    at_time(begin + t, first, plan, one)
-    at_time(rest_t + t, second, plan, two)
-    for i in range(u.shape[1]):
-        v = one[V] * u[0, i] + two[V] * u[1, i]
-        acc = one[A] * u[0, i] + two[A] * u[1, i]
-        ends[1, i] = v * dt / 3.0
-        ends[2, i] = 2.0 * v * dt / 3.0 + acc * dt * dt / 6.0
-    at_time(begin + until, first, plan, one)
-    at_time(rest_t + until, second, plan, two)
-    for i in range(u.shape[1]):
-        place = corner.place[i]
-        ends[3, i] = place + (one[S] - rest_s) * u[0, i] + (two[S] - rest_s) * u[1, i]
-        if until == common:
-            ends[3, i] = place + cuts.before[b + 1] * u[1, i]
-
-
-@njit
-def write_part(
-    path: PathArrays,
-    b: int,
-    at: int,
-    t: float,
-    dt: float,
     out: PathArrays,
     out_plan: PlanArrays,
     progress: Progress,
 ) -> None:
-    """Append a timed piece of the overlap behind piece ``b``, and its phase.
+    """Append the overlap behind piece ``b``, and the rest of the phase that it ends in.
 
-    The line is that of the faster move, so that the speed of a traverse is not assigned to a feed
-    move.
+    Both motions go on with constant jerks up to the next end of a phase of either: there a timed
+    piece ends. The line of these pieces is that of the faster move, so that the speed of a traverse
+    is not assigned to a feed move.
 
     Args:
-        path: the path.
-        b: the piece before the overlap.
-        at: index of the record.
-        t: time at its start, in the plan so far, s.
-        dt: its duration, s.
+        path: of the motion.
+        plan: its phases.
+        m: number of phases on either side that reach into the overlap.
+        cuts: the overlaps.
+        b: the piece.
         out: the new path.
         out_plan: its phases.
         progress: state of the construction.
     """
     counts, places = progress.counts, progress.places
-    count, written = counts[PIECES], counts[PHASES]
-    length = out.pieces.data[at + LENGTH]
-    out.pieces.kind[count] = SPAN
-    out.pieces.at[count] = at
-    out.length[count] = length
+    data, at = path.pieces.data, path.pieces.at
+    common, r = cuts.common[b], cuts.rest[b]
+    n = int(data[at[b]])
+    u, q = np.empty((2, n)), np.empty((4, n))
+    # Start, inner control points (measured from the start) and end of a timed piece.
+    ends = np.empty((4, n))
+    directions(data, at[b], data, at[b + 1], u)
+    left = out.pieces.at[counts[PIECES] - 1]
+    corner = at[b + 1] + START
+    for i in range(n):
+        ends[3, i] = out.pieces.data[left + START + n + i]
     feed1, feed2 = path.feed[b], path.feed[b + 1]
     both = feed1 == feed1 and feed2 == feed2
-    out.feed[count] = max(feed1, feed2) if both else math.nan
     faster = feed1 < feed2 or (feed1 == feed1 and feed2 != feed2)
-    out.line[count] = path.line[b + 1] if faster else path.line[b]
-    out.stop_after[count] = False
-    out.tolerance[count] = 0.0
-    out_plan.piece_s[count] = places[REACHED]
-    out_plan.t[written] = t - places[EARLIER]
+    # Times are measured from the start of the overlap.
+    rest_t, rest_s = plan.t[r], plan.s[r]
+    begin = rest_t - common
+    first, second = r - m, r
+    t = 0.0
+    v2, a2 = 0.0, 0.0
+    while t < common:
+        until = min(common, plan.t[first + 1] - begin, plan.t[second + 1] - rest_t)
+        if first + 1 == r and second + 1 == r + m:
+            until = common
+        dt = until - t
+        _, v1, a1 = state_at(begin + t, first, plan)
+        _, v2, a2 = state_at(rest_t + t, second, plan)
+        for i in range(n):
+            v = v1 * u[0, i] + v2 * u[1, i]
+            ends[0, i] = ends[3, i]
+            ends[1, i] = v * dt / 3.0
+            ends[2, i] = 2.0 * v * dt / 3.0 + (a1 * u[0, i] + a2 * u[1, i]) * dt * dt / 6.0
+        s1, v1, a1 = state_at(begin + until, first, plan)
+        s2, v2, a2 = state_at(rest_t + until, second, plan)
+        if until == common:
+            s1, s2 = rest_s, rest_s + cuts.before[b + 1]
+        for i in range(n):
+            ends[3, i] = data[corner + i] + (s1 - rest_s) * u[0, i] + (s2 - rest_s) * u[1, i]
+        used, count, written = counts[NUMBERS], counts[PIECES], counts[PHASES]
+        counts[NUMBERS] = write_timed(
+            out.pieces.data, used, left, ends[0], ends[1], ends[2], ends[3], q
+        )
+        length = out.pieces.data[used + LENGTH]
+        out.pieces.kind[count] = SPAN
+        out.pieces.at[count] = used
+        out.length[count] = length
+        out.feed[count] = max(feed1, feed2) if both else math.nan
+        out.line[count] = path.line[b + 1] if faster else path.line[b]
+        out.stop_after[count] = False
+        out.tolerance[count] = 0.0
+        out_plan.piece_s[count] = places[REACHED]
+        out_plan.t[written] = begin + t - places[EARLIER]
+        out_plan.s[written] = places[REACHED]
+        out_plan.v[written] = length / dt
+        out_plan.a[written] = 0.0
+        out_plan.j[written] = 0.0
+        counts[PIECES] += 1
+        counts[PHASES] += 1
+        places[REACHED] += length
+        t = until
+        if plan.t[first + 1] - begin <= t and first + 1 < r:
+            first += 1
+        if plan.t[second + 1] - rest_t <= t and second + 1 < r + m:
+            second += 1
+    written = counts[PHASES]
+    out_plan.t[written] = begin + common - places[EARLIER]
     out_plan.s[written] = places[REACHED]
-    out_plan.v[written] = length / dt
-    out_plan.a[written] = 0.0
-    out_plan.j[written] = 0.0
-    counts[PIECES] += 1
-    counts[PHASES] += 1
-    places[REACHED] += length
-
-
-@njit
-def end_overlap(
-    plan: PlanArrays,
-    cuts: Cuts,
-    b: int,
-    m: int,
-    corner: Corner,
-    out_plan: PlanArrays,
-    progress: Progress,
-) -> None:
-    """Append the rest of the phase of the second ramp, and shift the phases behind it.
-
-    Args:
-        plan: the phases.
-        cuts: the overlaps.
-        b: the piece before the overlap.
-        m: number of phases on either side that reach into it.
-        corner: the state at the end of the overlap.
-        out_plan: the new phases.
-        progress: state of the construction.
-    """
-    places, two = progress.places, corner.state[1]
-    common, r = cuts.common[b], cuts.rest[b]
-    written = progress.counts[PHASES]
-    places[EARLIER] += common
-    out_plan.t[written] = (plan.t[r] - common) + common - (places[EARLIER] - common)
-    out_plan.s[written] = places[REACHED]
-    out_plan.v[written] = two[V]
-    out_plan.a[written] = two[A]
+    out_plan.v[written] = v2
+    out_plan.a[written] = a2
     out_plan.j[written] = plan.j[r + m - 1]
-    progress.counts[PHASES] += 1
-    places[SHIFT] = places[REACHED] - (plan.s[r] + cuts.before[b + 1])
+    counts[PHASES] += 1
+    places[EARLIER] += common
+    places[SHIFT] = places[REACHED] - (rest_s + cuts.before[b + 1])
 
 
 @njit
@@ -415,9 +262,6 @@ def overlap_stops(
     out_plan: PlanArrays,
 ) -> tuple[int, int, int]:
     """Let the ramps at the stops on corners of a plan overlap.
-
-    Both motions of an overlap go on with constant jerks up to the next end of a phase of either:
-    there a timed piece ends.
 
     Args:
         path: of the motion.
@@ -436,53 +280,54 @@ def overlap_stops(
     # The old records come first, those of changed pieces behind them.
     lowest = path.pieces.at[0]
     used = 0
-    for k in range(pieces):
-        lowest = min(lowest, path.pieces.at[k])
-        used = max(used, record_end(path.pieces, k))
+    for b in range(pieces):
+        lowest = min(lowest, path.pieces.at[b])
+        used = max(used, record_end(path.pieces, b))
     used -= lowest
-    out.pieces.data[:used] = path.pieces.data[lowest : lowest + used]
+    data = out.pieces.data
+    for i in range(used):
+        data[i] = path.pieces.data[lowest + i]
     progress = Progress(np.zeros(3, np.int64), np.zeros(3))
     counts, places = progress.counts, progress.places
     counts[NUMBERS] = used
-    n = int(path.pieces.data[path.pieces.at[0]])
-    q = np.zeros((4, n))
-    corner = Corner(np.zeros((2, n)), np.zeros(n), np.zeros((4, n)), np.zeros((2, 4)))
-    ends = corner.ends
+    end = len(plan.j)
     k = 0
     for b in range(pieces):
-        copy_piece(path, b, lowest, cuts, out, out_plan.piece_s, progress)
-        common, r = cuts.common[b], cuts.rest[b]
-        if common == 0.0:
-            continue
-        m = phases_of_ramp(past[b])
-        # The phases up to the start of the second ramp.
-        copy_phases(plan, k, r - m + 1, out_plan, progress)
-        begin_overlap(path, b, out, counts[PIECES], corner)
-        left = out.pieces.at[counts[PIECES] - 1]
-        begin = plan.t[r] - common
-        first = r - m
-        second = r
-        t = 0.0
-        while t < common:
-            until = min(common, plan.t[first + 1] - begin, plan.t[second + 1] - plan.t[r])
-            if first + 1 == r and second + 1 == r + m:
-                until = common
-            control_points(plan, cuts, b, first, second, t, until, corner)
+        count = counts[PIECES]
+        at = path.pieces.at[b] - lowest
+        before, after, common = cuts.before[b], cuts.after[b], cuts.common[b]
+        out.pieces.kind[count] = path.pieces.kind[b]
+        out.pieces.at[count] = at
+        out.length[count] = path.length[b]
+        if before > 0.0 or after > 0.0:
             used = counts[NUMBERS]
-            counts[NUMBERS] = write_timed(
-                out.pieces.data, used, left, ends[0], ends[1], ends[2], ends[3], q
-            )
-            write_part(path, b, used, begin + t, until - t, out, out_plan, progress)
-            t = until
-            if plan.t[first + 1] - begin <= t and first + 1 < r:
-                first += 1
-            if plan.t[second + 1] - plan.t[r] <= t and second + 1 < r + m:
-                second += 1
-        end_overlap(plan, cuts, b, m, corner, out_plan, progress)
-        k = r + m
+            out.pieces.at[count] = used
+            counts[NUMBERS] = write_line(data, used, at, before, after)
+            out.length[count] = data[used + LENGTH]
+        out.feed[count] = path.feed[b]
+        out.line[count] = path.line[b]
+        out.stop_after[count] = path.stop_after[b]
+        out.tolerance[count] = 0.0 if common > 0.0 else path.tolerance[b]
+        out_plan.piece_s[count] = places[REACHED]
+        places[REACHED] += out.length[count]
+        counts[PIECES] += 1
+        if common == 0.0 and b + 1 < pieces:
+            continue
+        # The phases up to the start of the second ramp, or to the end.
+        m = phases_of_ramp(past[b])
+        for p in range(k, cuts.rest[b] - m + 1 if common > 0.0 else end):
+            written = counts[PHASES]
+            out_plan.t[written] = plan.t[p] - places[EARLIER]
+            out_plan.s[written] = plan.s[p] + places[SHIFT]
+            out_plan.v[written] = plan.v[p]
+            out_plan.a[written] = plan.a[p]
+            out_plan.j[written] = plan.j[p]
+            counts[PHASES] += 1
+        if common > 0.0:
+            write_overlap(path, plan, m, cuts, b, out, out_plan, progress)
+            k = cuts.rest[b] + m
     out_plan.piece_s[counts[PIECES]] = places[REACHED]
-    copy_phases(plan, k, len(plan.j), out_plan, progress)
-    last, end = counts[PHASES], len(plan.j)
+    last = counts[PHASES]
     out_plan.t[last] = plan.t[end] - places[EARLIER]
     out_plan.s[last] = plan.s[end] + places[SHIFT]
     out_plan.v[last] = plan.v[end]

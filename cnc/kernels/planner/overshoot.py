@@ -168,9 +168,9 @@ def find_moves(
     """Find the lines that the plan crosses from rest to rest, with the bounds that it keeps to."""
     pieces, piece_s = path.pieces, plan.piece_s
     count = len(pieces.kind)
-    u = np.zeros((2, len(limits.axis_jerk)))
+    u = np.empty((2, len(limits.axis_jerk)))
     moves = RestToRest(
-        np.full(count, -1),
+        np.zeros(count, np.int64) - 1,
         np.zeros(count, np.int64),
         np.zeros(count),
         np.zeros(count),
@@ -195,96 +195,71 @@ def find_moves(
                 moves.end[b] = k
                 moves.top[b] = bounds.v
                 moves.accel[b] = bounds.a
-                keep_to_plan(path.length[b], plan, moves, b)
+                for m in range(rest, k):
+                    jerk = abs(plan.j[m])
+                    moves.jerk[b] = max(moves.jerk[b], jerk)
+                    # The reason for a lower speed or acceleration applies to a new motion too.
+                    cruise = (plan.t[m + 1] - plan.t[m]) * plan.v[m]
+                    if jerk == 0.0 and plan.a[m] != 0.0:
+                        moves.accel[b] = min(moves.accel[b], abs(plan.a[m]))
+                    elif jerk == 0.0 and cruise > 1e-6 * path.length[b]:
+                        moves.top[b] = min(moves.top[b], plan.v[m])
+                for m in range(rest, k):
+                    jerk = abs(plan.j[m])
+                    # A move with more than one jerk is not changed.
+                    if jerk != 0.0 and abs(jerk - moves.jerk[b]) > 1e-9 * moves.jerk[b]:
+                        moves.first[b] = -1
         rest = k
     return moves
 
 
 @njit
-def keep_to_plan(length: float, plan: PlanArrays, moves: RestToRest, b: int) -> None:
-    """Lower the bounds of the move over piece ``b`` to those that its phases keep to.
-
-    A move with more than one jerk is not changed.
-    """
-    first, end = moves.first[b], moves.end[b]
-    jerk, accel, top = 0.0, moves.accel[b], moves.top[b]
-    for m in range(first, end):
-        jerk = max(jerk, abs(plan.j[m]))
-        if plan.j[m] == 0.0:
-            # The reason for the lower speed or acceleration here applies to the new motion too.
-            if plan.a[m] != 0.0:
-                accel = min(accel, abs(plan.a[m]))
-            elif (plan.t[m + 1] - plan.t[m]) * plan.v[m] > 1e-6 * length:
-                top = min(top, plan.v[m])
-    for m in range(first, end):
-        if plan.j[m] != 0.0 and abs(abs(plan.j[m]) - jerk) > 1e-9 * jerk:
-            moves.first[b] = -1
-    moves.jerk[b] = jerk
-    moves.accel[b] = accel
-    moves.top[b] = top
-
-
-@njit
-def best_overshoot(tolerance: float, plan: PlanArrays, moves: RestToRest, b: int) -> float:
-    """Return the time of the best overshoot between the moves over pieces b and b + 1, s.
-
-    It is 0 if none saves enough.
-    """
-    j1, j2 = moves.jerk[b], moves.jerk[b + 1]
-    accel1, accel2 = moves.accel[b], moves.accel[b + 1]
-    near = tolerance / math.sqrt(2.0)
-    largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
-    peak1 = plan.v[moves.first[b] : moves.end[b]].max()
-    peak2 = plan.v[moves.first[b + 1] : moves.end[b + 1]].max()
-    t1 = ramp_shape(peak1, accel1, j1)[0]
-    t2 = ramp_shape(peak2, accel2, j2)[0]
-    best = GAIN
-    found = 0.0
-    for m in range(TRIES + 1):
-        e = largest * m / TRIES
-        common = time_remaining(near / j1, e) + time_remaining(near / j2, e)
-        common = min(common, PHASE_SHARE * (t1 + 2.0 * e), PHASE_SHARE * (t2 + 2.0 * e))
-        gain = common - 4.0 * e - (j1 / accel1 + j2 / accel2) * e * e
-        gain -= 0.5 * (accel1 / peak1 + accel2 / peak2) * e * e
-        if m == 0:
-            best += gain
-        elif gain > best and common > 2.1 * BACK * e and max(j1 / accel1, j2 / accel2) * e < 0.5:
-            best = gain
-            found = e
-    return found
-
-
-@njit
 def choose_overshoots(
     path: PathArrays, plan: PlanArrays, moves: RestToRest, limits: LimitArrays, past: Floats
-) -> bool:
-    """Write the times of the overshoots at the ends of the pieces to ``past``.
+) -> None:
+    """Write the times of the best overshoots at the ends of the pieces to ``past``, s.
 
-    Returns:
-        Whether there is one.
+    They are 0 where none saves enough.
     """
     data, at = path.pieces.data, path.pieces.at
     n = len(limits.axis_jerk)
-    u = np.zeros((2, n))
-    found = False
+    u = np.empty((2, n))
     for b in range(len(at) - 1):
         past[b] = 0.0
-        if (
-            moves.first[b] < 0
-            or moves.first[b + 1] < 0
-            or path.stop_after[b]
-            or not path.tolerance[b] > 0.0
-            or moves.end[b] != moves.first[b + 1]
-        ):
+        tolerance = path.tolerance[b]
+        first1, first2 = moves.first[b], moves.first[b + 1]
+        legal = first1 >= 0 and first2 >= 0 and moves.end[b] == first2
+        if not legal or path.stop_after[b] or not tolerance > 0.0:
             continue
+        j1, j2 = moves.jerk[b], moves.jerk[b + 1]
         legal = directions(data, at[b], data, at[b + 1], u).sine < SHARPEST
         for i in range(n):
-            jerk = moves.jerk[b] * abs(u[0, i]) + moves.jerk[b + 1] * abs(u[1, i])
-            legal = legal and jerk <= limits.axis_jerk[i]
-        if legal:
-            past[b] = best_overshoot(path.tolerance[b], plan, moves, b)
-            found = found or past[b] > 0.0
-    return found
+            legal = legal and j1 * abs(u[0, i]) + j2 * abs(u[1, i]) <= limits.axis_jerk[i]
+        if not legal:
+            continue
+        accel1, accel2 = moves.accel[b], moves.accel[b + 1]
+        near = tolerance / math.sqrt(2.0)
+        largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
+        peak1, peak2 = 0.0, 0.0
+        for m in range(first1, moves.end[b]):
+            peak1 = max(peak1, plan.v[m])
+        for m in range(first2, moves.end[b + 1]):
+            peak2 = max(peak2, plan.v[m])
+        t1 = ramp_shape(peak1, accel1, j1)[0]
+        t2 = ramp_shape(peak2, accel2, j2)[0]
+        best = GAIN
+        for m in range(TRIES + 1):
+            e = largest * m / TRIES
+            common = time_remaining(near / j1, e) + time_remaining(near / j2, e)
+            common = min(common, PHASE_SHARE * (t1 + 2.0 * e), PHASE_SHARE * (t2 + 2.0 * e))
+            gain = common - 4.0 * e - (j1 / accel1 + j2 / accel2) * e * e
+            gain -= 0.5 * (accel1 / peak1 + accel2 / peak2) * e * e
+            reached = max(j1 / accel1, j2 / accel2) * e
+            if m == 0:
+                best += gain
+            elif gain > best and common > 2.1 * BACK * e and reached < 0.5:
+                best = gain
+                past[b] = e
 
 
 @njit

@@ -113,7 +113,8 @@ def tighten(first: int, last: int, cells: Cells, known: Intervals, limits: SumLi
             fastest = max(fastest, fast)
         largest = max(largest, seen, fastest)
         if fastest > 1.0:
-            cells.top[m] /= fastest * (1.0 + TOUCH)
+            cells.top[m, 0] /= fastest * (1.0 + TOUCH)
+            cells.top[m, 1] /= fastest * (1.0 + TOUCH)
         if seen > TIGHT:
             _, held, _ = merit(m, m + 1, cells, limits, 0.0, HIGH, False, no_system)
             held = max(held * share[m], TIGHT)
@@ -142,8 +143,9 @@ def descend(first: int, last: int, cells: Cells, known: Intervals, limits: SumLi
             legal = legal and seen <= 1.0 + TOUCH
             if legal and weight > good:
                 good = weight
-                good_v[:] = v[first : last + 1]
-                good_a[:] = a[first : last + 1]
+                for k in range(last + 1 - first):
+                    good_v[k] = v[first + k]
+                    good_a[k] = a[first + k]
             setbacks += not legal
             if good >= LAST_WEIGHT or (good > 0.0 and setbacks >= SETBACKS):
                 break
@@ -151,8 +153,9 @@ def descend(first: int, last: int, cells: Cells, known: Intervals, limits: SumLi
             break
         # A low weight lets the motion leave limits that have become tighter.
         weight = weight * WEIGHT_STEP if legal else FIRST_WEIGHT * WEIGHT_STEP
-    v[first : last + 1] = good_v
-    a[first : last + 1] = good_a
+    for k in range(last + 1 - first):
+        v[first + k] = good_v[k]
+        a[first + k] = good_a[k]
     return good > 0.0
 
 
@@ -282,7 +285,8 @@ def refine(
         needed = count + 4 * number + (last - first) + 2 * total
         if needed > len(out):
             grown = np.empty(2 * needed, PHASE)
-            grown[:count] = out[:count]
+            for k in range(count):
+                grown[k] = out[k]
             out = grown
         if refined:
             for m in range(number):

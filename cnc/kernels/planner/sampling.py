@@ -80,7 +80,10 @@ def sample(pieces: Pieces, k: int, start: float, end: float, q: Floats) -> None:
     if kind == LINE:
         curve_eval_s(kind, data, at, 0.0, q[0])
         for m in range(1, SAMPLES):
-            q[m] = q[0]
+            # An assignment of arrays compiles the text of an error message, for 3 CPU s.
+            for i in range(q.shape[2]):
+                q[m, 0, i], q[m, 1, i] = q[0, 0, i], q[0, 1, i]
+                q[m, 2, i] = q[m, 3, i] = 0.0
         return
     for m in range(SAMPLES):
         s = start + (end - start) * m / (SAMPLES - 1)

@@ -261,7 +261,9 @@ def chunk_intervals(
                 return -1
             # The path at the stop is the path at the end of the interval before.
             for m in range(SAMPLES - 1):
-                q[m] = q[SAMPLES - 1]
+                for i in range(q.shape[2]):
+                    q[m, 1, i], q[m, 2, i] = q[SAMPLES - 1, 1, i], q[SAMPLES - 1, 2, i]
+                    q[m, 3, i] = q[SAMPLES - 1, 3, i]
             sampling.second[:] = 0.0
             sampling.third[:] = 0.0
             count = write_interval(base, base, 0.0, 0.0, True, 1.0, sampling, limits, out, count)

@@ -16,6 +16,7 @@ from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import SystemClock, port_lost
 from cnc.boards.protocols import LineSink
@@ -363,8 +364,8 @@ class Device:
         self.heard += data
         self.greeting += self.answer
 
-    def raise_lines(self) -> None:
-        pass
+    def raise_lines(self) -> bool:
+        return False
 
     def close(self) -> None:
         pass
@@ -378,7 +379,8 @@ class Device:
         (b"Smoothie\r\nok\r\n", b"ok\r\n", "board-not-grbl"),
         (b"\xe0\x1c\x82\xfe\n\x00\xfc\x1c\xe0\n", b"\xe0", "board-not-grbl"),
         (b"\r\nGrbl 0.9j ['$' for help]\r\n", b"", "board-too-old"),
-        (b"\r\nGrbl 3.7 [FluidNC v3.7.0 (wifi) '$' for help]\r\n", b"", "board-too-old"),
+        (b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n", b"", "board-too-old"),
+        (b"\r\nGrbl 3.7 [FluidNC v3.7.0 (wifi) '$' for help]\r\n", b"", "no-answer"),
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", b"", "no-answer"),
         (b"<Run|MPos:1.000,0.000,0.000|FS:500,0>\r\n", b"", "board-busy"),
     ],
@@ -390,9 +392,64 @@ def test_other_boards_are_refused_before_motion(greeting: bytes, answer: bytes, 
         board.connect()
     assert caught.value.diagnostic.code == code
     assert caught.value.diagnostic.hint
-    assert device.time < 12.0
+    assert device.time < (12.0 if b"Grbl" in greeting else 4.0)
     # Nothing but questions and a reset was sent.
     assert set(device.heard) <= set(b"?\x18\n")
+
+
+class OtherBaud:
+    """A port at another baud rate than the board: each side samples the bits of the other."""
+
+    def __init__(self, port: GrblSimulatorPort, ours: float, theirs: float = 115200.0) -> None:
+        self.port, self.ours, self.theirs = port, ours, theirs
+
+    def read(self, timeout: float) -> bytes:
+        return resampled(self.port.read(timeout), self.theirs, self.ours)
+
+    def write(self, data: bytes) -> None:
+        self.port.write(resampled(data, self.ours, self.theirs))
+
+    def raise_lines(self) -> bool:
+        return self.port.raise_lines()
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def resampled(data: bytes, sent: float, received: float) -> bytes:
+    """Return the bytes that a UART (8N1) reads from bytes that were sent at another rate.
+
+    It looks for a falling edge, and samples each bit in its middle by its own clock.
+    """
+    levels = [1, 1]
+    for byte in data:
+        levels += [0, *(byte >> k & 1 for k in range(8)), 1]
+    levels += [1] * 40
+
+    def level(time: float) -> int:
+        return levels[min(int(time * sent), len(levels) - 1)]
+
+    time, read, end = 0.0, bytearray(), len(levels) / sent
+    while time < end:
+        if level(time):
+            time += 0.1 / sent
+            continue
+        bits = [level(time + (k + 1.5) / received) for k in range(8)]
+        read.append(sum(bit << k for k, bit in enumerate(bits)))
+        time += 9.5 / received
+        while time < end and not level(time):
+            time += 0.1 / sent
+    return bytes(read)
+
+
+@pytest.mark.parametrize("baud", [9600, 19200, 38400, 57600, 230400, 250000])
+def test_a_wrong_baud_rate_is_named(baud: int) -> None:
+    port = GrblSimulatorPort(GrblSimulator())
+    board = GrblBoard(OtherBaud(port, baud), MACHINE, port.clock, "/dev/ttyUSB0")
+    with pytest.raises(BoardError) as caught:
+        board.connect()
+    assert "baud rate" in caught.value.diagnostic.message
+    assert port.clock.now() < 4.0
 
 
 def test_unplugging_reports_the_last_line_and_stops_the_run() -> None:

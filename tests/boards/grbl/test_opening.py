@@ -19,6 +19,7 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.serial_port import SerialLink, identity, open_port
 from tests.support.boards.grbl_rig import MACHINE
+from tests.support.waiting import HANG, wait_until
 
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
 GREETING = b"help]\r\n"
@@ -78,7 +79,7 @@ def test_an_unplugged_board_restarts() -> None:
 
 
 def heard(link: SerialLink, until: bytes) -> bytes:
-    said, end = b"", time.monotonic() + 20.0
+    said, end = b"", time.monotonic() + HANG
     while until not in said and time.monotonic() < end:
         said += link.read(0.1)
     return said
@@ -92,7 +93,7 @@ def test_a_second_opening_does_not_reset_the_board() -> None:
         link.write(b"G1X5F3000\nG4P0\n")
         heard(link, b"ok\r\nok\r\n")
         link.close()
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         link = open_port(server.name, 115200)
         link.write(b"?")
         assert b"MPos:5.000" in heard(link, b">")
@@ -107,14 +108,14 @@ def test_a_program_that_drops_dtr_resets_the_simulator_at_a_terminal() -> None:
         link = open_port(server.name, 115200)
         heard(link, GREETING)
         link.close()
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         other = os.open(server.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         settings = termios.tcgetattr(other)
         settings[2] |= termios.HUPCL
         termios.tcsetattr(other, termios.TCSANOW, settings)
-        time.sleep(0.1)
+        wait_until(lambda: server.is_open)
         os.close(other)
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         link = open_port(server.name, 115200)
         assert GREETING in heard(link, GREETING)
         link.close()
@@ -243,9 +244,10 @@ class NativeUsb:
     def write(self, data: bytes) -> None:
         self.port.write(data)
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         # The line is no reset to it.
         self.port.simulator.dtr = True
+        return True
 
     def close(self) -> None:
         self.port.close()

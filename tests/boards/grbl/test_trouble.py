@@ -44,8 +44,8 @@ class Wire:
     def write(self, data: bytes) -> None:
         self.port.write(self.said(data))
 
-    def raise_lines(self) -> None:
-        self.port.raise_lines()
+    def raise_lines(self) -> bool:
+        return self.port.raise_lines()
 
     def close(self) -> None:
         self.port.close()

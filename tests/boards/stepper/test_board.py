@@ -1,5 +1,5 @@
-"""The stepper board in the simulator passes what every pulse board has to; and a run of a program
-from its text to the pins.
+"""The stepper board in the simulator: conformance of a pulse board, and runs of programs to the
+pins.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ if REAL_PORT:
 def played(
     program: Path, folder: Path, known: Machine, algorithm: Algorithm | None = None
 ) -> tuple[Report, Simulator]:
-    """A program run on a simulated board, with its pulses in ``pulses.npz``."""
+    """Run a program on a simulated board, and write its pulses to ``pulses.npz``."""
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, known, "the simulator", clock=port)
@@ -101,7 +101,7 @@ def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("program", share([None, PROGRAMS / "trident.nc"], [None]))
 def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_path: Path) -> None:
-    """Both end on the grid: the last edge is the end of the motion."""
+    """Both axes end on the grid, so the last edge is the end of the motion."""
     known = machine()
     report, simulator = played(program or small, tmp_path, known)
     cycles, _ = simulator.moves()
@@ -154,8 +154,8 @@ HORIZON = 0.15
 
 
 def stopping(acceleration: float, jerk: float) -> float:
-    """Seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri 2008,
-    3.4).
+    """Return the seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri
+    2008, 3.4).
     """
     return FULL / acceleration + acceleration / jerk
 
@@ -223,7 +223,10 @@ def test_hold_takes_horizon_and_braking_time(
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
 def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
-    """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
+    """The edges and their order equal those of a run without a hold.
+
+    The board rests soon after the request.
+    """
     with_hold, without = tmp_path / "a", tmp_path / "b"
     with_hold.mkdir()
     without.mkdir()
@@ -269,9 +272,7 @@ def test_next_program_begins_at_the_current_position(small: Path, tmp_path: Path
 
 
 class Part:
-    """Something that the probe touches: its input is low wherever the pins have brought X to ``at``
-    steps, or beyond.
-    """
+    """A part that the probe touches. Its input is low where X is at ``at`` steps or beyond."""
 
     def __init__(self, simulator: Simulator, at: int) -> None:
         self.place = self.seen = self.backward = 0
@@ -324,7 +325,7 @@ def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
 
 @pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
 def test_no_motion_follows_the_contact(tmp_path: Path, behind: str) -> None:
-    """The program ends there: what was left of the move is not made up for."""
+    """The program ends there. The rest of the probe's move is not made later."""
     (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
     simulator = Simulator()
     port = SimulatorPort(simulator)
@@ -369,7 +370,10 @@ CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
 
 
 def test_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
-    """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
+    """The machine rests until a resume.
+
+    Without an operator the program continues, as on the GRBL simulator.
+    """
     (tmp_path / "change.ngc").write_text(CHANGE)
     control, rests = Control(), []
     simulator = Simulator()

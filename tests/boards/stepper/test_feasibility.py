@@ -1,6 +1,4 @@
-"""What is more than the board can play is said from the plan, before anything moves, with the board
-and without one.
-"""
+"""Plans that the board cannot play are refused before motion, with the board and without."""
 
 from __future__ import annotations
 
@@ -31,7 +29,7 @@ def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> StepperFeasibility:
 
 
 def test_short_bursts_pass_and_long_ones_are_refused() -> None:
-    """n moves g apart are n * (least - g) late."""
+    """n moves at an interval of g are late by n * (least - g)."""
     rows = LATE_NS // (LEAST_NS - 10_000)
     assert bear(10_000, rows).most_late_ns == (rows - 1) * (LEAST_NS - 10_000) + LEAST_NS - 10_000
     with pytest.raises(CncError) as caught:
@@ -67,8 +65,9 @@ def test_empty_chunk_passes() -> None:
 
 
 def dense() -> Machine:
-    """45 000 steps a second on each of three axes: half steps put them in rows, crossings give each
-    its own.
+    """45 000 steps/s on each of three axes.
+
+    Half steps share rows; crossings need a row for each axis.
     """
     known = machine()
     quick = {
@@ -126,8 +125,8 @@ def test_refused_programs_do_not_reach_the_board(
 def test_unsuitable_machine_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], letters: str, velocity: int, code: str
 ) -> None:
-    """Its file alone tells, without a board: too fast, or with axes that are not the board's, in
-    another order even.
+    """The machine file alone is enough: it is too fast, or its axes or their order differ from the
+    board's.
     """
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 F600\nM2\n")
     text = "".join(

@@ -1,4 +1,4 @@
-"""What goes wrong with a stepper board before anything moves: each a clear error."""
+"""Faults of a stepper board before anything moves: each has a clear error."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 
 
 class Peer:
-    """Something else on the port: says the same whenever it is asked."""
+    """Another device on the port, which always gives the same answer."""
 
     def __init__(self, words: bytes) -> None:
         self.words = words
@@ -37,7 +37,7 @@ class Peer:
         self.waiting += self.words
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is nothing to close."""
 
     def now(self) -> float:
         return self.time
@@ -91,8 +91,9 @@ def simulator() -> Iterator[Simulator]:
 
 @pytest.mark.parametrize(("pin", "code"), [(14, "board-emergency-stop"), (10, "board-limit")])
 def test_pressed_switch_is_reported(simulator: Simulator, pin: int, code: str) -> None:
-    """Before anything moves; a limit switch does not keep the machine from being homed, so it
-    counts when a program starts.
+    """The error comes before anything moves.
+
+    A limit switch does not prevent homing, so it counts from the start of a program.
     """
     simulator.set_pin(pin, 0)
     port = SimulatorPort(simulator)
@@ -111,7 +112,7 @@ def test_fourth_axis(simulator: Simulator) -> None:
 
 
 def test_axes_in_another_order_are_refused(simulator: Simulator) -> None:
-    """They would turn each other's motors."""
+    """Each axis would turn the motor of another."""
     axes = machine().axes
     port = SimulatorPort(simulator)
     with pytest.raises(BoardError) as caught:
@@ -136,9 +137,7 @@ def test_too_fast_axis_is_refused(simulator: Simulator) -> None:
 
 
 def test_board_is_opened_after_a_reset(simulator: Simulator) -> None:
-    """An Uno is reset when its port is opened: what it was told in the meantime it has not
-    heard.
-    """
+    """An Uno is reset when its port is opened, and loses the bytes of the next moments."""
     port = SimulatorPort(simulator)
     write = port.write
     port.write = lambda data: write(data) if simulator.now > 1.6 else None  # type: ignore[method-assign]

@@ -1,5 +1,5 @@
-"""The stepper board's protocol without a board: frames as documented, and a stream that arrives
-whole whatever the line does.
+"""The stepper board's protocol without a board: frames as documented, and a stream that survives
+line faults.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from tests.support.paths import ROOT
 
 
 def test_crc_equals_the_check_value_of_the_catalogue() -> None:
-    """CRC-16/MCRF4XX in the catalogue of parametrised CRC algorithms: its check value."""
+    """The check value of CRC-16/MCRF4XX in the catalogue of parametrised CRC algorithms."""
     assert crc16(b"123456789") == 0x6F91
 
 
 def by_bits(data: bytes) -> int:
-    """The polynomial x^16 + x^12 + x^5 + 1, bit by bit, the lowest first."""
+    """Return the CRC of x^16 + x^12 + x^5 + 1, bit by bit, lowest bit first."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -73,8 +73,8 @@ def test_random_bytes_raise_nothing(data: bytes) -> None:
 
 
 def test_hello_has_no_bytes_that_grbl_obeys() -> None:
-    """Neither a real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X and 0x80 up) nor
-    the end of a line.
+    """It has no real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X, 0x80 and above)
+    and no line end.
     """
     link = StepperLink()
     link.hello(0.0)
@@ -96,8 +96,9 @@ def test_bytes_of_another_board_are_kept() -> None:
 
 
 class ModelBoard:
-    """The board's side of the link by the letter of PROTOCOL.md: takes frames in order, has little
-    room, plays slowly.
+    """The board's side of PROTOCOL.md.
+
+    It takes frames in order, has a small buffer, and plays slowly.
     """
 
     def __init__(self, room: int, pace: int) -> None:
@@ -229,7 +230,7 @@ ROWS = {
 
 
 def size(fields: str) -> int:
-    """Bytes of a payload as the page has it: each field with its length behind it."""
+    """Return the bytes of a payload as documented: each field is followed by its length."""
     total = 0
     for field in re.sub(r" \(\w+\)", "", fields).split(", "):
         name, _, length = field.partition(" ")
@@ -238,7 +239,7 @@ def size(fields: str) -> int:
 
 
 def counted(enumeration: str) -> dict[str, int]:
-    """The names of a C enumeration, each one more than the one before."""
+    """Return the names of a C enumeration with their consecutive numbers."""
     number, found = -1, {}
     for each in enumeration.split(","):
         name, _, value = each.partition("=")

@@ -1,4 +1,4 @@
-"""The command line on a board behind a real serial port (a pseudo-terminal), in real time."""
+"""The command line with a board at a serial port (a pseudo-terminal), in real time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from cnc.boards.serial_port import open_port
 from cnc.boards.stepper.protocol import State, Status, StepperLink
 from tests.support.boards.stepper_simulator import DIRECTION_PINS, STEP_PINS, built
 from tests.support.paths import ROOT
+from tests.support.waiting import HANG, wait_until
 
 COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
 
 
 class Terminal:
-    """The simulator's program, its terminal, and the edges that it wrote down."""
+    """The simulator's program, its terminal, and the file of the pins' edges."""
 
     def __init__(self, folder: Path) -> None:
         self.edges = folder / "edges.csv"
@@ -40,12 +41,12 @@ class Terminal:
 
     def stop(self) -> None:
         self.process.send_signal(signal.SIGINT)
-        self.process.wait(10)
+        self.process.wait(HANG)
         assert self.process.stdout is not None
         self.process.stdout.close()
 
     def position(self) -> list[int]:
-        """Where the counted edges of the pins have led."""
+        """Return the position that the edges of the pins add up to, steps."""
         level = dict.fromkeys(range(20), 0)
         at = [0, 0, 0]
         for _, pin, value in np.loadtxt(self.edges, delimiter=",", dtype=np.int64):
@@ -88,11 +89,11 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
         terminal.name,
     )
     with cncrun(*arguments) as first:
-        out, error = first.communicate(timeout=120)
+        out, error = first.communicate(timeout=HANG)
     assert first.returncode == 0, out + error
     holder = open_port(terminal.name, 1_000_000)
     with cncrun(*arguments) as second:
-        _, error = second.communicate(timeout=60)
+        _, error = second.communicate(timeout=HANG)
     holder.close()
     assert second.returncode == 3
     assert "port-taken" in error
@@ -102,7 +103,7 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
 
 def test_boards_command_reports_the_board(terminal: Terminal) -> None:
     with cncrun("boards", terminal.name) as listed:
-        out, error = listed.communicate(timeout=60)
+        out, error = listed.communicate(timeout=HANG)
     assert listed.returncode == 0, error
     assert all(line.startswith("#") for line in out.splitlines())
     assert "# stepper board, version 1 of the protocol  idle" in out
@@ -124,25 +125,26 @@ def test_killed_host_leaves_the_machine_on_its_path(terminal: Terminal, tmp_path
         terminal.name,
     )
     with cncrun(*arguments) as host:
-        until = time.monotonic() + 100
-        while terminal.edges.stat().st_size < 20_000 and time.monotonic() < until:
-            time.sleep(0.05)
+        wait_until(lambda: terminal.edges.stat().st_size >= 20_000)
         host.kill()
-        host.communicate(timeout=20)
-    time.sleep(0.8)
+        host.communicate(timeout=HANG)
     port, link = open_port(terminal.name, 1_000_000), StepperLink()
-    said = None
-    for _ in range(100):
+    said: Status | None = None
+
+    def is_at_rest() -> bool:
+        """Ask after a silence in which the board must stop; a busy machine simulates it late."""
+        nonlocal said
+        time.sleep(0.8)
         link.ask()
         port.write(b"\0" + link.outgoing(time.monotonic()))
         for event in link.receive(port.read(0.05), time.monotonic()):
             said = event if isinstance(event, Status) else said
-        if said is not None:
-            break
+        return said is not None and said.state == State.ALARM
+
+    wait_until(is_at_rest)
     port.close()
     terminal.stop()
     assert said is not None
-    assert said.state == State.ALARM
     assert list(said.position[:3]) == terminal.position()
     x, y, _ = said.position[:3]
     assert 0 < x < 200 * 400

@@ -1,6 +1,4 @@
-"""Segments: what goes in comes out, in order and in time, for anything that a path can do; and few
-bytes do it.
-"""
+"""Segments: moves come out in order and on time for any path, in few bytes."""
 
 import numpy as np
 import pytest
@@ -37,7 +35,7 @@ def played(data, axes):
 
 
 def when_due(time_ns, spacing_ns):
-    """As asked for, or the spacing after the one before or the start."""
+    """Return the times of the moves: as requested, or the least spacing after the move before."""
     spacing_ns = -(-spacing_ns // 500) * 500
     due, last = [], 0
     for each in time_ns:
@@ -47,7 +45,7 @@ def when_due(time_ns, spacing_ns):
 
 
 def check(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=()):
-    """All that is promised; returns bytes a move."""
+    """Check order, times and lengths of segments; return the bytes for each move."""
     data, put_off = encoded(
         time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts, flushes=flushes
     )
@@ -68,8 +66,9 @@ def check(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=()
 
 
 def cutting(counts):
-    """A line that makes a move wherever an axis crosses a half-grid line; axes that do so at one
-    place share it. Places 0 to 1.
+    """Return a line that makes a move where an axis crosses a half-grid line.
+
+    Axes that cross at one place share the move. Places are 0 to 1.
     """
     places, which = [], []
     for axis, count in enumerate(counts):
@@ -83,7 +82,7 @@ def cutting(counts):
 
 
 def fastest_leads(counts):
-    """A line whose fastest axis steps in each move."""
+    """Return a line whose fastest axis steps in each move."""
     most = max(abs(count) for count in counts)
     k = np.arange(most + 1)[:, None]
     step = np.diff(np.floor(k * np.abs(counts) / most + 0.5), axis=0) * np.sign(counts)
@@ -91,7 +90,7 @@ def fastest_leads(counts):
 
 
 def circle(radius, turns, per_axis=(1.0, 1.0)):
-    """A circle by its crossings with half-grid lines. radius in steps."""
+    """Return a circle by its crossings with half-grid lines; radius in steps."""
     angles, which, signs = [], [], []
     for axis, scale in enumerate(per_axis):
         most = int(np.floor(radius * scale - 0.5))
@@ -112,7 +111,7 @@ def circle(radius, turns, per_axis=(1.0, 1.0)):
 
 
 def smooth_time(place, duration_s):
-    """From rest to rest with an S-curve of fifth degree; ns."""
+    """Return times from rest to rest, an S-curve of degree 5, ns."""
     t = np.linspace(0.0, 1.0, 100_001)
     return np.round(
         np.interp(place, t**3 * (10 - 15 * t + 6 * t * t), t) * duration_s * 1e9
@@ -165,8 +164,8 @@ GAPS = st.one_of(
 
 @st.composite
 def runs(draw):
-    """Moves of 4 axes: runs with a pattern, an interval that changes steadily and directions of
-    their own, and moves without any order.
+    """Generate moves of 4 axes: runs with a pattern, a steadily changing interval and their own
+    directions, and random moves.
     """
     steps, gaps = [], []
     for _ in range(draw(st.integers(1, 6))):
@@ -184,7 +183,7 @@ def runs(draw):
     return np.cumsum(np.concatenate(gaps)), np.concatenate(steps).astype(np.int8)
 
 
-@settings(max_examples=share(1500, 60), deadline=None)
+@settings(max_examples=share(1500, 36), deadline=None)
 @given(
     runs(),
     st.sampled_from([500, 1000, 2000, 10_000]),
@@ -201,7 +200,7 @@ def test_random_moves_are_reproduced(run, tolerance_ns, spacing_ns, data):
     check(time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts)
 
 
-@settings(max_examples=share(300, 25), deadline=None)
+@settings(max_examples=share(300, 15), deadline=None)
 @given(runs())
 def test_documented_format_plays_the_same_moves(run):
     time_ns, step = run
@@ -212,7 +211,7 @@ def test_documented_format_plays_the_same_moves(run):
     assert moves(data) == [tuple(int(each) for each in row) for row in expected]
 
 
-@settings(max_examples=share(300, 20), deadline=None)
+@settings(max_examples=share(300, 12), deadline=None)
 @given(
     st.lists(st.integers(-400, 400), min_size=2, max_size=4), st.floats(0.005, 3.0), st.booleans()
 )
@@ -318,9 +317,7 @@ def test_commands_between_segments_take_no_time():
     st.lists(st.tuples(st.integers(1, 10**10), st.integers(0, 3 * 10**9)), min_size=1, max_size=5)
 )
 def test_pauses_end_on_time(gaps):
-    """Moves with pauses asked for between them come at their times, and each pause is over within a
-    tick.
-    """
+    """Each pause between moves ends within a tick of its time."""
     encoder, decoder = SegmentEncoder(1), SegmentDecoder(1)
     at, due, parts = 0, [], []
     for gap, idle in gaps:

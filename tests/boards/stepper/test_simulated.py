@@ -1,10 +1,8 @@
-"""The stepper board's firmware in simavr, driven by the real driver: what its pins do, move by move
-and cycle by cycle.
+"""The stepper board's firmware in simavr with the real driver: its pins, move by move and cycle by
+cycle.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -32,16 +30,6 @@ from tests.support.soak import share
 
 LEAST_NS = 18_000
 ORIGIN = np.zeros(3, np.int64)
-
-
-@pytest.fixture
-def simulator() -> Iterator[Simulator]:
-    made = Simulator()
-    yield made
-    assert made.lost == 0
-    assert made.worst_fill <= 2
-    assert made.stack_left > 256
-    made.close()
 
 
 def play(simulator: Simulator, time_ns, step) -> None:
@@ -74,7 +62,7 @@ def test_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> None:
 def test_fifty_thousand_moves_per_second_with_reversals(
     baud: int, shares: tuple[float, ...]
 ) -> None:
-    """Segments of 40 moves: all axes step in each, or one in each and the others between."""
+    """In segments of 40 moves all axes step together, or one after the other."""
     simulator = Simulator(baud=baud)
     time_ns, step = line(10_000, 20_000, shares)
     step[(np.arange(len(step)) // 40) % 2 == 1] *= -1
@@ -181,7 +169,7 @@ def test_bad_cable_loses_no_step(chance: float, faults: str, seed: int) -> None:
 
 
 def status(simulator: Simulator):
-    """What the board itself says, asked by another host."""
+    """Return the status of the board, as another host reads it."""
     from cnc.boards.stepper.protocol import Status, StepperLink
 
     link = StepperLink()
@@ -199,7 +187,7 @@ def status(simulator: Simulator):
 
 
 class Killed(Exception):
-    """The host is gone."""
+    """The host has ended."""
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
@@ -230,7 +218,7 @@ def test_dead_host_leaves_the_machine_on_its_path(simulator: Simulator, moment: 
 
 
 def test_ramp_is_smooth(simulator: Simulator) -> None:
-    """The speed falls over the ramp, and never at more than the S's steepest slope."""
+    """The speed falls along the ramp, never steeper than the S-curve at its middle."""
     time_ns, step = line(8_000, 50_000, (1.0,) * 3)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -279,8 +267,9 @@ def test_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, withi
 
 @pytest.mark.parametrize("seed", range(share(20, 1)))
 def test_moves_faster_than_the_line_end_in_a_ramp(simulator: Simulator, seed: int) -> None:
-    """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the
-    board comes to rest and says so.
+    """The stream needs more than a megabaud.
+
+    No burst makes up for late moves: the board comes to rest and reports it.
     """
     chance = np.random.default_rng(seed)
     time_ns, step = wander(seed, 12_000, LEAST_NS)
@@ -322,7 +311,7 @@ def test_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None:
 
 
 class LooseCable(SimulatorPort):
-    """Carries nothing, either way, from a moment to another."""
+    """Carries no bytes in either direction during an interval."""
 
     def __init__(self, simulator: Simulator, pulled: float, put_back: float) -> None:
         super().__init__(simulator)
@@ -345,8 +334,8 @@ class LooseCable(SimulatorPort):
 
 @pytest.mark.parametrize("seed", range(share(50, 2)))
 def test_reconnected_cable(simulator: Simulator, seed: int) -> None:
-    """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last
-    line, and nothing moves after that.
+    """An interruption of 10 ms to 5 s has no effect, or the error comes within a second, with the
+    last line, and motion ends.
     """
     chance = np.random.default_rng(seed)
     time_ns, step = eased(6_000, 50_000)
@@ -389,9 +378,7 @@ def test_reconnected_cable(simulator: Simulator, seed: int) -> None:
 
 
 def test_decoder_plays_the_bytes_sent(simulator: Simulator) -> None:
-    """The stream that reached the board, played by the Python decoder: the same moves as on the
-    pins.
-    """
+    """The Python decoder makes the moves of the pins from the stream that the board received."""
     time_ns, step = wander(3, 800, 40_000)
     with board(simulator) as driver:
         sent = bytearray()

@@ -93,16 +93,16 @@ ASKED = (
 
 def test_an_assumed_answer_does_not_abort() -> None:
     """What is read goes on, so that the lines behind are looked at too; the warning comes once."""
-    told: list[Diagnostic] = []
-    blocks = run(ASKED.format(0), warn=told.append)
+    reported: list[Diagnostic] = []
+    blocks = run(ASKED.format(0), warn=reported.append)
     assert [type(block) for block in blocks] == [WaitInput, Polyline]
-    assert [(found.code, found.severity, found.line, found.column) for found in told] == [
+    assert [(found.code, found.severity, found.line, found.column) for found in reported] == [
         ("abort-possible", "warning", 5, 1)
     ]
-    assert told[0].message == "the program may abort itself: input 0"
-    told.clear()
-    run(ASKED.format(1), warn=told.append)
-    assert not told
+    assert reported[0].message == "the program may abort itself: input 0"
+    reported.clear()
+    run(ASKED.format(1), warn=reported.append)
+    assert not reported
 
 
 def test_a_real_answer_aborts() -> None:

@@ -524,7 +524,7 @@ def model(
         yield current, made, known
 
 
-@settings(max_examples=share(20000, 150), deadline=None)
+@settings(max_examples=share(20000, 75), deadline=None)
 @given(series())
 def test_series_against_a_second_implementation(
     program: list[tuple[str, str, str, dict[str, int]]],

@@ -16,6 +16,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
+from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, rows, run
 
 COUNTED = "#1 = [#1 + 1]\n"
@@ -241,8 +242,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     # the program as a whole
     "percent": ("%\nG0 X1\n%\nG0 X2", [1]),
-    "percent behind a call": ("M98 P1\n%\nthis is not read\nO1\nM99", []),
-    "percent behind the start": ("G0 X1\n%\nthis is not read", [1]),
+    "text behind the second percent": ("%\nG0 X1\n%\nthis is not read", [1]),
     "program number behind a percent": ("%\nO12\nG0 X1\n%", [1]),
     "no control in comments": ("(o1 if [0])\nG0 X1\n; o1 endif", [1]),
     "line numbers": ("N10 o1 repeat [2]\nN20 G0 X1\nN30 o1 endrepeat", [1, 1]),
@@ -450,3 +450,21 @@ def test_calls_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "Listing", Watched)
     run("o1 sub\nG0 X[#1]\no1 endsub\n" + "".join(f"o1 call [{number}]\n" for number in range(50)))
     assert made[0].steps.keys() == {1}
+
+
+@pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "fanuc"])
+def test_nothing_behind_the_second_percent_is_called(dialect: str) -> None:
+    found = error_of("%\nM98 P2\nM30\n%\nO2\nG0 X9\nM99", dialect=dialect)
+    assert found.code == "program-unknown"
+
+
+def test_a_percent_without_a_first_one_ends_no_program() -> None:
+    found = error_of("G0 X1\n%\nG0 X2\nM2")
+    assert (found.code, found.line) == ("percent-place", 2)
+    assert error_of("G0 X1\n%", dialect="linuxcnc").code == "percent-place"
+
+
+def test_an_unopened_percent_in_the_last_line_is_a_warning() -> None:
+    warnings: list[Diagnostic] = []
+    assert xs("G0 X1\n%\n\n", warn=warnings.append) == [1]
+    assert [each.code for each in warnings] == ["percent-unopened"]

@@ -18,7 +18,7 @@ from tests.support.gcode.flow_author import Author, Evaluator, MacroB, OWords, P
 from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share
 
-AMOUNT = share(10_000, 150)
+AMOUNT = share(10_000, 75)
 LIMITS = Limits(repeated_lines=20_000, depth=20)
 
 

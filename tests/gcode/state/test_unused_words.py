@@ -13,12 +13,12 @@ PADDING = "\n".join(["G0 X1", "G0 X2"] * 4)
 
 
 def found(text: str, dialect: str = "linuxcnc") -> list[tuple[str, int, int, str]]:
-    told = []
-    for _ in interpret(Text.of_lines(text.split("\n"), "p"), dialect=dialect, warn=told.append):
+    reported = []
+    for _ in interpret(Text.of_lines(text.split("\n"), "p"), dialect=dialect, warn=reported.append):
         pass
     return [
         (each.code, each.line, each.column, each.message.split()[0])
-        for each in told
+        for each in reported
         if each.severity == "note"
     ]
 
@@ -73,12 +73,12 @@ def test_a_dialect_without_tool_changes_has_no_use_for_t():
 
 
 def test_a_note_names_the_replacement():
-    told = []
+    reported = []
     for _ in interpret(
-        Text.of_lines(["(F7) F500 (F8)", "G0 X1 F 6 0", "G1 X2", "M2"], "p"), warn=told.append
+        Text.of_lines(["(F7) F500 (F8)", "G0 X1 F 6 0", "G1 X2", "M2"], "p"), warn=reported.append
     ):
         pass
-    (note,) = told
+    (note,) = reported
     assert note.message == "F500 has no effect: F60 in line 2 replaces it before a feed move"
     assert (note.file, note.line, note.column, note.length, note.text) == (
         "p",
@@ -107,7 +107,7 @@ def test_the_array_path_reports_the_same_as_line_by_line(words):
 
 @given(WORDS)
 def test_against_a_model(words):
-    """What is told, by going through the lines with a pencil."""
+    """What is reported, by going through the lines with a pencil."""
     lines = ["G1 X100 F1", *(word.format(index) for index, word in enumerate(words))]
     waiting, wanted = None, []
     for number, line in enumerate(lines, 1):

@@ -12,6 +12,7 @@ import pytest
 from cnc.gcode.syntax import parser
 from cnc.gcode.syntax.parser import MAX_LINE, MEMO, parse_line
 from cnc.model.diagnostics import GcodeError
+from tests.support.waiting import HANG
 
 
 @pytest.mark.parametrize("length", [MAX_LINE, MAX_LINE + 1])
@@ -63,7 +64,7 @@ def read_in_a_process(home: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=HANG,
     )
     assert (found.stdout, found.stderr) == ("2.0\n", "")
 

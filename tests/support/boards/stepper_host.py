@@ -1,5 +1,6 @@
-"""A host of the stepper board as `firmware/PROTOCOL.md` has it, byte by byte: what it sends may be
-wrong, late, or somebody else's.
+"""A host of the stepper board by `firmware/PROTOCOL.md`, byte by byte.
+
+It may send wrong, late or foreign bytes.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Said:
 
 
 class Host:
-    """Sends what it is told to, and waits 5 ms of the board's time for what comes."""
+    """Sends the given bytes, and waits 5 ms of the board's time for the answer."""
 
     def __init__(self, simulator: Simulator) -> None:
         self.simulator = simulator
@@ -54,7 +55,7 @@ class Host:
         return [each for each in found if each is not None]
 
     def said(self, data: bytes) -> Said | None:
-        """The last status of those that come when these bytes are sent."""
+        """Send bytes and return the last status of the answer, or None."""
         self.simulator.send(data)
         statuses = [each for each in self.hear() if each[0] == Kind.STATUS]
         if not statuses:
@@ -84,7 +85,7 @@ class Host:
         return answer
 
     def request(self, kind: Kind, payload: bytes = b"") -> bool:
-        """Whether the board has carried it out."""
+        """Return whether the board has carried out the request."""
         self.token = self.token % 255 + 1
         answer = self.said(frame(kind, self.token, payload))
         return answer is not None and answer.token == self.token
@@ -118,7 +119,7 @@ class Host:
 
 
 def straight(slots: int, ticks: int, axes: int = 1, down: int = 0, end: bool = False) -> bytes:
-    """An even segment: so many steps of all these axes, so many ticks apart."""
+    """Return an even segment: a number of steps of some axes, ticks apart."""
     return (
         bytes((slots, 4 * end | down << 4))
         + (ticks << 8).to_bytes(3, "little")

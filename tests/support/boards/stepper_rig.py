@@ -1,11 +1,11 @@
-"""What the tests of the stepper board share: machines, rows of grid moves, a bad cable, and what
-the pins have to show.
+"""Shared parts of the stepper board's tests: machines, rows of grid moves, a bad cable, checks of
+the pins.
 """
 
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -19,6 +19,10 @@ from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, Simulat
 
 CLOSE_US = 5.0
 """Edges come within this of their time."""
+STACK = 256
+"""Bytes of the stack that nothing has touched, at least."""
+LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN = 9, 19, 8, 11
+EMERGENCY_STOP_PIN, HOLD_PIN, RESUME_PIN = 14, 15, 16
 
 
 def machine(**changes: object) -> Machine:
@@ -26,11 +30,20 @@ def machine(**changes: object) -> Machine:
     return known.model_copy(update=changes)
 
 
+def with_axes(axes: int, **board_changes: object) -> Machine:
+    """Return the shipped machine with a number of axes and changes of its board."""
+    known = machine()
+    letters = dict(zip("xyza", [*known.axes.values(), known.axes["x"]][:axes], strict=False))
+    return known.model_copy(
+        update={"axes": letters, "board": known.board.model_copy(update=board_changes)}
+    )
+
+
 @contextmanager
 def board(
     simulator: Simulator, port: SimulatorPort | None = None, known: Machine | None = None
 ) -> Iterator[Stepper]:
-    """A driver on a simulated board."""
+    """Provide a driver on a simulated board."""
     port = port or SimulatorPort(simulator)
     driver = Stepper(port, known or machine(), "the simulator", clock=port)
     try:
@@ -51,10 +64,23 @@ def chunks(
         )
 
 
+def send_all(
+    driver: Stepper,
+    time_ns: NDArray[np.int64],
+    step: NDArray[np.int8],
+    after: Callable[[int], None],
+) -> None:
+    """Send rows to their end; ``after`` gets the number of rows sent so far."""
+    for part in chunks(time_ns, step, 100):
+        driver.send(part)
+        after(int(part.line[-1]))
+    driver.finish()
+
+
 def line(
     rows: int, gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)
 ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """A straight move at a steady speed: the first axis steps in every row."""
+    """Return a straight move at a steady speed; the first axis steps in every row."""
     k = np.arange(rows + 1)[:, None]
     step = np.diff(np.floor(k * np.abs(shares) + 0.5), axis=0) * np.sign(shares)
     return (np.arange(rows, dtype=np.int64) + 1) * gap_ns, step.astype(np.int8)
@@ -63,7 +89,7 @@ def line(
 def eased(
     rows: int, fastest_gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)
 ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """The same from rest to rest."""
+    """Return a straight move from rest to rest."""
     _, step = line(rows, fastest_gap_ns, shares)
     t = np.linspace(0.0, 1.0, 20_001)
     place = (np.arange(rows) + 0.5) / rows
@@ -72,9 +98,7 @@ def eased(
 
 
 def wander(seed: int, rows: int, least_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """Rows without any order: any axes, any direction, any time from ``least_ns`` to long
-    pauses.
-    """
+    """Return random rows: any axes and directions, any time from ``least_ns`` to long pauses."""
     chance = np.random.default_rng(seed)
     step = np.zeros((rows, 3), np.int8)
     while (empty := ~step.any(axis=1)).any():
@@ -96,9 +120,7 @@ FAULTS = ("damaged", "dropped", "doubled", "all")
 
 
 class BadCable(SimulatorPort):
-    """A line that damages, drops or doubles bytes, or each of that, with the same chance, both
-    ways.
-    """
+    """A cable that damages, drops or doubles bytes with the same chance, in both directions."""
 
     def __init__(self, simulator: Simulator, chance: float, seed: int, faults: str = "all") -> None:
         super().__init__(simulator)
@@ -126,14 +148,17 @@ class BadCable(SimulatorPort):
 
 
 def off_plan_us(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> float:
-    """How far an edge is from its time; when the whole began is taken so that it is least."""
+    """Return the largest distance of an edge from its time, us.
+
+    The start is shifted so that it is least.
+    """
     late = cycles * (1e6 / FREQUENCY) - time_ns * 1e-3
     return float(late.max() - late.min()) / 2 if len(late) else 0.0
 
 
 def assert_played(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> None:
-    """Moves are on time; or they are to a moment, and from there on each is later than the one
-    before: a ramp, nothing made up for.
+    """Check that moves are on time, or on time up to a ramp, in which each is later than the one
+    before.
     """
     late_us = cycles * (1e6 / FREQUENCY) - time_ns[: len(cycles)] * 1e-3
     late_us -= np.median(late_us[:50])

@@ -1,7 +1,6 @@
 """The stepper board's firmware in simavr, in virtual time: a Port and a Clock for the driver, pins
-and edges for the tests.
-
-Nothing here waits: time goes on while the driver reads, by as much as it is ready to wait.
+and edges for tests. Nothing here waits: a read of the driver advances the time by at most its
+timeout.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ MOST_EDGES = 1 << 16
 
 
 def missing() -> str:
-    """What the simulator needs and this computer lacks; empty if nothing."""
+    """Return the missing programs and headers of the simulator; empty if there are none."""
     tools = [tool for tool in ("avr-gcc", "avr-size", "make", "cc") if shutil.which(tool) is None]
     headers = [] if Path("/usr/include/simavr/sim_avr.h").exists() else ["simavr/sim_avr.h"]
     return ", ".join(tools + headers)
@@ -40,8 +39,9 @@ def missing() -> str:
 
 @cache
 def built(axes: int = 3, baud: int = 1_000_000) -> Path:
-    """The folder with firmware and simulator, made now; skips the test where they can't be made, in
-    CI that is a failure.
+    """Build firmware and simulator, and return their folder.
+
+    Without the compilers the test is skipped; in CI it fails.
     """
     lacking = missing()
     if lacking:
@@ -66,7 +66,7 @@ def built(axes: int = 3, baud: int = 1_000_000) -> Path:
 
 
 class Simulator:
-    """The board. Times are in seconds since it was switched on, edges in cycles of its 16 MHz."""
+    """The board. Times are in seconds since power-up, edges in cycles of 16 MHz."""
 
     def __init__(self, axes: int = 3, baud: int = 1_000_000) -> None:
         self.axes = axes
@@ -112,7 +112,7 @@ class Simulator:
 
     @property
     def on_its_way(self) -> int:
-        """Bytes sent that the board hasn't got yet."""
+        """Bytes sent that the board has not received yet."""
         return int(self._library.simulator_on_its_way(self._board))
 
     def set_pin(self, pin: int, level: int) -> None:
@@ -130,7 +130,7 @@ class Simulator:
 
     @property
     def lost(self) -> int:
-        """Bytes that found the receiver full."""
+        """Bytes lost because the receiver was full."""
         return int(self._library.simulator_lost(self._board))
 
     @property
@@ -138,7 +138,7 @@ class Simulator:
         return int(self._library.simulator_stack_left(self._board))
 
     def edges(self) -> NDArray[np.void]:
-        """All edges of the output pins so far: cycle, pin, level."""
+        """Return all edges of the output pins so far: cycle, pin, level."""
         while count := self._library.simulator_edges(
             self._board, self._buffer.ctypes.data_as(ctypes.c_void_p), len(self._buffer)
         ):
@@ -146,8 +146,9 @@ class Simulator:
         return self._edges
 
     def moves(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes);
-        edges of one move share a row.
+        """Return the grid moves of the pins: cycles (n,) of the rising edges and steps (n, axes).
+
+        Edges of one move share a row.
         """
         edges, axes = self.edges(), self.axes
         level = np.zeros(20, np.int8)
@@ -171,7 +172,7 @@ class Simulator:
 
 
 class SimulatorPort:
-    """The board's serial line as a driver sees it; and the clock that goes with it."""
+    """The board's serial line for a driver, and the clock of the board."""
 
     def __init__(self, board: Simulator) -> None:
         self.board = board

@@ -280,7 +280,11 @@ DIALECTS = {
     "linuxcnc": _read(LINUXCNC),
     "paper": _read(PAPER),
     "fanuc": _read(FANUC),
+    "haas": _read(FANUC),
     "auto": {},
     "grbl": {},
+    "mach3": {},
+    "siemens": {},
+    "marlin": {},
 }
 """Differences of the dialects."""

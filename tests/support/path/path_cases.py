@@ -1,4 +1,4 @@
-"""Blocks for the tests of the path floor, and independent evaluations of them."""
+"""Blocks for the tests of the path, and independent evaluations of them."""
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -12,8 +12,9 @@ XYZ = ("x", "y", "z")
 
 
 def random_nurbs(rng, degree, count, axes=3, weights=(0.1, 10.0), size=20.0, knots="random"):
-    """A clamped NURBS block; knots "random" (inside), "multiple" (some doubled) or "full" (some of
-    multiplicity degree).
+    """Return a clamped NURBS block.
+
+    Knots are "random" (inside), "multiple" (some doubled) or "full" (some of multiplicity degree).
     """
     inner = count - degree - 1
     values = np.sort(rng.uniform(0.05, 0.95, inner))
@@ -29,8 +30,8 @@ def random_nurbs(rng, degree, count, axes=3, weights=(0.1, 10.0), size=20.0, kno
 
 
 def nurbs_oracle(block):
-    """A function u -> (4, n): position and three derivatives by SciPy's B-splines in homogeneous
-    coordinates and the quotient rule.
+    """Return a function u -> (4, n): position and three derivatives by SciPy's B-splines in
+    homogeneous coordinates and the quotient rule.
     """
     homogeneous = np.column_stack((block.weights, block.weights[:, None] * block.control_points))
     spline = BSpline(block.knots, homogeneous, block.degree)
@@ -49,7 +50,7 @@ def nurbs_oracle(block):
 
 
 def whole(blocks, start, axes=XYZ, accuracy=1e-9):
-    """The one chunk that a few moving blocks become."""
+    """Return the single chunk of a few moving blocks."""
     chunks = list(build(blocks, axes=axes, start=np.array(start, float), accuracy=accuracy))
     assert len(chunks) == 1 and isinstance(chunks[0], PathChunk)
     return chunks[0]
@@ -60,7 +61,7 @@ def nurbs_chunk(block, axes=XYZ, accuracy=1e-9):
 
 
 def lines(points, feeds=10.0, line=1):
-    """A polyline block; feeds a number or one a move."""
+    """Return a polyline block; feeds are a number, or one for each move."""
     points = np.array(points, float)
     feeds = np.broadcast_to(np.array(feeds, float), len(points)).copy()
     return Polyline(
@@ -82,7 +83,7 @@ def arc(end, center, turns, plane="XY", line=3):
 
 
 def piece(chunk, k):
-    """(kind, data, at) of piece k, as the kernels take them."""
+    """Return (kind, data, at) of piece k, as the kernels take them."""
     return int(chunk.kind[k]), chunk.data, int(chunk.at[k])
 
 
@@ -104,5 +105,5 @@ def ends(chunk, k):
 
 
 def dense(chunk, k, count=2001):
-    """Positions (count, n) at even steps of the parameter."""
+    """Return positions (count, n) at even steps of the parameter."""
     return np.array([evaluate(chunk, k, u)[0] for u in np.linspace(*ends(chunk, k), count)])

@@ -121,11 +121,11 @@ class Findings:
 
 
 def examine(
-    text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None
+    text: str, machine: Machine, folder: Path, *, compared_with: Machine | None = None
 ) -> Findings:
     """Check a program with a machine, and the files that this writes to ``folder``.
 
-    They are compared with the limits of the machine, or of ``judged_by``.
+    They are compared with the limits of the machine, or of ``compared_with``.
     """
     program, blocks, trace, pulses = (
         folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz")
@@ -141,7 +141,7 @@ def examine(
             refused=report.faults[0].diagnostic.code,
             wrong=[str(fault.diagnostic.message) for fault in report.faults],
         )
-    return judge(blocks, trace, pulses, judged_by or machine, report.duration_s)
+    return compare_files(blocks, trace, pulses, compared_with or machine, report.duration_s)
 
 
 Override = tuple[np.ndarray, np.ndarray]
@@ -149,7 +149,7 @@ Override = tuple[np.ndarray, np.ndarray]
 NEVER: Override = np.zeros(1), np.ones(1)
 
 
-def judge(
+def compare_files(
     blocks: Path,
     trace: Path,
     pulses: Path,
@@ -176,10 +176,10 @@ def judge(
         found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
-    _judge_clock(rows, np.load(pulses), machine, duration, found)
-    _judge_limits(rows, machine, found)
+    _check_clock(rows, np.load(pulses), machine, duration, found)
+    _check_limits(rows, machine, found)
     if path:
-        _judge_path(rows, path, machine, override, found)
+        _check_path(rows, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
@@ -283,7 +283,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt((vectors**2).sum(axis=1))
 
 
-def _judge_clock(
+def _check_clock(
     rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings
 ) -> None:
     """Check that rows are a period apart and end with the motion, and check the last pulse.
@@ -309,7 +309,7 @@ def _judge_clock(
         )
 
 
-def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
+def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
     """Compare differences of the positions with the limits."""
     period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
     noise = [0.0] + [
@@ -365,7 +365,7 @@ def _crawl(machine: Machine) -> float:
     return max(2.0 * jerk * machine.path.period**3, 1e-9)
 
 
-def _judge_path(
+def _check_path(
     rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings
 ) -> None:
     """Compare the trace with the programmed path, and the path with the trace."""
@@ -383,8 +383,11 @@ def _judge_path(
         on_line = straight[piece]
         a, b, q = start[piece[on_line]], end[piece[on_line]], p[rows_here[on_line]]
         best[rows_here[on_line]] = np.minimum(best[rows_here[on_line]], _from_segments(q, a, b))
-        for k in np.unique(piece[~on_line]):
-            by_curve.setdefault(int(k), []).append(rows_here[piece == k])
+        order = np.argsort(piece[~on_line], kind="stable")
+        curves, begins = np.unique(piece[~on_line][order], return_index=True)
+        on_curve = np.split(rows_here[~on_line][order], begins[1:])
+        for k, some in zip(curves.tolist(), on_curve, strict=False):
+            by_curve.setdefault(k, []).append(some)
     for everywhere in (False, True):
         for k, some in by_curve.items():
             # Only for rows that are not near enough to another piece.
@@ -435,36 +438,42 @@ def _judge_path(
     over = (ds[fed] / machine.path.period - noise) / highest[fed]
     found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
 
-    # Every programmed corner and points along every curve lie within the tolerance of the polygon
-    # of samples. That polygon cuts a bend by the chord error at most, and a corner with a stop by
-    # the steps beside it.
-    tree = cKDTree(p)
-    for k, piece in enumerate(path):
-        targets = piece.points(33)
-        _, near = tree.query(targets, k=min(6, len(p)))
-        apart = np.full(len(targets), math.inf)
-        slack = np.full(len(targets), math.inf)
-        for candidate in near.T:
-            for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
-                apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
-                slack = np.minimum(slack, ds[a])
-        reach = max(t.tolerance for t in path[max(k - 1, 0) : k + 2])
-        allow = reach + machine.path.chord_error + APART
-        for far in np.flatnonzero(apart > allow + slack):
-            # The nearest samples may be those of another stretch, where the motion is slower.
-            apart[far] = _from_segments(
-                np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]
-            ).min()
-        over_by = apart - (allow + slack)
-        if (over_by > 0.0).any():
-            found.wrong.append(
-                f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm"
-            )
-            break
+    if message := _missed(path, p, ds, machine.path.chord_error):
+        found.wrong.append(message)
     if np.abs(p[-1] - path[-1].end).max() > 1e-9:
         found.wrong.append(
             f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm"
         )
+
+
+def _missed(path: list[Piece], p: np.ndarray, ds: np.ndarray, chord_error: float) -> str:
+    """Return the error for the first piece that the samples miss; empty if there is none.
+
+    Every programmed corner and points along every curve lie within the tolerance of the polygon of
+    samples. That polygon cuts a bend by the chord error at most, and a corner with a stop by the
+    steps beside it.
+    """
+    points = [piece.points(33) for piece in path]
+    targets, which = np.concatenate(points), np.repeat(np.arange(len(path)), list(map(len, points)))
+    _, near = cKDTree(p).query(targets, k=min(6, len(p)))
+    apart, slack = np.full(len(targets), math.inf), np.full(len(targets), math.inf)
+    for candidate in near.T:
+        for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
+            apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
+            slack = np.minimum(slack, ds[a])
+    tolerance = np.pad([piece.tolerance for piece in path], 1)
+    reach = np.maximum(np.maximum(tolerance[:-2], tolerance[1:-1]), tolerance[2:])
+    allow = reach[which] + chord_error + APART
+    for far in np.flatnonzero(apart > allow + slack):
+        # The nearest samples may be those of another stretch, where the motion is slower.
+        apart[far] = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]).min()
+    over_by = apart - (allow + slack)
+    missed = np.flatnonzero(over_by > 0.0)
+    if not len(missed):
+        return ""
+    own = np.flatnonzero(which == which[missed[0]])
+    worst = own[np.argmax(over_by[own])]
+    return f"the motion passes line {path[which[worst]].line} by {apart[worst]:.3g} mm"
 
 
 def _in_force(

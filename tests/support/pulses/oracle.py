@@ -1,5 +1,5 @@
-"""Paths evaluated another way: closed formulas and scipy's splines on the canonical blocks, with
-none of the package's kernels.
+"""Independent evaluation of paths: closed formulas and scipy's splines on the canonical blocks,
+without the package's kernels.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _line(p: Floats, e: Floats) -> Segment:
 
 
 def _arc(p: Floats, block: ArcFeed) -> Segment:
-    """XY arcs, helices and spirals: the radius and the other axes change evenly with the angle."""
+    """Return an XY arc, helix or spiral: radius and other axes change evenly with the angle."""
     center = np.asarray(block.center)
     first = np.arctan2(*(p[:2] - center)[::-1])
     r0, r1 = np.hypot(*(p[:2] - center)), np.hypot(*(block.end[:2] - center))
@@ -60,7 +60,7 @@ def _arc(p: Floats, block: ArcFeed) -> Segment:
 
 
 def _spans(block: NurbsFeed) -> list[Segment]:
-    """One a knot span, by scipy in homogeneous coordinates."""
+    """Return a segment for each knot span, by scipy in homogeneous coordinates."""
     weights = block.weights[:, None]
     spline = BSpline(
         block.knots, np.hstack((block.control_points * weights, weights)), block.degree
@@ -87,7 +87,7 @@ def _spans(block: NurbsFeed) -> list[Segment]:
 
 
 def segments_of(blocks: Sequence[Block], start: ArrayLike) -> list[Segment]:
-    """The path of the blocks."""
+    """Return the path of the blocks."""
     p = np.asarray(start, dtype=np.float64)
     out: list[Segment] = []
     for block in blocks:
@@ -107,7 +107,7 @@ def segments_of(blocks: Sequence[Block], start: ArrayLike) -> list[Segment]:
 
 @dataclass
 class Crossing:
-    """An axis passes a half-grid line: where (segment index + w), which axis, which way."""
+    """An axis passes a half-grid line: place (segment index + w), axis, direction."""
 
     place: float
     axis: int
@@ -115,7 +115,7 @@ class Crossing:
 
 
 def _roots(f: Callable[[Floats], Floats], a: float, b: float) -> float:
-    """The zero of f in [a, b], f of opposite signs there, by bisection."""
+    """Return the zero of f in [a, b], where f changes its sign, by bisection."""
     fa = float(f(np.array(a)))
     for _ in range(60):
         middle = 0.5 * (a + b)
@@ -127,9 +127,9 @@ def _roots(f: Callable[[Floats], Floats], a: float, b: float) -> float:
 def crossings(
     segments: Sequence[Segment], steps_per_mm: Floats, grid: NDArray[np.int64], dense: int
 ) -> list[Crossing]:
-    """Every crossing of a half-grid line, from ``dense`` points a segment and bisection between;
-    excursions that turn back between two points by less than their curvature can show are missed,
-    so paths are to be chosen with that in mind.
+    """Return every crossing of a half-grid line, from ``dense`` points a segment and bisection
+    between them. An excursion that turns back between two points is missed, so paths are chosen
+    without such excursions.
     """
     g = grid.copy()
     found: list[Crossing] = []

@@ -1,5 +1,5 @@
 """Paths and plans for the tests of the interpolators, made without the planner: any legal phases
-over the pieces of a path.
+over the pieces.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NAMES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
 
 
 def polyline(points: ArrayLike, line: int = 1) -> Polyline:
-    """Straight moves at 10 mm/s."""
+    """Return straight moves at 10 mm/s."""
     p = np.atleast_2d(np.asarray(points, dtype=np.float64))
     return Polyline(
         FILE, line, p, np.full(len(p), 10.0), np.arange(line, line + len(p), dtype=np.int32)
@@ -33,7 +33,7 @@ def polyline(points: ArrayLike, line: int = 1) -> Polyline:
 def path_of(
     blocks: Sequence[Block], start: ArrayLike, axes: Sequence[str] | None = None
 ) -> PathChunk:
-    """The blocks as one stretch of path."""
+    """Return the blocks as one chunk of path."""
     origin = np.asarray(start, dtype=np.float64)
     names = tuple(axes) if axes is not None else NAMES[: len(origin)]
     chunks = [c for c in build(blocks, axes=names, start=origin) if isinstance(c, PathChunk)]
@@ -44,7 +44,7 @@ def path_of(
 def arc(
     start: ArrayLike, center: tuple[float, float], turns: float, *, rise: float = 0.0, line: int = 1
 ) -> ArcFeed:
-    """In the XY plane, from start by ``turns``; the third axis rises on the way."""
+    """Return an arc in the XY plane, from start by ``turns``; the third axis rises along it."""
     p = np.asarray(start, dtype=np.float64)
     d = p[:2] - center
     c, s = np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)
@@ -56,7 +56,7 @@ def arc(
 
 
 def trident(line: int = 1) -> NurbsFeed:
-    """The curve of the paper on sampled interpolation, as printed."""
+    """Return the curve of the paper on sampled interpolation, as printed."""
     points = np.array(
         [[10, 10], [20, 10], [12, 8], [10, 20], [8, 8], [0, 20], [10, 0]], dtype=np.float64
     )
@@ -65,7 +65,9 @@ def trident(line: int = 1) -> NurbsFeed:
 
 
 def rest_to_rest(length: float, v: float, a: float, j: float) -> list[tuple[float, float]]:
-    """(duration, jerk) of the phases that cover ``length`` from rest to rest within the limits."""
+    """Return (duration, jerk) of the phases that cover ``length`` from rest to rest within the
+    limits.
+    """
 
     def distance(peak: float) -> float:
         return peak * (peak / a + a / j) if peak * j >= a * a else 2.0 * peak * np.sqrt(peak / j)
@@ -92,8 +94,8 @@ def plan_of(
     a: float = 1000.0,
     j: float = 20000.0,
 ) -> PlanChunk:
-    """``phases`` as (duration, jerk) from rest over the whole path; rest to rest within v, a, j
-    where none are given. The last one ends exactly at the path's end.
+    """Return a plan over the whole path from rest. ``phases`` are (duration, jerk); without them it
+    runs from rest to rest within v, a, j. It ends exactly at the end of the path.
     """
     piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
     todo = [
@@ -124,14 +126,14 @@ def plan_of(
 
 
 def at_constant_speed(path: PathChunk, v: float) -> PlanChunk:
-    """The whole path in one phase without acceleration."""
+    """Return the whole path in one phase without acceleration."""
     piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
     s = np.array([0.0, piece_s[-1]])
     return PlanChunk(path, piece_s, 0.0, 0.0, s / v, s, np.full(2, v), np.zeros(2), np.zeros(1))
 
 
 def state_at(plan: PlanChunk, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """s, v, a at the times t from the chunk's start, (3, k)."""
+    """Return s, v, a (3, k) at the times t from the chunk's start."""
     k = np.clip(np.searchsorted(plan.phase_t, t, side="right") - 1, 0, len(plan.phase_j) - 1)
     dt = t - plan.phase_t[k]
     v, a, j = plan.phase_v[k], plan.phase_a[k], plan.phase_j[k]
@@ -158,7 +160,7 @@ def at_rest(path: PathChunk, s0: float, grid: Grid, moves: Moves) -> tuple[int, 
 
 
 def pieces(path: PathChunk, first: int, last: int) -> PathChunk:
-    """Pieces first .. last of a path."""
+    """Return pieces first .. last of a path."""
     some = slice(first, last + 1)
     return PathChunk(
         path.axes,
@@ -175,8 +177,8 @@ def pieces(path: PathChunk, first: int, last: int) -> PathChunk:
 
 
 def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
-    """The same motion in several chunks, cut at ``times`` from its start: inside phases and pieces
-    as it comes.
+    """Return the same motion in several chunks, cut at ``times`` from its start, inside phases and
+    pieces too.
     """
     ends = sorted({0.0, *(float(t) for t in times if 0.0 < t < plan.duration), plan.duration})
     chunks = []

@@ -17,6 +17,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from tests.support.waiting import HANG
+
 FOUND = shutil.which("chromium")
 INSTALL = "apt-get install chromium"
 FLAGS = (
@@ -85,8 +87,8 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self._session = None
         try:
-            self.call("Browser.close", timeout=10.0)
-            self._process.wait(10.0)
+            self.call("Browser.close", timeout=60.0)
+            self._process.wait(60.0)
         except (OSError, EOFError, TimeoutError, subprocess.TimeoutExpired):
             self._process.kill()
             self._process.wait()
@@ -94,7 +96,7 @@ class Browser:
         os.close(self._write)
         self._folder.cleanup()
 
-    def call(self, method: str, timeout: float = 120.0, **parameters: Any) -> dict[str, Any]:
+    def call(self, method: str, timeout: float = HANG, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
@@ -143,7 +145,7 @@ class Browser:
         self.call("Page.navigate", url=page.resolve().as_uri())
         return self.wait(lambda: self.evaluate(ready))
 
-    def wait(self, until: Callable[[], Any], timeout: float = 60.0) -> Any:
+    def wait(self, until: Callable[[], Any], timeout: float = HANG) -> Any:
         """Return the first true value of ``until``."""
         end = monotonic() + timeout
         while not (value := until()):

@@ -30,7 +30,7 @@ class SimulatorStream(LineStream):
 class GrblSimulatorBoard(GrblBoard):
     """A simulated board with the axes of a machine file, at machine zero."""
 
-    traits = BoardTraits(has_port=False, takes_lines=True)
+    traits = BoardTraits(has_port=False, takes_lines=True, simulated=True)
     stream_type = SimulatorStream
     simulator: GrblSimulator
 

@@ -61,13 +61,16 @@ class Environment:
         return along if 0.0 <= along < move.length else None
 
     def switch(self, move: Move) -> float | None:
-        """Return the path length of a block at which the first switch trips; None without."""
+        """Return the path length of a block at which the first switch trips; None without.
+
+        A move that ends at a switch presses it.
+        """
         distances = []
         for index, axis in enumerate(AXES):
             unit, start = move.unit[index], move.start[index] + self.offset[index]
             if unit and axis not in self.broken:
                 along = ((self.high if unit > 0.0 else self.low)[index] - start) / unit
-                if along < move.length:
+                if along <= move.length:
                     distances.append(max(along, 0.0))
         return min(distances, default=None)
 

@@ -19,7 +19,7 @@ def settings_of(machine: Machine) -> dict[int, float]:
 
     A value that the machine file leaves open is that of a new board.
     """
-    settings: dict[int, float] = {}
+    settings: dict[int, float] = {32: 1.0} if machine.kind == "laser" else {}
     for column, letter in enumerate(AXIS_LETTERS[:3]):
         axis = machine.axes.get(letter)
         if axis is None:

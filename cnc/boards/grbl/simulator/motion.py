@@ -77,7 +77,8 @@ def move_to(
         max(programmed, LEAST_FEED),
         number,
         core.lines,
-        (core.spindle_text[:2], core.rpm),
+        # The beam is off in a traverse.
+        (core.spindle_text[:2], 0.0 if core.setting[32] and kind == "rapid" else core.rpm),
     )
     core.planner.add(move, accelerations, core.setting[11])
     core.steppers.replan(core.now)
@@ -124,11 +125,17 @@ def perform(core: Core, line: CheckedLine) -> Program:
 
 
 def _outputs(core: Core, line: CheckedLine, before: Modes, modes: Modes) -> Program:
-    """Switch spindle and coolant after the motion before; a laser changes its power in motion."""
-    in_motion = (
-        core.setting[32] and before.spindle == modes.spindle and line.action in ("G1", "G2", "G3")
-    )
-    if (before.spindle, before.speed) != (modes.spindle, modes.speed):
+    """Switch spindle and coolant after the motion before.
+
+    Motion ends for another spindle mode, and for another speed while the spindle is on. In laser
+    mode (``$32``) a line with a motion changes the power without that, but a lone S does not
+    (settings.md, ``$32``, "Laser Mode").
+    """
+    in_motion = core.setting[32] and line.action in ("G0", "G1", "G2", "G3")
+    if before.spindle != modes.spindle:
+        yield from synchronize(core)
+        core.set_spindle(modes.spindle, modes.speed)
+    elif before.speed != modes.speed and modes.spindle != "M5":
         if not in_motion:
             yield from synchronize(core)
         core.set_spindle(modes.spindle, modes.speed)

@@ -130,12 +130,14 @@ class GrblSimulatorPort:
             self._refuse_if_lost()
             self.simulator.write(bytes(data))
 
-    def raise_lines(self) -> None:
+    def raise_lines(self) -> bool:
         """Raise DTR; a reset if it was down. PortLost after an unplugging."""
         with self._lock:
             self.clock.catch_up()
             self._refuse_if_lost()
+            low = not self.simulator.dtr
             self.simulator.raise_dtr(self._boot_time)
+            return low
 
     def close(self) -> None:
         """Close the port; the board continues by itself."""

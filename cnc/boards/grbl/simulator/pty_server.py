@@ -27,6 +27,9 @@ UNREAD = 65536
 class PtyServer:
     """A terminal with the name ``name``; ``with`` closes it.
 
+    Attributes:
+        is_open: Whether a host has the terminal open.
+
     Args:
         simulator: The board.
         factor: Speed of its clock relative to real time.
@@ -47,6 +50,7 @@ class PtyServer:
         # The terminal is closed now: the next end of a hang-up is a host.
         os.close(theirs)
         os.set_blocking(self._ours, False)
+        self.is_open = False
         self._unread = b""
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="grbl-simulator", daemon=True)
@@ -71,13 +75,12 @@ class PtyServer:
     def _serve(self) -> None:
         poll = select.poll()
         poll.register(self._ours, select.POLLIN)
-        is_open = False
         try:
-            while not self._ended.wait(0.0 if is_open else LONGEST_SLEEP):
-                events = dict(poll.poll(LONGEST_SLEEP * 1000.0 if is_open else 0)).get(
+            while not self._ended.wait(0.0 if self.is_open else LONGEST_SLEEP):
+                events = dict(poll.poll(LONGEST_SLEEP * 1000.0 if self.is_open else 0)).get(
                     self._ours, 0
                 )
-                was_open, is_open = is_open, not events & select.POLLHUP
+                was_open, is_open = self.is_open, not events & select.POLLHUP
                 self._clock.catch_up()
                 if is_open and not was_open:
                     self.simulator.raise_dtr()
@@ -86,6 +89,7 @@ class PtyServer:
                     self.simulator.drop_dtr()
                 if events & select.POLLIN:
                     self.simulator.write(self._receive())
+                self.is_open = is_open
                 self._send(is_open)
                 if not self.simulator.plugged:
                     break

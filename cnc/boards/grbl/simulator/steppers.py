@@ -100,7 +100,7 @@ class Steppers:
         """Return the kind of :attr:`event`: ``tripped``, ``held``, ``next`` block or ``done``."""
         s, v = self._now(now)
         move = self.planner.blocks[0]
-        if self.stop_at is not None and s >= self.stop_at - TINY and s < move.length:
+        if self.stop_at is not None and s >= self.stop_at - TINY:
             self.stop_at = None
             return "tripped"
         self._phases = []

@@ -1,0 +1,149 @@
+"""Settings (``$$``) of a GRBL board: names, comparison with a machine file, changes, and files.
+
+A file has one setting a line, ``$110=5000.000``, as the board prints them; ``;`` begins a comment.
+Source: "Grbl v1.1 Settings" and "Interface"; grblHAL's ``$ES``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.settings import (
+    ACCELERATIONS,
+    LASER_MODE,
+    NAMES,
+    RATES,
+    STEPS,
+    TRAVELS,
+    BoardInfo,
+)
+from cnc.boards.protocols import board_error
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.units import per_minute
+
+SAME = 1e-3
+"""Values that differ by less are equal: GRBL prints three decimals."""
+_LINE = re.compile(r"\$?(\d{1,3})\s*=\s*([^;]*)")
+_NUMBER = re.compile(r"\$?\d{1,3}")
+
+
+class Change(NamedTuple):
+    """A setting to write, with the texts of its values; ``before`` is "" where it is absent."""
+
+    number: int
+    before: str
+    after: str
+
+
+def names_of(link: GrblLink) -> dict[int, str]:
+    """Return the name and unit of each setting, as far as known; grblHAL tells its own."""
+    if not link.info.hal:
+        return NAMES
+    names = dict(NAMES)
+    for answer in link.ask("$ES"):
+        if isinstance(answer, Feedback) and answer.kind == "SETTING":
+            number, _, name, unit, *_ = [*answer.text.split("|"), "", "", ""]
+            if number.isdigit() and name:
+                names[int(number)] = f"{name}, {unit}" if unit else name
+    return names
+
+
+def expected_by(machine: Machine, info: BoardInfo) -> dict[int, float]:
+    """Return the settings that a machine file implies."""
+    expected: dict[int, float] = {LASER_MODE: float(machine.kind == "laser")}
+    for letter, axis in machine.axes.items():
+        column = AXIS_LETTERS.index(letter)
+        expected[STEPS + column] = axis.steps_per_mm
+        expected[RATES + column] = per_minute(axis.max_velocity)
+        if axis.max_acceleration is not None:
+            expected[ACCELERATIONS + column] = axis.max_acceleration
+        if axis.travel is not None and info.homes:
+            expected[TRAVELS + column] = axis.travel[1] - axis.travel[0]
+    return expected
+
+
+def differing(info: BoardInfo, expected: Mapping[int, float]) -> dict[int, float]:
+    """Return the expected values of the settings that the board has otherwise."""
+    return {
+        number: value
+        for number, value in expected.items()
+        if (own := info.number(number)) is not None and abs(own - value) > SAME * max(1.0, value)
+    }
+
+
+def number_of(text: str) -> int:
+    """Return the number of a setting such as ``$110``; UsageError ``setting-unknown``."""
+    if not _NUMBER.fullmatch(text):
+        hint = "give its number, such as 110 or 110=5000"
+        raise UsageError(Diagnostic("setting-unknown", f"{text!r} is no setting", hint=hint))
+    return int(text.removeprefix("$"))
+
+
+def parsed(lines: Iterable[str], file: str = "") -> dict[int, str]:
+    """Return the settings in the lines of a file.
+
+    Raises:
+        UsageError: ``setting-unknown``, for a line that is none.
+    """
+    found: dict[int, str] = {}
+    for number, line in enumerate(lines, start=1):
+        text = line.partition(";")[0].strip()
+        match = _LINE.fullmatch(text)
+        if match is not None:
+            found[int(match[1])] = match[2].strip()
+        elif text:
+            hint = "a line is such as $110=5000"
+            raise UsageError(
+                Diagnostic("setting-unknown", f"{text!r} is no setting", file, number, hint=hint)
+            )
+    return found
+
+
+def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
+    """Return the settings to write.
+
+    Raises:
+        UsageError: ``setting-unknown``, where the board does not have one.
+    """
+    listed = []
+    for number, value in wanted.items():
+        before = info.settings.get(number)
+        if before is None:
+            hint = "cncrun settings lists those that it has"
+            message = f"the board has no setting ${number}"
+            raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
+        if not _same(before, value):
+            listed.append(Change(number, before, value))
+    return listed
+
+
+def write(link: GrblLink, listed: Iterable[Change]) -> None:
+    """Write settings, and read them back.
+
+    Raises:
+        BoardError: ``board-error`` where the board refuses one, and ``setting-not-kept`` where it
+            keeps another value.
+    """
+    listed = list(listed)
+    for change in listed:
+        link.ask(f"${change.number}={change.after}")
+    kept = {each.number: each.value for each in link.ask("$$") if isinstance(each, Setting)}
+    link.info.settings.update(kept)
+    for number, _, after in listed:
+        if not _same(kept.get(number, ""), after):
+            message = f"the board keeps ${number}={kept.get(number, '')}, not {after}"
+            hint = "look up the values that its firmware accepts"
+            raise board_error("setting-not-kept", message, hint=hint)
+
+
+def _same(one: str, other: str) -> bool:
+    try:
+        return abs(float(one) - float(other)) < 0.5 * SAME
+    except ValueError:
+        return one == other

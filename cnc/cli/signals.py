@@ -1,0 +1,141 @@
+"""Signals during a command: Ctrl-C, termination, a closed terminal, and Ctrl-Z.
+
+signal           | before motion      | during motion
+-----------------+--------------------+-------------------------------------------------------------
+SIGINT, SIGTERM  | the end            | stop; a second one ends the program at once
+SIGHUP           | the end            | stop, however often it comes
+SIGTSTP (Ctrl-Z) | suspends at once   | hold; suspends when the motion is at rest
+
+A machine must not go on while nobody can reach it: a suspended program watches nothing, and neither
+does an operator whose terminal has been closed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from cnc.model.operator_control import Control
+
+HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", getattr(signal, "SIGBREAK", None))
+"""The terminal was closed; on Windows, the console."""
+SUSPEND: signal.Signals | None = getattr(signal, "SIGTSTP", None)
+
+
+class OperatorSignals:
+    """Turns signals into requests of the operator while its context lasts.
+
+    Args:
+        control: Takes the requests.
+
+    Attributes:
+        moving: Whether the machine may move.
+        hung_up: Whether the terminal is gone.
+    """
+
+    def __init__(self, control: Control) -> None:
+        self.moving = False
+        self.hung_up = False
+        self._control = control
+        self._suspends = False
+        self._before: dict[signal.Signals, Any] = {}
+        self._terminals: list[int] = []
+
+    def __enter__(self) -> OperatorSignals:
+        self._terminals = _terminal_outputs()
+        if threading.current_thread() is threading.main_thread():
+            handlers: dict[signal.Signals | None, Callable[..., None]] = {
+                signal.SIGINT: self._stop,
+                signal.SIGTERM: self._stop,
+                HANGUP: self._hang_up,
+                SUSPEND: self._suspend,
+            }
+            for each, handler in handlers.items():
+                # nohup ignores SIGHUP, and a shell without job control ignores SIGTSTP.
+                ignored = each in (HANGUP, SUSPEND) and (
+                    each is None or signal.getsignal(each) is signal.SIG_IGN
+                )
+                if each is not None and not ignored:
+                    self._before[each] = signal.signal(each, handler)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for each, handler in self._before.items():
+            signal.signal(each, handler)
+        self.at_rest()
+
+    def at_rest(self) -> None:
+        """Suspend the program now, if that was requested: the motion is at rest."""
+        if self._suspends:
+            self._suspends = False
+            _suspend_now()
+
+    def _stop(self, *_: object) -> None:
+        if not self.moving:
+            raise KeyboardInterrupt("stopped by the operator; nothing has moved")
+        if self._control.stopped and not self.hung_up:
+            raise KeyboardInterrupt(
+                "stopped by the operator at once; the position is lost, so home the machine"
+            )
+        self._control.stop()
+
+    def _hang_up(self, *_: object) -> None:
+        self.hung_up = True
+        # Writing to a closed terminal is an error.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for file in self._terminals:
+            os.dup2(nowhere, file)
+        os.close(nowhere)
+        if not self.moving:
+            raise KeyboardInterrupt("the terminal was closed; nothing has moved")
+        self._control.stop()
+
+    def _suspend(self, *_: object) -> None:
+        if self.moving and not self._control.stopped:
+            self._suspends = True
+            self._control.hold()
+        else:
+            _suspend_now()
+
+
+def _terminal_outputs() -> list[int]:
+    """Return the output files that are terminals."""
+    files = []
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):
+            if stream.isatty():
+                files.append(stream.fileno())
+    return files
+
+
+def _suspend_now() -> None:
+    """Stop this process until it is continued."""
+    if sys.platform != "win32":
+        with _kept_terminal():
+            os.kill(os.getpid(), signal.SIGSTOP)
+
+
+@contextmanager
+def _kept_terminal() -> Iterator[None]:
+    """Keep the modes of the terminal, which the shell changes meanwhile."""
+    if sys.platform == "win32":
+        yield
+        return
+    import termios
+
+    try:
+        file = sys.stdin.fileno()
+        modes = termios.tcgetattr(file)
+    except (OSError, ValueError, AttributeError, termios.error):
+        yield
+        return
+    yield
+    # In the background, a change of the modes would stop the process again.
+    with suppress(OSError, termios.error):
+        if os.tcgetpgrp(file) == os.getpgrp():
+            termios.tcsetattr(file, termios.TCSANOW, modes)

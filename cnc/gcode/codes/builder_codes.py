@@ -1,0 +1,134 @@
+"""Codes without a part in the motion: a builder's M-codes, and codes that are known to do nothing.
+
+The machine file gives the effect of a builder's M-code ([program.codes]). The dialect lists the
+codes of its controller that have no effect here, such as a chip conveyor. Both are taken out of the
+line before its other codes are sorted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cnc.gcode.dialects import Dialect, NotedCode
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.syntax.words import LineWords, Word
+from cnc.machine.program_codes import CodeAction, RunFile, SetOutput
+from cnc.model.blocks import BoardCommand, DigitalOutput, Stop
+
+_BUILDER_WORDS = "PQ"
+"""Words that may stand beside a builder's M-code. Source: LinuxCNC, "M100 - M199"."""
+
+
+class ExtraCode(NamedTuple):
+    """A code that was taken out of its line: its word, and one of an effect and a note."""
+
+    word: Word
+    action: CodeAction | None
+    note: NotedCode | None
+
+
+class BuilderCodes:
+    """Recognition and execution of these codes."""
+
+    def __init__(
+        self, dialect: Dialect, policy: ReadingPolicy, here: SourceLocation, out: BlockBuffer
+    ) -> None:
+        self._dialect = dialect
+        self._policy = policy
+        self._here = here
+        self._out = out
+        self._reported: set[tuple[str, float]] = set()
+
+    def take(self, words: LineWords) -> tuple[ExtraCode, ...]:
+        """Take these codes out of the words of a line."""
+        if not (words.m or words.g):
+            return ()
+        found: list[ExtraCode] = []
+        if self._dialect.aliases:
+            words.g[:] = [self._meant(word, words) for word in words.g]
+        for row in (words.g, words.m):
+            for word in tuple(row):
+                if extra := self._extra(word, words):
+                    row.remove(word)
+                    found.append(extra)
+        return tuple(found)
+
+    def _extra(self, word: Word, words: LineWords) -> ExtraCode | None:
+        is_m = word.letter == "M"
+        if word.number != word.number or "-" in word.written:
+            return None
+        if is_m and (action := self._policy.codes.get(int(word.number))) is not None:
+            return ExtraCode(word, action, None) if word.number.is_integer() else None
+        note = self._dialect.noted.get((word.letter, word.number))
+        if note is not None and note.applies(words):
+            return ExtraCode(word, None, note)
+        if is_m and self._policy.unknown_codes == "warn" and word.whole not in self._dialect.m:
+            return ExtraCode(word, "ignore", None)
+        return None
+
+    def _meant(self, word: Word, words: LineWords) -> Word:
+        """Return the code that a number of this dialect stands for."""
+        alias = self._dialect.aliases.get(word.number)
+        if alias is None or not words.rest.keys().isdisjoint(alias.without):
+            return word
+        if alias.word:
+            letter, number = alias.word[0], float(alias.word[1:])
+            if letter in words.rest:
+                return word
+            words.rest[letter] = Word(letter, number, alias.word, word.column, word.length)
+        return Word(word.letter, alias.code, word.written, word.column, word.length)
+
+    def execute(self, words: LineWords, codes: tuple[ExtraCode, ...]) -> None:
+        """Execute the codes before the others of their line, and take the words beside them."""
+        here = self._here
+        for word, action, note in codes:
+            letters = _BUILDER_WORDS if note is None else note.words
+            for letter in letters:
+                if letter in words.rest:
+                    words.take(letter, word.written)
+            if note is not None:
+                self._report(word, note)
+            elif isinstance(action, SetOutput):
+                self._out.add(
+                    DigitalOutput(here.file, here.line, action.output, action.on, with_motion=False)
+                )
+            elif action == "pass-on":
+                self._out.add(BoardCommand(here.file, here.line, word.written))
+            elif action == "ignore" and word.whole not in self._policy.codes:
+                self._report_unknown(word)
+
+    def pause(self, codes: tuple[ExtraCode, ...]) -> None:
+        """Stop for the operator at the end of a line with a code that says so."""
+        for _, action, _ in codes:
+            if action == "pause":
+                self._out.add(Stop(self._here.file, self._here.line))
+
+    def _report(self, word: Word, note: NotedCode) -> None:
+        if not self._is_new(word):
+            return
+        message = f"{word.written} ({note.name}) has no effect here"
+        if word.letter == "G":
+            self._here.report_note("code-not-needed", message, word)
+        else:
+            self._here.report_warning("code-without-effect", message, word)
+
+    def _report_unknown(self, word: Word) -> None:
+        if self._is_new(word):
+            message = f"{word.written} is unknown; it is skipped"
+            hint = f'say what it does in the machine file: {word.written} = ".." in [program.codes]'
+            self._here.report_warning("code-skipped", message, word, hint)
+
+    def _is_new(self, word: Word) -> bool:
+        """Whether the code is met for the first time."""
+        key = word.letter, word.number
+        if key in self._reported:
+            return False
+        self._reported.add(key)
+        return True
+
+
+def file_of(action: CodeAction | None) -> RunFile | None:
+    """Return the file that a builder's code executes; None for another effect."""
+    return action if isinstance(action, RunFile) else None

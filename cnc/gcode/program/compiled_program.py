@@ -1,0 +1,226 @@
+"""Lines with expressions and control flow, executed by compiled code.
+
+The interpreter executes a control line once, and finds the lines that belong to it. The line is
+then entered into the table of its window, and compiled code executes it from there on.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.gcode.program.call_stack import Flow, Loop, Nothing, Step
+from cnc.gcode.program.control_flow import (
+    Do,
+    DoWhile,
+    EndRepeat,
+    EndWhile,
+    If,
+    Jump,
+    Repeat,
+    While,
+)
+from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
+from cnc.gcode.program.parameter_mirror import ParameterMirror
+from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
+from cnc.kernels.gcode import program as kernel
+from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
+from cnc.kernels.gcode.line import MOST_ROWS as MOST_LINE_ROWS
+
+MOST_LINES = 100_000
+"""Lines that are executed at once. Ctrl-C takes effect between."""
+_FEW_ROWS = 256
+
+
+@dataclass(slots=True)
+class _Table:
+    """The lines of a window for compiled code.
+
+    Attributes:
+        window: The window.
+        text: The lines.
+        slots: Slots of the names in the lines.
+        repeats: Steps of REPEAT by the index of their line.
+        loops: Loops by the index of their first line.
+    """
+
+    window: Window
+    text: kernel.Text
+    slots: NDArray[np.int32]
+    repeats: dict[int, Step]
+    loops: dict[int, Loop]
+
+
+class CompiledProgram:
+    """Executes lines of a window in place of an interpreter."""
+
+    def __init__(self, flow: Flow, machine: LineMachine) -> None:
+        self._flow = flow
+        self._machine = machine
+        self._mirror: ParameterMirror | None = None
+        self._tables: OrderedDict[tuple[str, int], _Table] = OrderedDict()
+        self._progress = np.zeros(1, kernel.PROGRESS)
+        self._rows = _FEW_ROWS
+        flow.update_loops = self._update_loops
+
+    def knows(self, window: Window, index: int) -> bool:
+        """Return whether compiled code may execute a line."""
+        return bool(self._table(window).text.coded.kind[index] != UNKNOWN)
+
+    def run(self, window: Window, line: int) -> int | None:
+        """Execute lines from ``line`` on.
+
+        Returns:
+            The line to continue at; None if nothing was executed.
+        """
+        flow = self._flow
+        if not self._machine.ready():
+            return None
+        table = self._table(window)
+        counts, rounds = flow.frame.counts, table.text.control.rounds
+        for index, step in table.repeats.items():
+            rounds[index] = counts.get(step, 0)
+        assert self._mirror is not None
+        values, changes = self._mirror.load(table.slots)
+        job = self._machine.begin(self._rows)
+        listing, first = flow.listing, window.first
+        self._progress[0] = (
+            first,
+            line - first,
+            0,
+            flow.executed - 1,
+            flow.new,
+            listing.last_executed - first,
+            flow.limits.repeated_lines,
+            MOST_LINES,
+            flow.interpreter.begun,
+            -1,
+        )
+        setup, state, position, rows, _ = job
+        kernel.run(table.text, values, changes, setup, state, position, rows, self._progress)
+        _, index, done, executed, new, highest, _, _, begun, last = self._progress[0].item()
+        if not done:
+            return None
+        self._mirror.store()
+        for at, step in table.repeats.items():
+            if rounds[at] > 0 or step in counts:
+                counts[step] = int(rounds[at])
+        flow.executed, flow.new = executed, new
+        listing.last_executed = highest + first
+        interpreter = flow.interpreter
+        interpreter.begun = bool(begun)
+        if last >= 0:
+            interpreter.here.line = first + last
+        if int(state[0]["rows"]) + MOST_LINE_ROWS >= len(rows.kinds):
+            self._rows = min(2 * self._rows, MOST_ROWS)
+        self._machine.finish(job)
+        return first + int(index)
+
+    def register(self, window: Window, index: int, step: Step) -> None:
+        """Enter the step of a control line into the table of its window."""
+        table = self._table(window)
+        coded, control = table.text.coded, table.text.control
+        if coded.kind[index] != CONTROL:
+            return
+        entry = _loop_entry(table, index, step) or _branch_entry(table, index, step)
+        if entry is None:
+            return
+        if int(coded.first[index + 1] - coded.first[index]) == entry.values:
+            control.target[index], control.action[index] = entry.target, entry.action
+            # That of an elseif is the next one, whatever the line does when it is reached.
+            if entry.action != kernel.JUMP:
+                control.other[index] = entry.other
+
+    def _table(self, window: Window) -> _Table:
+        """Return the table of a window, which is made when it is first asked for."""
+        if self._mirror is None:
+            self._mirror = ParameterMirror(self._flow.parameters)
+        key = self._flow.listing.name, window.first
+        table = self._tables.get(key)
+        if table is None or table.window is not window:
+            coded = window.code()
+            count, scan = window.count, window.scan
+            control = kernel.Control(
+                np.zeros(count, np.uint8),
+                np.zeros(count, np.int32),
+                np.zeros(count, np.int32),
+                np.full(count, -1, np.int64),
+                np.zeros(count, np.int64),
+            )
+            text = kernel.Text(scan.lines.first, scan.words, coded, control)
+            table = _Table(window, text, self._mirror.slots(window, coded), {}, {})
+            self._tables[key] = table
+            if len(self._tables) > KEPT_WINDOWS:
+                self._tables.popitem(last=False)
+        return table
+
+    def _update_loops(self) -> None:
+        """Tell the loops when compiled code entered them."""
+        for table in self._tables.values():
+            for index, loop in table.loops.items():
+                loop.since = max(loop.since, int(table.text.control.since[index]))
+
+
+class _Entry(NamedTuple):
+    """An entry of the table: action, target, other line, and number of values of the line."""
+
+    action: int
+    target: int
+    other: int = -1
+    values: int = 0
+
+
+def _branch_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+    """Return the entry of a line that is no loop; None if it is left to the interpreter."""
+    first, control = table.window.first, table.text.control
+    match step:
+        case Nothing():
+            return _Entry(kernel.JUMP, index + 1)
+        case Jump(to=to):
+            return _Entry(kernel.JUMP, to - first)
+        case If(branches=branches, otherwise=otherwise):
+            chain = [index, *(branch - first for branch, _ in branches)]
+            if not all(_has_one_value(table, each) for each in chain):
+                return None
+            for before, after in pairwise(chain):
+                control.other[before] = after
+            control.other[chain[-1]] = -1
+            return _Entry(kernel.IF, otherwise - first, int(control.other[index]), 1)
+    return None
+
+
+def _loop_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+    """Return the entry of the first or last line of a loop; None if the line is another one."""
+    first = table.window.first
+    match step:
+        case While(loop=loop):
+            table.loops[index] = loop
+            return _Entry(kernel.WHILE, loop.last + 1 - first, values=1)
+        case EndWhile(first=begin) if _has_one_value(table, begin - first):
+            return _Entry(kernel.END_WHILE, begin + 1 - first, begin - first)
+        case Do(loop=loop):
+            table.loops[index] = loop
+            return _Entry(kernel.DO, 0)
+        case DoWhile(begin=begin):
+            return _Entry(kernel.DO_WHILE, begin - first, values=1)
+        case Repeat(loop=loop):
+            table.loops[index], table.repeats[index] = loop, step
+            return _Entry(kernel.REPEAT, loop.last + 1 - first, values=1)
+        case EndRepeat(begin=begin) if begin - 1 - first in table.repeats:
+            return _Entry(kernel.END_REPEAT, begin - first, begin - 1 - first)
+    return None
+
+
+def _has_one_value(table: _Table, index: int) -> bool:
+    """Return whether a line is a control line with one value."""
+    coded = table.text.coded
+    return (
+        0 <= index < len(coded.kind)
+        and coded.kind[index] == CONTROL
+        and int(coded.first[index + 1] - coded.first[index]) == 1
+    )

@@ -1,0 +1,103 @@
+"""The parameters of a program as arrays, for compiled code (:mod:`cnc.kernels.gcode.program`)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.gcode.syntax.parameters import LOCAL, Parameters
+from cnc.gcode.syntax.source_text import Window
+from cnc.kernels.gcode.coding import Coded
+from cnc.kernels.gcode.expressions import LAST_PARAMETER
+from cnc.kernels.gcode.expressions import Parameters as Values
+from cnc.kernels.gcode.program import Changes
+
+_SET, _OF_INTERPRETER = 1, 2
+"""Flags: compiled code has set the parameter; it must not, because a function shows it."""
+
+
+class ParameterMirror:
+    """Copies parameters into arrays, and changed ones back. Names have slots in an array."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self._calls = parameters.calls
+        self._names: list[str] = []
+        self._slots: dict[str, int] = {}
+        self._named = np.full(64, math.nan)
+        self._numbered = np.zeros(LAST_PARAMETER + 1)
+        self._changes = Changes(
+            np.zeros(LAST_PARAMETER + 1, np.uint8), np.zeros(len(self._named), np.uint8)
+        )
+        # A place that is no parameter.
+        self._numbered[0], self._changes.numbered[0] = math.nan, _OF_INTERPRETER
+        for number in range(1, LAST_PARAMETER + 1):
+            self._read(number)
+        parameters.changed = set()
+
+    def slots(self, window: Window, coded: Coded) -> NDArray[np.int32]:
+        """Return the slot of each name in the lines of a window; new names get new slots."""
+        names, known = window.names(coded), self._slots
+        new = [name for name in names if name not in known]
+        begin = len(self._names)
+        known.update(zip(new, range(begin, begin + len(new)), strict=True))
+        self._names += new
+        while len(self._named) < len(self._names):
+            self._grow()
+        read, is_bound = self._parameters.stored_value, self._parameters.is_bound
+        self._named[begin : len(self._names)] = [read(name) for name in new]
+        self._changes.named[begin : len(self._names)] = [
+            _OF_INTERPRETER if is_bound(name) else 0 for name in new
+        ]
+        return np.array([known[name] for name in names], np.int32)
+
+    def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
+        """Return the values of all parameters.
+
+        Args:
+            slots: Slots of the names of the text.
+        """
+        parameters = self._parameters
+        changed = parameters.changed
+        assert changed is not None
+        if parameters.calls != self._calls:
+            self._calls = parameters.calls
+            changed.update(range(1, LOCAL + 1))
+            changed.update(name for name in self._names if not name.startswith("_"))
+        for key in changed:
+            if isinstance(key, str) or key <= LAST_PARAMETER:
+                self._read(key)
+        changed.clear()
+        return Values(self._numbered, self._named, slots), self._changes
+
+    def store(self) -> None:
+        """Copy the parameters that compiled code has set back."""
+        store, names = self._parameters.store_value, self._names
+        numbered, named = self._changes
+        for number in np.flatnonzero(numbered == _SET).tolist():
+            store(number, float(self._numbered[number]))
+        numbered[numbered == _SET] = 0
+        found = np.flatnonzero(named == _SET)
+        for slot, value in zip(found.tolist(), self._named[found].tolist(), strict=True):
+            store(names[slot], value)
+        named[found] = 0
+
+    def _read(self, key: int | str) -> None:
+        """Copy one parameter."""
+        values, flags, place = self._numbered, self._changes.numbered, key
+        if isinstance(place, str):
+            values, flags = self._named, self._changes.named
+            if place not in self._slots:
+                return
+            place = self._slots[place]
+        values[place] = self._parameters.stored_value(key)
+        flags[place] = _OF_INTERPRETER if self._parameters.is_bound(key) else 0
+
+    def _grow(self) -> None:
+        more = len(self._named)
+        self._named = np.concatenate((self._named, np.full(more, math.nan)))
+        self._changes = Changes(
+            self._changes.numbered, np.concatenate((self._changes.named, np.zeros(more, np.uint8)))
+        )

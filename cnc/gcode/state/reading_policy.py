@@ -1,0 +1,31 @@
+"""Choices of the user that change how every program is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cnc.machine.program_codes import CodeAction
+from cnc.model.choices import ToolLengths, UnknownCodes
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingPolicy:
+    """Choices of the user for reading.
+
+    Attributes:
+        tool_lengths: Without a tool table: refuse lengths and radii of tools, or take them as 0.
+        unknown_codes: Refuse M-codes without a known meaning, or skip them with a warning.
+        codes: Effects of a builder's M-codes by number.
+        default_feed: Feed before the first F word, mm/min; None for none.
+        laser: S is the power of a laser, which changes in motion.
+    """
+
+    tool_lengths: ToolLengths = "table"
+    unknown_codes: UnknownCodes = "error"
+    codes: Mapping[int, CodeAction] = field(default_factory=dict)
+    default_feed: float | None = None
+    laser: bool = False
+
+
+STRICT = ReadingPolicy()

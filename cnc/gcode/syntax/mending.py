@@ -1,0 +1,98 @@
+"""Repair of lines that many controllers accept and RS274/NGC does not.
+
+Each repair keeps the place of every other character, and is reported as a warning.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from cnc.gcode.syntax.statement import Remark
+from cnc.model.diagnostics import Diagnostic
+
+_PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
+_WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
+"""Text that could be executed if it stood outside of a comment."""
+
+
+MENDED = "mended"
+"""Kind of the remark that reports a repair."""
+
+
+class Mended(NamedTuple):
+    """A repaired line, and the remark that reports the repair."""
+
+    text: str
+    remark: Remark
+
+
+def as_program_start(text: str) -> str:
+    """Return a line with FANUC's other forms of a program's start as RS274/NGC has them.
+
+    ``:1000`` is O1000. Text after the % that begins a tape is its name, not code.
+    """
+    begin = text.lstrip(" \t")
+    if begin.startswith("%") and begin[1:].strip() and begin[1:].lstrip(" \t")[:1] not in "(;":
+        return f"%({re.sub('[()]', ' ', begin[1:])})"
+    if begin.startswith(":") and (colon := _PROGRAM_NUMBER.match(text)):
+        rest = text[colon.end() :].lstrip(" \t")
+        return text[: colon.end() - 1] + (" " if rest[:1] in "Oo" else "O") + text[colon.end() :]
+    return text
+
+
+def mend(text: str, error: Diagnostic) -> Mended | None:
+    """Return a line without the slip of an error; None if the line cannot be repaired safely."""
+    if error.code not in ("comment-nested", "comment-not-closed"):
+        return None
+    mended = _flat(text)
+    if mended is None or mended == text:
+        return None
+    what = (
+        "a ( inside a comment: the comment is read to its own closing bracket"
+        if error.code == "comment-nested"
+        else "this comment is not closed: it is read to the end of the line"
+    )
+    return Mended(mended, Remark(MENDED, what, error.column, error.length))
+
+
+def _flat(text: str) -> str | None:
+    """Return a line whose comments have no brackets inside and are closed.
+
+    None if the comment ends at another bracket on other controllers, and the text behind that could
+    be executed.
+    """
+    out: list[str] = []
+    at = 0
+    while at < len(text):
+        if text[at] == ";":
+            break
+        if text[at] != "(":
+            out.append(text[at])
+            at += 1
+            continue
+        end = _balanced_end(text, at)
+        first = text.find(")", at)
+        if first < 0:
+            return "".join(out) + "(" + text[at + 1 :].replace("(", "[") + ")"
+        if end < 0:
+            end = first
+        elif _WORD.search(text, first + 1, end):
+            return None
+        inside = text[at + 1 : end].replace("(", "[").replace(")", "]")
+        out.append(f"({inside})")
+        at = end + 1
+    return "".join(out) + text[at:]
+
+
+def _balanced_end(text: str, begin: int) -> int:
+    """Return the position of the bracket that closes the one at ``begin``; -1 for none."""
+    depth = 0
+    for at in range(begin, len(text)):
+        if text[at] == "(":
+            depth += 1
+        elif text[at] == ")":
+            depth -= 1
+            if depth == 0:
+                return at
+    return -1

@@ -1,0 +1,279 @@
+"""Lines with expressions and control flow, executed in the order of the program.
+
+Control lines are executed once by the interpreter, which finds the lines that belong together. It
+enters them into a table; from then on they are executed here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.gcode.coding import (
+    CONTROL,
+    MOST_ITEMS,
+    NUMBERED_ASSIGNMENT,
+    SIMPLE,
+    UNKNOWN,
+    WORDS,
+    Coded,
+)
+from cnc.kernels.gcode.expressions import (
+    MOST_VALUES,
+    NAMED,
+    PARAMETER,
+    Parameters,
+    evaluate,
+    number_of,
+)
+from cnc.kernels.gcode.line import MOST_OTHERS, MOST_ROWS, Record, Rows, Setup, execute_line
+from cnc.kernels.gcode.scanner import Words
+from cnc.kernels.jit import njit
+
+Bytes = NDArray[np.uint8]
+Counts = NDArray[np.int32]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
+"""Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
+MAX_NUMBER = 1e9
+"""As :data:`cnc.gcode.syntax.words.MAX_NUMBER`."""
+_MOST_ROUNDS = 1e15
+NOWHERE = -(1 << 40)
+"""No line."""
+
+PROGRESS = np.dtype(
+    [
+        ("first", np.int64),
+        ("index", np.int64),
+        ("done", np.int64),
+        ("executed", np.int64),
+        ("new", np.int64),
+        ("highest", np.int64),
+        ("most_repeated", np.int64),
+        ("most_done", np.int64),
+        ("begun", np.int64),
+        ("last", np.int64),
+    ]
+)
+"""Progress: number of the first line of the text, index of the next line, lines executed in this
+call and in all, lines executed for the first time, index of the highest line that was ever
+executed, the limits of lines that are repeated and of lines of a call, whether a word was executed,
+and index of the last line that was no control line.
+"""
+
+
+class Control(NamedTuple):
+    """What the interpreter knows about the control lines of a text.
+
+    Attributes:
+        action: (lines,) actions.
+        target: (lines,) index of the line to continue at: of JUMP, after a WHILE or REPEAT that is
+            left, at the else of an IF, at the beginning of a loop that is repeated.
+        other: (lines,) index of the next elseif of an IF (-1 for none), or of the first line of the
+            loop that the line ends.
+        since: (lines,) number of executed lines when a loop was entered; -1 for not in this call.
+        rounds: (lines,) rounds left of a REPEAT; 0 if it was not entered.
+    """
+
+    action: Bytes
+    target: Counts
+    other: Counts
+    since: Ints
+    rounds: Ints
+
+
+class Text(NamedTuple):
+    """The lines of a text.
+
+    Attributes:
+        first: (lines + 1,) index of the first word of each simple line.
+        words: The words of simple lines.
+        coded: The other lines.
+        control: The control lines.
+    """
+
+    first: Counts
+    words: Words
+    coded: Coded
+    control: Control
+
+
+class Changes(NamedTuple):
+    """Flags of the parameters that were set: by number, and by slot of their name."""
+
+    numbered: Bytes
+    named: Bytes
+
+
+@njit
+def _assign(
+    coded: Coded, a: int, b: int, parameters: Parameters, changes: Changes, values: Floats,
+    places: Ints, stack: Floats,
+) -> bool:  # fmt: skip
+    """Execute the assignments of a line: all values are computed before the first is set."""
+    code = coded.code
+    for item in range(a, b, 2):
+        first, last = coded.begin[item], coded.end[item]
+        operation = int(code.operation[last - 1])
+        if operation == NAMED:
+            slot = parameters.slot[int(code.number[last - 1])]
+            place = -1 - slot
+            if changes.named[slot] > 1:
+                return False
+        else:
+            place = int(code.number[last - 1])
+            if operation != PARAMETER:
+                # The last instruction reads the parameter; the others compute its number.
+                place = number_of(evaluate(code, first, last - 1, parameters, stack))
+            if place <= 0 or changes.numbered[place] > 1:
+                return False
+        value = evaluate(code, coded.begin[item + 1], coded.end[item + 1], parameters, stack)
+        if value != value:
+            return False
+        places[item - a] = place
+        values[item - a] = value
+    for item in range(0, b - a, 2):
+        if places[item] < 0:
+            parameters.named[-1 - places[item]] = values[item]
+            changes.named[-1 - places[item]] = 1
+        else:
+            parameters.numbered[places[item]] = values[item]
+            changes.numbered[places[item]] = 1
+    return True
+
+
+@njit
+def _next_line(
+    k: int, executed: int, coded: Coded, control: Control, parameters: Parameters, stack: Floats
+) -> int:
+    """Return the index of the line after a control line; NOWHERE for the interpreter."""
+    action = control.action[k]
+    target, other = int(control.target[k]), int(control.other[k])
+    if action == JUMP:
+        return target
+    if action == LEFT_OUT:
+        return NOWHERE
+    if action == DO:
+        control.since[k] = executed
+        return k + 1
+    if action == END_REPEAT:
+        if control.rounds[other] <= 0:
+            return NOWHERE
+        control.rounds[other] -= 1
+        return target if control.rounds[other] > 0 else k + 1
+    at = other if action == END_WHILE else k
+    item = coded.first[at]
+    value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+    while action == IF and value == 0.0 and other >= 0:
+        item = coded.first[other]
+        k = other
+        value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+        other = int(control.other[other])
+    if value != value:
+        return NOWHERE
+    if action == WHILE or action == REPEAT:
+        control.since[k] = executed
+    if action == REPEAT:
+        rounds = np.rint(value)
+        if rounds > _MOST_ROUNDS:
+            return NOWHERE
+        if rounds >= 1.0:
+            control.rounds[k] = int(rounds)
+        return k + 1 if rounds >= 1.0 else target
+    if action == END_WHILE or action == DO_WHILE:
+        return target if value != 0.0 else k + 1
+    return k + 1 if value != 0.0 else target
+
+
+@njit
+def _word_line(
+    line: int, k: int, coded: Coded, parameters: Parameters, setup: Setup, state: Record,
+    position: Floats, rows: Rows, values: Floats, stack: Floats,
+) -> bool:  # fmt: skip
+    """Execute a line of words with expressions; False if it is left to the interpreter."""
+    a, b = int(coded.first[k]), int(coded.first[k + 1])
+    for item in range(a, b):
+        value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+        # Not for NaN, too.
+        if not -MAX_NUMBER <= value <= MAX_NUMBER:
+            return False
+        values[item - a] = value
+    return execute_line(coded.letter[a:b], values[: b - a], line, setup, state, position, rows)
+
+
+@njit
+def run(
+    text: Text,
+    parameters: Parameters,
+    changes: Changes,
+    setup: Setup,
+    state: Record,
+    position: Floats,
+    rows: Rows,
+    progress: Record,
+) -> None:
+    """Execute lines until one is left to the interpreter, or the rows are full.
+
+    Args:
+        text: The lines.
+        parameters: The parameters, brought up to date.
+        changes: Flags of parameters: 1 for one that was set, which is filled in; 2 for one that the
+            interpreter must set.
+        setup: Settings.
+        state: Modal state, brought up to date.
+        position: (n,) the position, brought up to date.
+        rows: Takes the rows.
+        progress: The line to begin at and the limits, brought up to date.
+    """
+    first, words, coded, control = text
+    stack, values = np.empty(MOST_VALUES), np.empty(MOST_ITEMS)
+    places = np.empty(MOST_ITEMS, np.int64)
+    here, now = progress[0], state[0]
+    k, done, begun = int(here["index"]), 0, int(here["begun"])
+    executed, highest, new = int(here["executed"]), int(here["highest"]), int(here["new"])
+    while 0 <= k < len(coded.kind) and done < here["most_done"]:
+        kind = int(coded.kind[k])
+        is_new = int(k > highest)
+        # A line counts as executed before it is.
+        full = now["rows"] + MOST_ROWS > len(rows.kinds) or now["others"] >= MOST_OTHERS
+        if full or executed + 1 - new - is_new > here["most_repeated"]:
+            break
+        line = int(here["first"]) + k
+        after = k + 1
+        if kind == SIMPLE:
+            a, b = first[k], first[k + 1]
+            if a < b and not execute_line(
+                words.letter[a:b], words.number[a:b], line, setup, state, position, rows
+            ):
+                break
+            begun |= int(a < b)
+        elif kind == CONTROL:
+            after = _next_line(k, executed + 1, coded, control, parameters, stack)
+            if after == NOWHERE:
+                break
+        elif kind == WORDS:
+            if not _word_line(
+                line, k, coded, parameters, setup, state, position, rows, values, stack
+            ):
+                break
+            begun = 1
+        else:
+            a, b = int(coded.first[k]), int(coded.first[k + 1])
+            if kind == UNKNOWN or not _assign(
+                coded, a, b, parameters, changes, values, places, stack
+            ):
+                break
+            begun |= int(kind == NUMBERED_ASSIGNMENT)
+        if after == k + 1 and kind != CONTROL and (kind != SIMPLE or first[k] < first[k + 1]):
+            here["last"] = k
+        executed += 1
+        new += is_new
+        highest = max(highest, k)
+        k = after
+        done += 1
+    here["index"], here["done"], here["begun"] = k, done, begun
+    here["executed"], here["highest"], here["new"] = executed, highest, new

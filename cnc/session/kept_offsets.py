@@ -1,0 +1,48 @@
+"""Offsets (G54 to G59, G28, G30) of a GRBL board, kept on disk for checks without the board.
+
+They are those of the end of the last run, or of ``cncrun boards``. G92 is not among them, because a
+reset of the board clears it.
+
+    STATE/positions/BOARD.offsets.json: {name: {axis: mm}}, see :mod:`cnc.session.last_position`
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from urllib.parse import quote
+
+from cnc.session.checkpoint import replace_json
+from cnc.session.last_position import folder
+
+KEPT = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
+Offsets = dict[str, dict[str, float]]
+"""Offset of each axis, mm, by name."""
+
+
+def read_offsets(board: str) -> Offsets | None:
+    """Return the offsets of a board by its identity; None if none can be read."""
+    try:
+        found = json.loads(_file(board).read_text(encoding="utf-8"))
+        return {
+            name: {axis: float(value) for axis, value in place.items()}
+            for name, place in found.items()
+            if name in KEPT
+        }
+    except (OSError, ValueError, TypeError, AttributeError):
+        return None
+
+
+def write_offsets(board: str, offsets: Mapping[str, Mapping[str, float]]) -> None:
+    """Replace the file of a board. A failure does not stop the machine."""
+    file = _file(board)
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    content = {name: dict(place) for name, place in offsets.items() if name in KEPT}
+    replace_json(file, content, lasting=False)
+
+
+def _file(board: str) -> Path:
+    return folder() / f"{quote(board, safe='')}.offsets.json"

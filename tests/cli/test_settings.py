@@ -1,0 +1,130 @@
+"""The command ``cncrun settings`` on a simulated board at a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cnc.boards.grbl.setting_changes import changes, differing, expected_by, names_of, parsed
+from cnc.boards.grbl.settings import BoardInfo
+from cnc.boards.grbl.simulator.firmware_profile import GRBL_SETTINGS
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.machine.load import load_machine
+from cnc.model.diagnostics import UsageError
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PtyServer]:
+    with PtyServer(GrblSimulator(), 10.0) as served:
+        yield served
+
+
+def test_all_settings_are_shown_with_names_and_differences(cncrun, server: PtyServer) -> None:
+    code, out, err = cncrun("settings", "--machine", "grbl-uno", "--port", server.name)
+    assert (code, err) == (0, "")
+    rows = out.splitlines()
+    assert len([row for row in rows if row.startswith("$")]) == len(GRBL_SETTINGS)
+    assert "$11 = 0.010  junction deviation, mm" in rows
+    (rate,) = [row for row in rows if row.startswith("$110 ")]
+    x = load_machine("grbl-uno").axes["x"]
+    assert rate.endswith(f"(machine file: {x.max_velocity * 60.0:g})")
+    assert "differ from those of the machine file" in rows[-1]
+    assert (
+        cncrun("settings", "11", "--port", server.name)[1]
+        == "$11 = 0.010  junction deviation, mm\n"
+    )
+
+
+def test_a_change_is_confirmed_written_and_read_back(cncrun, server: PtyServer) -> None:
+    core = server.simulator.core
+    code, _, err = cncrun("settings", "110=4321", "--port", server.name)
+    assert code == 2
+    assert "needs-yes" in err
+    assert core.setting[110] == 500.0
+    code, _, err = cncrun("settings", "$110=4321", "--yes", "--port", server.name)
+    assert code == 0
+    assert "X highest rate, mm/min: 500.000 -> 4321" in err
+    assert core.setting[110] == 4321.0
+    assert "already" in cncrun("settings", "110=4321.0", "--port", server.name)[1]
+    code, _, err = cncrun("settings", "$0=1", "--yes", "--port", server.name)
+    assert code == 3
+    assert "error:6" in err
+
+
+def test_all_settings_are_saved_and_restored(cncrun, server: PtyServer, tmp_path: Path) -> None:
+    core, file = server.simulator.core, str(tmp_path / "board.txt")
+    before = dict(core.setting)
+    assert cncrun("settings", "--save", file, "--port", server.name)[0] == 0
+    for change in ("12=0.005", "32=1", "122=44"):
+        assert cncrun("settings", change, "--yes", "--port", server.name)[0] == 0
+    assert core.setting != before
+    code, _, err = cncrun("settings", "--load", file, "--yes", "--port", server.name)
+    assert code == 0
+    assert err.count("->") == 3
+    assert core.setting == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["abc"], "setting-unknown"),
+        (["1100=3"], "setting-unknown"),
+        (["77=1"], "setting-unknown"),
+        (["99"], "setting-unknown"),
+        (["110=1", "--save", "x"], "usage"),
+        (["--load", "no-such-file"], "can-not-read"),
+        (["--board", "loopback"], "no-settings"),
+    ],
+)
+def test_wrong_use_is_explained(cncrun, server: PtyServer, arguments: list[str], code: str) -> None:
+    port = [] if "--board" in arguments else ["--port", server.name]
+    exit_code, _, err = cncrun("settings", *arguments, *port)
+    assert exit_code == 2
+    assert code in err
+
+
+def test_a_damaged_file_is_refused_with_its_line() -> None:
+    assert parsed(["; a remark", "$11=0.01 ; mm", "", " 12 = 0.002 "]) == {11: "0.01", 12: "0.002"}
+    with pytest.raises(UsageError) as caught:
+        parsed(["$11=0.01", "hello"], "board.txt")
+    assert (caught.value.diagnostic.file, caught.value.diagnostic.line) == ("board.txt", 2)
+
+
+def test_texts_and_numbers_are_compared() -> None:
+    info = BoardInfo("1.1f", hal=True, settings={110: "500.000", 70: "grblHAL"})
+    assert changes(info, {110: "500", 70: "grblHAL"}) == []
+    assert [each.number for each in changes(info, {110: "501", 70: "mill"})] == [110, 70]
+
+
+def test_travel_is_compared_where_the_board_homes() -> None:
+    machine = load_machine("grbl-uno")
+    settings = {100: "250", 110: "500", 120: "10", 130: "1", 32: "0"}
+    at_rest = BoardInfo("1.1h", hal=False, settings=settings | {22: "0"})
+    homes = BoardInfo("1.1h", hal=False, settings=settings | {22: "1"})
+    assert 130 not in differing(at_rest, expected_by(machine, at_rest))
+    assert 130 in differing(homes, expected_by(machine, homes))
+
+
+def test_grblhal_names_its_own_settings() -> None:
+    class Link:
+        info = BoardInfo("1.1f", hal=True)
+
+        def ask(self, command: str):
+            from cnc.boards.grbl.messages import message
+
+            assert command == "$ES"
+            return [
+                message("[SETTING:384|4|Disable G92 persistence||0|||]"),
+                message("[SETTING:28|1|G73 Retract distance|mm|6|#####0.000|||]"),
+            ]
+
+    names = names_of(Link())  # type: ignore[arg-type]
+    assert names[384] == "Disable G92 persistence"
+    assert names[28] == "G73 Retract distance, mm"
+    assert names[11] == "junction deviation, mm"

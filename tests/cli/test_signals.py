@@ -1,0 +1,133 @@
+"""A terminal that is closed, and Ctrl-Z: the machine does not go on alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.cli.signals import OperatorSignals
+from cnc.model.operator_control import Control
+
+pty = pytest.importorskip("pty")
+
+ROOT = Path(__file__).parents[2]
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 250.0, 121: 250.0, 122: 250.0}
+PROGRAM = "G21 G90\nM3 S900\nG1 X40 F600\nX0\nX3\nM5\nM2\n"
+PATIENCE = 120.0
+"""Longest time that the start of a process may take on a busy computer, s."""
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+class Run:
+    """A run of the program in a terminal of its own, on a simulated board in real time."""
+
+    def __init__(self, folder: Path, server: PtyServer) -> None:
+        import fcntl
+        import termios
+
+        self.simulator = server.simulator
+        (folder / "p.nc").write_text(PROGRAM)
+        self.terminal, theirs = pty.openpty()
+
+        def own_terminal() -> None:
+            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "cnc.cli", str(folder / "p.nc"), "--machine", "grbl-uno"]
+            + ["--port", server.name, "--log", str(folder / "log.txt")],
+            cwd=ROOT,
+            env=os.environ | {"XDG_STATE_HOME": str(folder)},
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            start_new_session=True,
+            preexec_fn=own_terminal,
+        )
+        os.close(theirs)
+        os.set_blocking(self.terminal, False)
+        wait_until(lambda: self.read() and self.simulator.position[0] > 1.0)
+
+    def read(self) -> bool:
+        """Empty the terminal, so that nobody waits for it."""
+        # Nothing to read is one OSError, and a terminal whose program has ended another.
+        with suppress(OSError):
+            os.read(self.terminal, 65536)
+        return True
+
+    def state(self) -> str:
+        self.read()
+        return Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[Run]:
+    if sys.platform != "linux":
+        pytest.skip("reads the state of a process from /proc")
+    with PtyServer(GrblSimulator(settings=FAST)) as server:
+        started = Run(tmp_path, server)
+        try:
+            yield started
+        finally:
+            started.process.kill()
+            started.process.wait()
+
+
+def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
+    os.close(run.terminal)
+    assert run.process.wait(PATIENCE) == 130
+    core = run.simulator.core
+    assert run.simulator.speed == 0.0
+    assert core.spindle_text == "M5 0"
+    # It came to rest by a hold before the reset, so that the position is kept.
+    kinds = [event.kind for event in run.simulator.events]
+    assert "hold" in kinds
+    assert "alarm" not in kinds
+    assert 1.0 < run.simulator.position[0] < 39.0
+
+
+def test_control_z_holds_the_machine_before_the_program_is_suspended(run: Run) -> None:
+    os.write(run.terminal, b"\x1a")
+    wait_until(lambda: run.state() == "T")
+    assert run.simulator.core.state == "Hold"
+    assert run.simulator.speed == 0.0
+    place = run.simulator.position
+    time.sleep(2.5)  # longer than the silence after which a board counts as dead
+    assert run.simulator.position == place
+    run.process.send_signal(signal.SIGCONT)
+    os.write(run.terminal, b" ")
+    wait_until(lambda: run.read() and run.process.poll() is not None)
+    os.close(run.terminal)
+    assert run.process.returncode == 0
+    assert run.simulator.position == pytest.approx((3.0, 0.0, 0.0), abs=0.005)
+
+
+def test_a_second_hang_up_does_not_end_the_program_at_once() -> None:
+    control = Control()
+    with OperatorSignals(control) as signals:
+        signals.moving = True
+        for _ in range(2):
+            signal.raise_signal(signal.SIGHUP)
+        assert control.stopped
+        # The shell may send more signals to the programs of a closed terminal.
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_hang_up_before_any_motion_ends_the_program() -> None:
+    with pytest.raises(KeyboardInterrupt), OperatorSignals(Control()):
+        signal.raise_signal(signal.SIGHUP)

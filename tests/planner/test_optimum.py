@@ -1,0 +1,49 @@
+"""The reference of the benchmark: times that theory or another method gives."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.optimum import times_of
+from benchmarks.optimum_cases import AXES, FAMILIES, cases, moves
+from cnc.model.blocks import NurbsFeed, PathMode
+from tests.support.planner import figures
+
+EXACT = PathMode("", 1, "exact-path")
+
+
+@pytest.mark.parametrize("length", [2.0, 40.0])
+def test_times_of_a_straight_line_are_those_of_theory(length):
+    accel, jerk, feed = 2400.0, 48000.0, 150.0
+    line = moves(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), feed)
+    times = times_of([EXACT, line], AXES, figures.machine(accel, jerk, per_axis=True))
+    # Half of the way up: with a plateau of acceleration or, on the short line, without.
+    if length == 2.0:
+        with_jerk = 4.0 * (length / (2.0 * jerk)) ** (1.0 / 3.0)
+        without = 2.0 * math.sqrt(length / accel)
+    else:
+        with_jerk = feed / accel + accel / jerk + length / feed
+        without = length / feed + feed / accel
+    assert times.solved
+    assert times.t3 == pytest.approx(with_jerk, rel=2e-3)
+    assert times.t2 == pytest.approx(without, rel=5e-3)
+
+
+def test_t3_of_a_curve_is_the_best_known_time():
+    (best,) = (case.best for case in figures.cases() if case.name == "trident, per axis")
+    points = np.array([(*point, 0.0) for point in figures.TRIDENT], float)
+    knots = np.array(figures.TRIDENT_KNOTS, float)
+    curve = NurbsFeed("", 1, 3, knots, points - points[0], np.ones(len(points)), 300.0)
+    times = times_of([EXACT, curve], AXES, figures.machine(per_axis=True))
+    assert times.solved
+    assert times.t3 == pytest.approx(best, rel=5e-3)
+    assert times.t2 < times.t3
+
+
+def test_cases_are_those_of_their_seed():
+    first, again = cases(5, 12), cases(5, 12)
+    other = cases(6, 12)
+    assert {name for name, _, _ in first} == set(FAMILIES)
+    assert [case.machine for *_, case in first] == [case.machine for *_, case in again]
+    assert [case.machine for *_, case in first] != [case.machine for *_, case in other]

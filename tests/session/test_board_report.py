@@ -1,0 +1,146 @@
+"""The report of a run tells what the board did, and which feeds its lines lower."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from cnc.api import Machine, Report, check, load_machine
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.report.summary import print_summary
+from tests.support.session.runs import run_with
+
+MACHINE = load_machine("grbl-uno")
+FAST = {110: 6000.0, 111: 6000.0, 112: 3000.0, 120: 800.0, 121: 800.0, 122: 400.0}
+
+
+def ran(
+    tmp_path: Path, text: str, box: GrblSimulator, *, check_only: bool = False
+) -> tuple[Report, str]:
+    program = tmp_path / "p.nc"
+    program.write_text(text)
+    port = GrblSimulatorPort(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    board.connect()
+    board.check_only = check_only
+    report = run_with(program, MACHINE, board=board)
+    board.close()
+    assert report.ok, report.faults
+    out = io.StringIO()
+    print_summary(report, Console(file=out, width=120))
+    return report, out.getvalue()
+
+
+def test_the_end_position_is_that_of_the_board_after_a_probe(tmp_path: Path) -> None:
+    box = GrblSimulator(settings=FAST, environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    report, _ = ran(tmp_path, "G21 G90\nG0 X3\nG38.2 Z-20 F100\nM2\n", box)
+    assert report.end_position == pytest.approx(dict(zip("xyz", box.position, strict=True)))
+    assert report.end_position["z"] == pytest.approx(-4.0, abs=0.1)
+
+
+def test_the_time_of_a_run_is_measured(tmp_path: Path) -> None:
+    box = GrblSimulator(settings=FAST)
+    report, shown = ran(tmp_path, "G21 G90\nG1 X20 F600\nM2\n", box)
+    assert report.played_s is not None
+    assert report.as_json()["played_s"] == report.played_s
+    moved = box.moves[-1].end_time - box.moves[0].begin_time
+    assert moved < report.played_s < moved + 1.5
+    assert "computed" in shown
+
+
+def test_a_check_on_the_board_does_not_claim_a_run(tmp_path: Path) -> None:
+    report, shown = ran(tmp_path, "G1 X20 F600\nM2\n", GrblSimulator(), check_only=True)
+    assert "nothing moved" in shown
+    assert "run on the board" not in shown
+    assert report.played_s is None
+
+
+def test_a_traverse_is_not_shown_as_a_part_of_the_feed_limit(tmp_path: Path) -> None:
+    path = MACHINE.path.model_copy(update={"max_feed": 20.0})
+    machine = MACHINE.model_copy(update={"path": path})
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90\nG0 X30 Y30\nG1 X20 F600\nM2\n")
+    report = check(program, machine)
+    assert report.largest.feed is not None
+    assert report.largest.feed > 20.0
+    out = io.StringIO()
+    print_summary(report, Console(file=out, width=120))
+    (row,) = [line for line in out.getvalue().splitlines() if line.startswith("feed ")]
+    assert row.rstrip().endswith("traverse")
+
+
+@pytest.mark.parametrize(
+    ("moves", "cause", "share"),
+    [
+        # 0.05 mm at 3000 mm/min are 1000 lines a second; an AVR takes 385.
+        ("M3 S1\n" + "".join(f"X{0.05 * k:.2f} S{k}\n" for k in range(2, 400)), "short lines", 90),
+        # sqrt(a r) with a = 250 mm/s^2 and r = 0.5 mm is 671 mm/min.
+        ("G3 X1 I0.5\nG3 X2 I0.5\nG3 X3 I0.5\n", "small arcs", 99),
+    ],
+)
+def test_lowered_feeds_are_a_note(moves: str, cause: str, share: float, tmp_path: Path) -> None:
+    program = tmp_path / "p.nc"
+    program.write_text(f"G21 G90\nG0 Z1\nG1 F3000\n{moves}M2\n")
+    report = check(program, grbl(MACHINE).model_copy(update={"kind": "laser"}))
+    (note,) = [each for each in report.warnings if each.code == "feed-lowered"]
+    assert note.severity == "note"
+    assert cause in note.message
+    assert 4 <= note.line <= 60
+    told = float(note.message.split("in ")[-1].split(" %")[0])
+    assert told == pytest.approx(share, abs=10)
+
+
+def test_feeds_as_programmed_get_no_note(tmp_path: Path) -> None:
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90\nG0 Z1\nG1 X10 F600\nG2 X20 I5\nG1 Y5\nM2\n")
+    assert not [
+        each for each in check(program, grbl(MACHINE)).warnings if each.code == "feed-lowered"
+    ]
+
+
+def grbl(machine: Machine) -> Machine:
+    return machine.model_copy(
+        update={"board": machine.board.model_copy(update={"kind": "grbl", "port": None})}
+    )
+
+
+@pytest.fixture
+def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.mark.usefixtures("nothing_kept")
+def test_a_check_uses_the_offsets_of_the_last_run(tmp_path: Path) -> None:
+    board_of_file = MACHINE.board.model_copy(update={"kind": "grbl", "port": "COM77"})
+    machine = MACHINE.model_copy(update={"board": board_of_file})
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90 G54\nG0 X1\nG10 L2 P2 X9\nM2\n")
+
+    def shown(report: Report) -> str:
+        out = io.StringIO()
+        print_summary(report, Console(file=out, width=120))
+        return next(row for row in out.getvalue().splitlines() if row.startswith("offset"))
+
+    before = check(program, machine)
+    assert before.end_position["x"] == pytest.approx(1.0)
+    assert "assumed" in shown(before)
+    box = GrblSimulator(settings=FAST)
+    box.core.eeprom.systems["G54"] = (30.0, 20.0, 0.0)
+    port = GrblSimulatorPort(box)
+    board = GrblBoard(port, machine, port.clock, "the simulator", identity="COM77")
+    board.connect()
+    assert run_with(program, machine, board=board, trust_position=True).ok
+    board.close()
+    after = check(program, machine)
+    assert after.end_position["x"] == pytest.approx(31.0)
+    assert "G54 X30 Y20 Z0" in shown(after)
+    assert "last run" in shown(after)
+    # G10 of the run counts, too.
+    program.write_text("G21 G90 G55\nG0 X1\nM2\n")
+    assert check(program, machine).end_position["x"] == pytest.approx(10.0)

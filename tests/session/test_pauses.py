@@ -1,0 +1,97 @@
+"""A pause and a safety door tell the operator why the machine waits, where, and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cnc.api import Callbacks, Control, load_machine
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.executor.run import Progress
+from tests.support.session.runs import run_with
+
+MACHINE = load_machine("grbl-uno")
+
+
+def pauses_of(
+    tmp_path: Path, text: str, tools: str = "", box: GrblSimulator | None = None
+) -> list[tuple[int, str]]:
+    """Return line and reason of each pause of a program on a simulated board."""
+    program, table = tmp_path / "p.nc", tmp_path / "tools.tbl"
+    program.write_text(text)
+    table.write_text(tools)
+    reading = MACHINE.program.model_copy(update={"tool_table": table})
+    machine = MACHINE.model_copy(update={"program": reading})
+    control, seen = Control(), []
+
+    def go_on(progress: Progress) -> None:
+        if progress.held and progress.at_rest:
+            seen.append((progress.line, progress.hold_reason))
+            control.resume()
+
+    port = GrblSimulatorPort(box or GrblSimulator())
+    board = GrblBoard(port, machine, port.clock, "the simulator")
+    board.connect()
+    report = run_with(
+        program, machine, board=board, control=control, callbacks=Callbacks(on_sent=go_on)
+    )
+    board.close()
+    assert report.ok, report.faults
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("text", "tools", "expected"),
+    [
+        ("G1 X1 F600\nT3 M6\nG1 X2\n", "T3 P1 D6 ;6 mm end mill\n",
+         (2, "put in tool 3: 6 mm end mill (tool table)")),
+        ("G1 X1 F600\n(drill 5 mm)\nT4 M6\nG1 X2\n", "T4 P1\n", (3, "put in tool 4: drill 5 mm")),
+        ("G1 X1 F600\nT4 M6 (drill 5 mm)\nG1 X2\n", "T4 P1\n", (2, "put in tool 4: drill 5 mm")),
+        ("G1 X1 F600\n(MSG, turn the part)\nM0\nG1 X2\n", "",
+         (3, "the program stops here: turn the part")),
+        ("G1 X1 F600\nM0 ; turn it\nG1 X2\n", "", (2, "the program stops here: turn it")),
+        ("(first)\nG1 X1 F600\nM0\nG1 X2\n", "", (3, "the program stops here")),
+        ("G1 X1 F600 (not this)\nM60\nG1 X2\n", "", (2, "change the pallet")),
+    ],
+)  # fmt: skip
+def test_a_pause_has_its_line_and_text(
+    text: str, tools: str, expected: tuple[int, str], tmp_path: Path
+) -> None:
+    assert pauses_of(tmp_path, "G21 G90\n" + text + "M2\n", tools) == [
+        (expected[0] + 1, expected[1])
+    ]
+
+
+def test_an_open_door_is_called_a_door(tmp_path: Path) -> None:
+    box = GrblSimulator()
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90\nG1 X20 F600\nM2\n")
+    control, reasons = Control(), []
+
+    def watch(progress: Progress) -> None:
+        door = box.core.environment
+        if progress.position is not None and progress.position[0] > 3.0 and not reasons:
+            door.door_open = box.core.flags.door = True
+        if progress.held and progress.hold_reason not in reasons:
+            reasons.append(progress.hold_reason)
+        if progress.at_rest:
+            if door.door_open:
+                door.door_open = False
+            else:
+                control.resume()
+
+    port = GrblSimulatorPort(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    board.connect()
+    report = run_with(
+        program, MACHINE, board=board, control=control, callbacks=Callbacks(on_sent=watch)
+    )
+    board.close()
+    assert report.ok, report.faults
+    assert reasons[:2] == [
+        "the safety door is open: close it, then resume",
+        "the safety door was opened; it is closed now: resume",
+    ]
