@@ -45,19 +45,20 @@ def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Splin
     spline = new_spline(chain, knots, state)
     spline = _with_knots(chain, spline, ~spline.fixed, state, tolerance)
     free = ~spline.fixed
-    for turn in range(ROUNDS + 1):
+    turn = 0
+    while True:
         improve(chain, spline, free, tolerance)
         wrong = prove(chain, spline, feet, _touched(spline, free), ALLOWED * tolerance)
         if not wrong.any():
-            break
+            return spline
+        turn += 1
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
-        left = wrong if turn == ROUNDS else short
+        left = wrong if turn > ROUNDS else short
         if left.any():
-            spline, free = _broken(chain, spline, left, state, tolerance)
+            spline, free = _broken(chain, spline, left, wrong, state, tolerance)
         else:
             spline, free = _cut(chain, spline, wrong, state)
             least_squares(chain, spline, ~free)
-    return spline
 
 
 def _touched(spline: Spline, free: Flags) -> Flags:
@@ -103,16 +104,16 @@ def _with_knots(
 
 
 def _broken(
-    chain: Chain, spline: Spline, left: Flags, state: Floats, tolerance: float
+    chain: Chain, spline: Spline, left: Flags, wrong: Flags, state: Floats, tolerance: float
 ) -> tuple[Spline, Flags]:
-    """Leave spans to the polyline, and lay the parts beside them anew.
+    """Leave spans to the polyline, and lay the parts with spans that are wrong anew.
 
     Returns:
         The spline, and the control points of these parts.
     """
     knots = spline.knots.copy()
     part = np.cumsum(knots["ends"][:-1]) - 1
-    anew = np.isin(part, part[left])
+    anew = np.isin(part, part[wrong])
     knots["polyline"][:-1] |= left
     knots["ends"][:-1] |= left
     knots["ends"][1:] |= left

@@ -96,6 +96,7 @@ def assert_sound(chunks):
             and np.isfinite(chunk.length).all()
         )
     everything = pieces(chunks)
+    whole = sum(chunk.length.sum() for chunk in chunks)
     for (a, i), (b, j) in pairwise(everything):
         left, right = evaluate(a, i, ends(a, i)[1])[0], evaluate(b, j, ends(b, j)[0])[0]
         assert np.array_equal(left, right)
@@ -104,8 +105,10 @@ def assert_sound(chunks):
             more, right = evaluate_s(b, j, ends(b, j)[0])
             assert faults == more == 0
             size = min(a.length[i], b.length[j])
-            # Derivatives are differences of coordinates that are rounded: at 1 km by 1e-10 mm.
-            rounding = 8.0 * np.spacing(np.abs(left[0]).max()) / size
+            # Derivatives are differences of coordinates, by differences of lengths along the chain.
+            # Both are rounded: at 1 km by 1e-10 mm. A second derivative is 20 second differences of
+            # four roundings, on either side.
+            rounding = 320.0 * np.spacing(max(np.abs(left[0]).max(), whole)) / size
             assert np.abs(left[1] - right[1]).max() <= 1e-6 + rounding
             assert (
                 np.abs(left[2] - right[2]).max() * size
