@@ -133,7 +133,7 @@ def mastercam(rng: random.Random) -> Iterator[str]:
     for tool in range(1, 1_000_000):
         yield f"N{number} T{tool % 90 + 1} M6"
         yield f"N{number} G0 G90 G54 X0. Y0. S4000 M3"
-        yield "G43 H0 Z50."
+        yield f"G43 H{tool % 90 + 1} Z50."
         yield f"N{number} Z10. M8"
         for _ in range(3000):
             stroke = next(strokes)

@@ -1,8 +1,9 @@
-"""Speed of the interpreter: lines of text to canonical blocks in a CPU second.
+"""Speed of the interpreter: lines of text to canonical blocks in a CPU second, by shape of lines.
 
-The measurement is made after compilation, in one process. The baseline is LinuxCNC's own
-interpreter on the same programs in the same run, its start included and its output discarded. If
-`rs274` is not installed, the baseline is this interpreter with every line read by the grammar.
+The measurement is made after compilation, in one process whose other objects are frozen for the
+garbage collector, as the command line does. The baseline is LinuxCNC's own interpreter on the same
+programs in the same run, its start included and its output discarded. If `rs274` is not installed,
+the baseline is this interpreter with every line read by the grammar.
 
 python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
@@ -10,6 +11,7 @@ python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import random
 import resource
@@ -23,16 +25,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
+from benchmarks import cam_programs
+from cnc.gcode.program import line_steps
 from cnc.gcode.program.program import interpret
+from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax import source_text
 from cnc.gcode.syntax.scanner import Scan, scan
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.session.kernel_cache import compile_language
 
-PLAIN_LINES, MIXED_LINES, LONG_LINES = 1_000_000, 200_000, 10_000_000
+PLAIN_LINES, LONG_LINES = 1_000_000, 10_000_000
 FEWER = 20
-"""The baseline with the grammar reads this fraction of a program's lines."""
+"""The baseline with the grammar reads this fraction of a program's lines, if it has many."""
+SHORT = 1000
+"""Lines. A shorter program is a loop, and is read wholly."""
 BODY = """\
   #1 = [#<count> MOD 360]
   #2 = [10 * COS[#1]]
@@ -99,10 +106,95 @@ def write_mixed(path: Path, lines: int) -> int:
     return turns * (EXECUTED + 1) + 5
 
 
+def write_expressions(path: Path, lines: int) -> int:
+    """Write lines with expressions, none like another: numbers, forms and parameters differ.
+
+    Returns:
+        The number of its lines.
+    """
+    rng = random.Random(2)
+
+    def value(depth: int) -> str:
+        kind = rng.random()
+        if depth == 0 or kind < 0.2:
+            return rng.choice([f"{rng.uniform(0, 9):.3f}", f"#{rng.randint(1, 60)}", "#<width>"])
+        if kind < 0.4:
+            return f"{rng.choice(['SIN', 'COS', 'ABS', 'ROUND', 'FIX'])}[{value(depth - 1)}]"
+        return f"[{value(depth - 1)}{rng.choice('+-*')}{value(depth - 1)}]"
+
+    with path.open("w", newline="") as file:
+        file.write("G21 G90 G17 G1 F500\n#<width> = 3\n")
+        for _ in range(lines - 3):
+            if rng.random() < 0.3:
+                file.write(f"#{rng.randint(1, 60)} = [{value(2)} MOD 10]\n")
+            else:
+                file.write(f"X[{value(2)}] Y[{value(2)}]\n")
+        file.write("M2\n")
+    return lines
+
+
+def write_names(path: Path, lines: int) -> int:
+    """Write assignments to as many named parameters; return the number of lines."""
+    names = "".join(f"#<part{n}> = {n % 97}.5\n" for n in range(lines - 1))
+    path.write_text(names + "M2\n", newline="")
+    return lines
+
+
+def write_calls(path: Path, lines: int) -> int:
+    """Write calls of a subroutine with arguments; return the number of executed lines."""
+    rng = random.Random(3)
+    calls = "".join(
+        f"o100 call [{rng.uniform(0, 9):.3f}] [{rng.uniform(0, 9):.2f}]\n" for _ in range(lines)
+    )
+    body = "o100 sub\nX#1 Y#2\nZ[#1 + #2]\no100 endsub\n"
+    path.write_text(f"G21 G90 G1 F500\n{body}{calls}M2\n", newline="")
+    return 4 * lines + 3
+
+
+def write_cycles(path: Path, lines: int) -> int:
+    """Write a pattern of holes; return the number of lines."""
+    rng = random.Random(4)
+    holes = "".join(
+        f"X{rng.uniform(0, 99):.3f} Y{rng.uniform(0, 99):.3f}\n" for _ in range(lines - 4)
+    )
+    path.write_text(f"G21 G90 G0 Z5\nG81 X1 Y1 Z-1 R1 F100\n{holes}G80\nM2\n", newline="")
+    return lines
+
+
+def write_arcs(path: Path, lines: int) -> int:
+    """Write half circles in a row; return the number of lines."""
+    rng = random.Random(5)
+    with path.open("w", newline="") as file:
+        file.write("G21 G90 G17 G91 G1 F500 X0\n")
+        for _ in range(lines - 2):
+            radius = rng.randint(100, 3000) / 1000
+            file.write(f"G{rng.choice('23')} X{2 * radius:.3f} I{radius:.3f}\n")
+        file.write("M2\n")
+    return lines
+
+
+PROGRAMS: dict[str, tuple[Callable[[Path, int], int], int]] = {
+    "mixed loop": (write_mixed, 200_000),
+    "expressions": (write_expressions, 200_000),
+    "names": (write_names, 200_000),
+    "calls": (write_calls, 100_000),
+    "cycles": (write_cycles, 100_000),
+    "arcs": (write_arcs, 100_000),
+}
+"""Writers and numbers of lines by shape, beside the plain program and those of CAM systems."""
+
+
+def write_tools(path: Path) -> None:
+    """Write LinuxCNC's tool table with the tools of all programs."""
+    path.write_text("".join(f"T{n} P{n} Z0 D3\n" for n in range(1, 100)), newline="")
+
+
 def moves_of(path: Path) -> int:
     """Read a program; return the number of its moves."""
     moves = 0
-    for block in interpret(Text.of_file(path)):
+    table = path.with_name("tools.tbl")
+    tools = ToolTable.load(table) if table.exists() else None
+    for block in interpret(Text.of_file(path), tools=tools):
         moves += len(block.points) if isinstance(block, Polyline) else 1
     return moves
 
@@ -123,7 +215,7 @@ def measured(path: Path, lines: int, repeat: int) -> Speed:
 def baseline(path: Path, lines: int) -> Speed:
     """Measure LinuxCNC's interpreter, or this one with the grammar for every line."""
     if rs274 := shutil.which("rs274"):
-        command = [rs274, "-g", str(path)]
+        command = [rs274, "-t", str(path.with_name("tools.tbl")), "-g", str(path)]
 
         def run() -> None:
             subprocess.run(
@@ -138,8 +230,14 @@ def baseline(path: Path, lines: int) -> Speed:
             with suppress(subprocess.CalledProcessError):
                 return Speed("rs274", lines / seconds(run, resource.RUSAGE_CHILDREN))
     few = path.with_name("few.ngc")
-    fewer = (write_mixed if "mixed" in path.name else write_plain)(few, lines // FEWER)
-    with patch.object(source_text, "scan", scan_without_plain_lines):
+    text = path.read_text().splitlines()
+    kept = text if len(text) < SHORT else [*text[: len(text) // FEWER], "M2"]
+    few.write_text("\n".join(kept), newline="")
+    fewer = lines * len(kept) / len(text)
+    with (
+        patch.object(source_text, "scan", scan_without_plain_lines),
+        patch.object(line_steps, "MANY_LINES", sys.maxsize),
+    ):
         return Speed("grammar", fewer / seconds(lambda: moves_of(few)))
 
 
@@ -187,20 +285,27 @@ def main() -> None:
         return
     compile_language()
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
-        plain, mixed = Path(folder) / "plain.ngc", Path(folder) / "mixed.ngc"
-        programs = [
-            (plain, write_plain(plain, arguments.lines)),
-            (mixed, write_mixed(mixed, MIXED_LINES)),
-        ]
+        plain = Path(folder) / "plain.ngc"
+        write_tools(plain.with_name("tools.tbl"))
+        programs = [(plain, write_plain(plain, arguments.lines))]
+        for name, (writer, lines) in PROGRAMS.items():
+            path = plain.with_name(f"{name}.ngc")
+            programs.append((path, writer(path, lines)))
+        for style in cam_programs.STYLES:
+            path = plain.with_name(f"{style}.ngc")
+            programs.append((path, cam_programs.write(path, style)))
         print(
-            f"{'program':10} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} "
+            f"{'program':12} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} "
             f"{'ratio':>8}"
         )
         for path, lines in programs:
+            moves_of(path)
+            gc.collect()
+            gc.freeze()
             own, other = measured(path, lines, arguments.repeat), baseline(path, lines)
             ratio = own.lines_per_s / other.lines_per_s
             print(
-                f"{path.stem:10} {lines:10d} {own.lines_per_s:12.0f} "
+                f"{path.stem:12} {lines:10d} {own.lines_per_s:12.0f} "
                 f"{other.name:>10} {other.lines_per_s:12.0f} {ratio:8.1f}"
             )
         if arguments.long:

@@ -32,6 +32,7 @@ from cnc.cli.options import (
 )
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.settings_command import settings
+from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -67,7 +68,7 @@ def run(
         return check(program, common=common)
     common.prepare(program, on_board.port)
     api = library()
-    control = Control(common.feed_override)
+    control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
@@ -318,6 +319,9 @@ def papers(
     if not quiet:
         print(written)
     return 0
+
+
+app.command(tools)
 
 
 @app.command

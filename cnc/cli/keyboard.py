@@ -20,7 +20,13 @@ from functools import partial
 from queue import SimpleQueue
 
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.model.operator_control import MAX_FEED_OVERRIDE, Control
+from cnc.model.operator_control import (
+    MAX_FEED_OVERRIDE,
+    MAX_SPINDLE_OVERRIDE,
+    MIN_SPINDLE_OVERRIDE,
+    RAPID_OVERRIDES,
+    Control,
+)
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +36,10 @@ MIN_OVERRIDE = 10.0
 """Lowest feed override by keys, per cent: the lowest of GRBL."""
 POLL = 0.05
 """Longest wait for a key before the reader checks for the end of the run, s."""
-HELP = "space holds and resumes, + and - change the feed, q stops"
+HELP = (
+    "space holds and resumes, + and - change the feed, r the traverses, [ and ] the spindle speed, "
+    "q stops"
+)
 
 
 class Keyboard:
@@ -86,6 +95,12 @@ class Keyboard:
         elif key == "-":
             lowest = min(MIN_OVERRIDE, control.feed_override)
             control.override(max(control.feed_override - OVERRIDE_STEP, lowest))
+        elif key in ("r", "R"):
+            place = RAPID_OVERRIDES.index(control.rapid_override)
+            control.override_rapids(RAPID_OVERRIDES[place - 1])
+        elif key in ("[", "]"):
+            changed = control.spindle_override + (OVERRIDE_STEP if key == "]" else -OVERRIDE_STEP)
+            control.override_spindle(min(max(changed, MIN_SPINDLE_OVERRIDE), MAX_SPINDLE_OVERRIDE))
         elif key in ("q", "Q"):
             control.stop()
 

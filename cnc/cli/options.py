@@ -15,6 +15,7 @@ from cyclopts import Parameter, validators
 from cnc.cli.log_output import open_log
 from cnc.model.choices import Algorithm, DialectName, Interpolator, ToolLengths, UnknownCodes
 from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
     from cyclopts import Token
@@ -225,6 +226,12 @@ class BoardOptions:
         int | None,
         option("Begin at this source line: show the moves to it at a safe height, and ask."),
     ] = None
+    rapid_override: Annotated[
+        int | None, option("Per cent of the traverse speeds on a GRBL board: 25, 50 or 100.")
+    ] = None
+    spindle_override: Annotated[
+        float | None, option("Per cent of the spindle speeds on a GRBL board, 10 to 200.")
+    ] = None
     yes: Annotated[
         bool,
         option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),
@@ -239,6 +246,15 @@ class BoardOptions:
             "elsewhere; --yes does not confirm it."
         ),
     ] = False
+
+    def control(self, feed_override: float) -> Control:
+        """Return the operator control with the first overrides."""
+        control = Control(feed_override)
+        if self.rapid_override is not None:
+            control.override_rapids(self.rapid_override)
+        if self.spindle_override is not None:
+            control.override_spindle(self.spindle_override)
+        return control
 
 
 @Parameter(name="*")

@@ -88,7 +88,11 @@ class ProgressDisplay:
         if sent.buffered is not None:
             words.append(f"{sent.buffered} lines waiting")
         if self._control.feed_override != 100.0:
-            words.append(f"{self._control.feed_override:g} %")
+            words.append(f"feed {self._control.feed_override:g} %")
+        if self._control.rapid_override != 100:
+            words.append(f"traverses {self._control.rapid_override} %")
+        if self._control.spindle_override != 100.0:
+            words.append(f"spindle {self._control.spindle_override:g} %")
         return "  ".join([*words, *(["held"] if sent.held else [])])
 
 

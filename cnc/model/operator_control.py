@@ -9,6 +9,11 @@ from cnc.model.diagnostics import Diagnostic, UsageError
 MIN_FEED_OVERRIDE, MAX_FEED_OVERRIDE = 1.0, 200.0
 """Limits of the feed override, per cent of the programmed feeds."""
 
+RAPID_OVERRIDES = (25, 50, 100)
+"""Overrides of traverses, per cent: those of GRBL."""
+MIN_SPINDLE_OVERRIDE, MAX_SPINDLE_OVERRIDE = 10.0, 200.0
+"""Limits of the spindle override, per cent: those of GRBL."""
+
 
 class HomingStopped(Exception):
     """The operator stopped a homing cycle.
@@ -38,12 +43,24 @@ class Control:
         self._wake_ups: SimpleQueue[None] = SimpleQueue()
         self._held = False
         self._stopped = False
+        self._rapid_override = 100
+        self._spindle_override = 100.0
         self.override(feed_override)
 
     @property
     def feed_override(self) -> float:
         """Feed override, per cent of the programmed feeds."""
         return self._feed_override
+
+    @property
+    def rapid_override(self) -> int:
+        """Override of traverses, per cent: 25, 50 or 100. Only GRBL boards have it."""
+        return self._rapid_override
+
+    @property
+    def spindle_override(self) -> float:
+        """Override of the spindle speed, per cent. Only GRBL boards have it."""
+        return self._spindle_override
 
     @property
     def held(self) -> bool:
@@ -71,6 +88,32 @@ class Control:
                 )
             )
         self._feed_override = percent
+        self._wake_ups.put(None)
+
+    def override_rapids(self, percent: int) -> None:
+        """Scale traverses.
+
+        Raises:
+            UsageError: ``rapid-override``, for another value than 25, 50 or 100 per cent.
+        """
+        if percent not in RAPID_OVERRIDES:
+            message = f"an override of traverses of {percent:g} % is not possible"
+            hint = f"give {', '.join(map(str, RAPID_OVERRIDES[:-1]))} or {RAPID_OVERRIDES[-1]}"
+            raise UsageError(Diagnostic("rapid-override", message, hint=hint))
+        self._rapid_override = percent
+        self._wake_ups.put(None)
+
+    def override_spindle(self, percent: float) -> None:
+        """Scale the programmed spindle speeds.
+
+        Raises:
+            UsageError: ``spindle-override``, outside 10 to 200 per cent.
+        """
+        if not MIN_SPINDLE_OVERRIDE <= percent <= MAX_SPINDLE_OVERRIDE:
+            message = f"a spindle override of {percent:g} % is not possible"
+            hint = f"give {MIN_SPINDLE_OVERRIDE:g} to {MAX_SPINDLE_OVERRIDE:g} per cent"
+            raise UsageError(Diagnostic("spindle-override", message, hint=hint))
+        self._spindle_override = percent
         self._wake_ups.put(None)
 
     def hold(self) -> None:

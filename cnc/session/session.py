@@ -132,6 +132,8 @@ class Session:
             return report
         if board is None:
             self._adopt_kept_offsets()
+        elif not isinstance(board, LineSink):
+            _refuse_overrides(context.observer.control)
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))
@@ -392,3 +394,14 @@ class Session:
             len(report.warnings) + report.hidden_warnings,
             report.timing.total_s,
         )
+
+
+def _refuse_overrides(control: Control) -> None:
+    """Raise UsageError for overrides that only GRBL boards have."""
+    for code, name, percent in (
+        ("rapid-override", "traverses", control.rapid_override),
+        ("spindle-override", "the spindle", control.spindle_override),
+    ):
+        if percent != 100:
+            message = f"this board has no override of {name}"
+            raise UsageError(Diagnostic(code, message, hint="leave it out; GRBL boards have it"))

@@ -303,3 +303,14 @@ def test_every_shipped_machine_checks_a_small_program(cncrun, program, name):
         "",
         "",
     )
+
+
+@pytest.mark.parametrize(
+    ("option", "code"),
+    [("--rapid-override", "rapid-override"), ("--spindle-override", "spindle-override")],
+)
+def test_overrides_of_grbl_are_refused_on_other_boards(cncrun, program, option, code):
+    exit_code, _, err = cncrun(program("G0 X1\nM2\n"), option, "50")
+    assert exit_code == 2
+    assert code in err
+    assert cncrun(program("G0 X1\nM2\n"), "--board", "grbl-sim", option, "50")[0] == 0

@@ -148,3 +148,23 @@ def test_without_standard_input_there_are_no_keys(
     monkeypatch.setattr(sys, "stdin", stream)
     with Keyboard(Control()) as keys:
         assert not keys.available
+
+
+@pytest.mark.parametrize(
+    ("keys", "rapid", "spindle"),
+    [
+        ("r", 50, 100),
+        ("rr", 25, 100),
+        ("rrr", 100, 100),
+        ("]]", 100, 120),
+        ("[", 100, 90),
+        ("[" * 20, 100, 10),
+        ("]" * 20, 100, 200),
+    ],
+)
+def test_keys_override_traverses_and_spindle(keys: str, rapid: int, spindle: float) -> None:
+    control = Control()
+    reader = Keyboard(control)
+    for key in keys:
+        reader.press(key)
+    assert (control.rapid_override, control.spindle_override) == (rapid, spindle)

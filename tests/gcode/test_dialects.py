@@ -21,8 +21,8 @@ FULL = {
     "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 "
     "91 91.1 92 92.1 93 94 "
     "38.2 38.3 38.4 38.5",
-    "fanuc": "0 1 2 3 4 6.2 10 15 17 18 19 20 21 28 30 40 41 42 43 44 49 52 53 54 54.1 55 56 57 58 "
-    "59 61 64 65 67 69 80 "
+    "fanuc": "0 1 2 3 4 6.2 9 10 15 16 17 18 19 20 21 28 30 40 41 42 43 44 49 50 50.1 51 51.1 52 "
+    "53 54 54.1 55 56 57 58 59 61 64 65 66 67 68 69 80 "
     "90 91 92 93 94 95 96 97 73 74 76 81 82 83 84 85 86 88 89 98 99",
 }
 
@@ -51,9 +51,13 @@ def test_codes_of_each_dialect(name: str) -> None:
     assert dialects.load(name).g == {round(float(code) * 10) for code in FULL[name].split()}
 
 
-def test_auto_and_paper_extend_linuxcnc_with_nurbs() -> None:
+def test_auto_and_paper_extend_linuxcnc() -> None:
     base = dialects.load("linuxcnc").g
-    assert dialects.load("auto").g == dialects.load("paper").g == base | {G.G6_2}
+    more = {
+        G.G9, G.G12, G.G13, G.G15, G.G16, G.G50, G.G50_1, G.G51, G.G51_1, G.G67, G.G68, G.G69,
+    }  # fmt: skip
+    assert dialects.load("paper").g == base | {G.G6_2}
+    assert dialects.load("auto").g == base | {G.G6_2} | more
     assert dialects.load("linuxcnc").nurbs == dialects.load("grbl").nurbs == ()
 
 
@@ -82,7 +86,7 @@ def test_an_unknown_dialect() -> None:
             "grbl",
             "G61.1",
             "code-not-in-dialect",
-            "G61.1 is not in the grbl dialect use --dialect linuxcnc or paper",
+            "G61.1 is not in the grbl dialect use --dialect linuxcnc or siemens or paper",
         ),
         (
             "grbl",
@@ -105,7 +109,7 @@ def test_an_unknown_dialect() -> None:
         ),
         ("auto", "G123", "code-unknown", "G123 is unknown"),
         ("auto", "M1000", "code-unknown", "M1000 is unknown"),
-        ("auto", "G591", "code-unknown", "G591 is unknown did you mean G59.1 or G59?"),
+        ("auto", "G591", "code-unknown", "G591 is unknown did you mean G59.1 or G51 or G59?"),
         ("auto", "G90.2", "code-unknown", "G90.2 is unknown did you mean G90 or G90.1?"),
         ("auto", "G177", "code-unknown", "G177 is unknown did you mean G17?"),
         ("auto", "M03.1", "code-unknown", "M03.1 is unknown did you mean M3?"),

@@ -11,6 +11,8 @@ FILES = [
         "syntax/test_scanner.py",
         "syntax/test_source_text.py",
         "program/test_plain_lines.py",
+        *share(("program/test_compiled_lines_in_programs.py",), ()),
+        "syntax/test_compiled_expressions.py",
     )
 ]
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"

@@ -31,6 +31,7 @@ MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: each step of ten takes a report."""
+UNCHANGED = Status("Idle", overrides=(FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE))
 REST_STATES = ("Idle", "Alarm", "Check", "Sleep")
 
 
@@ -254,16 +255,15 @@ class LineStream:
                 self.write(data)
 
     def _set_first_override(self) -> None:
-        """Set the operator's first feed override before anything moves; a board begins with 100."""
+        """Set the operator's first overrides before anything moves; a board begins with 100."""
         requests, link = self._requests, self.link
-        if requests is None or requests.override == FULL_OVERRIDE:
+        if requests is None or requests.reached(UNCHANGED):
             return
         deadline = link.now() + OVERRIDE_PATIENCE
         wanted = requests.control.feed_override
         while wanted >= MIN_OVERRIDE and link.now() < deadline and not self.stopping:
             self.serve(WAIT, poll=POLL_AT_REST)
-            overrides = self.status.overrides
-            if overrides is not None and overrides[0] == requests.override:
+            if requests.reached(self.status):
                 return
             wanted = requests.control.feed_override
         if not self.stopping:

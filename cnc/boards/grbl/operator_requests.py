@@ -7,6 +7,8 @@ safety door, a button), this becomes a hold of the operator, who resumes at the 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.status import Status
 from cnc.model.operator_control import Control
@@ -16,6 +18,30 @@ PATIENCE = 0.5
 MIN_OVERRIDE = 10
 """Per cent; GRBL's feed overrides go from 10 to 200."""
 LARGE_STEP = 10
+FEED, RAPID, SPINDLE = range(3)
+"""Columns of the overrides in a status report."""
+RAPIDS = {25: RealTime.RAPID_25, 50: RealTime.RAPID_50, 100: RealTime.RAPID_100}
+STEPS = {
+    FEED: (
+        RealTime.FEED_UP_10,
+        RealTime.FEED_UP_1,
+        RealTime.FEED_DOWN_10,
+        RealTime.FEED_DOWN_1,
+    ),
+    SPINDLE: (
+        RealTime.SPINDLE_UP_10,
+        RealTime.SPINDLE_UP_1,
+        RealTime.SPINDLE_DOWN_10,
+        RealTime.SPINDLE_DOWN_1,
+    ),
+}
+
+
+class Stepped(NamedTuple):
+    """The last step of an override: its time in s, and the reported value before it, per cent."""
+
+    time: float
+    present: int
 
 
 class OperatorRequests:
@@ -25,8 +51,7 @@ class OperatorRequests:
         self.control = control
         self._held = self._held_by_machine = False
         self._requested_at = -PATIENCE
-        self._stepped_at = -PATIENCE
-        self._stepped_from = -1
+        self._steps = {column: Stepped(-PATIENCE, -1) for column in (FEED, RAPID, SPINDLE)}
 
     @property
     def override(self) -> int:
@@ -41,7 +66,12 @@ class OperatorRequests:
             status_at: Time of that report, s.
             now: Present time, s.
         """
-        return self._hold(status, status_at, now) + self._step(status, now)
+        return (
+            self._hold(status, status_at, now)
+            + self._step(status, now, FEED, self.override)
+            + self._step(status, now, RAPID, self.control.rapid_override)
+            + self._step(status, now, SPINDLE, round(self.control.spindle_override))
+        )
 
     def _hold(self, status: Status, status_at: float, now: float) -> bytes:
         control = self.control
@@ -62,22 +92,29 @@ class OperatorRequests:
             control.resume()
         return b""
 
-    def _step(self, status: Status, now: float) -> bytes:
-        """Return one step towards the requested feed override.
+    def reached(self, status: Status) -> bool:
+        """Return whether the board has all requested overrides."""
+        return status.overrides == (
+            self.override,
+            self.control.rapid_override,
+            round(self.control.spindle_override),
+        )
+
+    def _step(self, status: Status, now: float, column: int, wanted: int) -> bytes:
+        """Return one step towards a requested override.
 
         Each step has to show in a report before the next, or GRBL may take two for one.
         """
-        if status.overrides is None or (
-            status.overrides[0] == self._stepped_from and now - self._stepped_at < PATIENCE
-        ):
+        last = self._steps[column]
+        if status.overrides is None:
             return b""
-        missing = self.override - status.overrides[0]
-        if not missing:
+        present = status.overrides[column]
+        if present == wanted or (present == last.present and now - last.time < PATIENCE):
             return b""
-        self._stepped_from, self._stepped_at = status.overrides[0], now
-        large, small = (
-            (RealTime.FEED_UP_10, RealTime.FEED_UP_1)
-            if missing > 0
-            else (RealTime.FEED_DOWN_10, RealTime.FEED_DOWN_1)
-        )
+        self._steps[column] = Stepped(now, present)
+        if column == RAPID:
+            return RAPIDS[wanted].value
+        up_large, up_small, down_large, down_small = STEPS[column]
+        missing = wanted - present
+        large, small = (up_large, up_small) if missing > 0 else (down_large, down_small)
         return (large if abs(missing) >= LARGE_STEP else small).value

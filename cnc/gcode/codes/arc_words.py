@@ -14,7 +14,8 @@ from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
 from cnc.model.blocks import PLANE_AXES, ArcFeed
 
-MAX_TURNS = 1_000_000
+MAX_TURNS = 1000
+"""Most turns of an arc. More are a typing error in P, and each turn is planned on its own."""
 _CLOCKWISE = G.G2
 
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
@@ -101,7 +102,12 @@ class ArcMoves:
                 f"{what} can't be made in the {state.plane} plane of a rotated coordinate system"
             )
             raise fault("arc-rotated", message, at, "use a coordinate system without R")
-        return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
+        plane = self._axis_words.axes.index(first), self._axis_words.axes.index(second)
+        figure = self._axis_words.coordinates.figure
+        if figure.plane is not None and plane != figure.plane:
+            message = f"{what} can't be made in the {state.plane} plane under G68 of another one"
+            raise fault("arc-rotated", message, at, "give G69 before")
+        return plane
 
     def _arc_of(
         self,
@@ -117,7 +123,14 @@ class ArcMoves:
         state, position = self._state, self._axis_words.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
-        here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion is _CLOCKWISE
+        figure = self._axis_words.coordinates.figure
+        factor = figure.scale(plane)
+        if factor is None:
+            message = f"{word.written}: an arc under different factors of G51 would be an ellipse"
+            raise fault("scaling-arc", message, word, "give both axes of the plane one factor")
+        radius *= factor
+        here, there = (position[i], position[j]), (end[i], end[j])
+        clockwise = (motion is _CLOCKWISE) != figure.mirrors(plane)
         if offsets is None:
             return arcs.from_radius(
                 here,
@@ -140,7 +153,7 @@ class ArcMoves:
         i, j = plane
         state, coordinates = self._state, self._axis_words.coordinates
         first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
-        if coordinates.rotation:
+        if coordinates.turned:
             place = (
                 coordinates.to_program(self._axis_words.position)
                 if state.arc_absolute

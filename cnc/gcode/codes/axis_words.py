@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from cnc.gcode.codes import polar
+from cnc.gcode.codes.polar_mode import PolarMode
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import Feed, ModalState
@@ -40,6 +41,7 @@ class AxisWords:
         column: Index of each axis, by upper-case letter.
         scales: mm or degrees of a unit of each axis word.
         coordinates: The coordinate systems.
+        polar: The mode of polar coordinates (G16).
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class AxisWords:
         self.position = position
         self._here = here
         self._idle: set[str] = set()
+        self.polar = PolarMode()
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -112,7 +115,39 @@ class AxisWords:
             found[index] = word.number * self.scales[index]
         if not POLAR.isdisjoint(words.rest):
             self._polar(words, user, found)
+        if user in _POLAR_USERS and found and not self._machine_words:
+            if self.coordinates.figure_is_new:
+                self._check_first_point(words, found)
+            if self.polar.plane is not None:
+                self._polar_mode(found, self.polar.plane)
         return found
+
+    def _check_first_point(self, words: LineWords, found: dict[int, float]) -> None:
+        """Refuse one axis of a new rotation: controllers differ on the other one's coordinate."""
+        plane = self.coordinates.figure.plane
+        given = [index for index in plane or () if index in found]
+        if len(given) == 1 and self._state.absolute:
+            letter = self.axes[given[0]].upper()
+            raise fault(
+                "rotation-first-point",
+                f"{letter} alone in the first move after G68",
+                words.users[letter][1],
+                "give both axes of the plane",
+            )
+        if given and self._state.absolute:
+            self.coordinates.figure_is_new = False
+
+    def _polar_mode(self, found: dict[int, float], plane: tuple[int, int]) -> None:
+        """Replace radius and angle of G16 by the two axis values."""
+        i, j = plane
+        if i not in found and j not in found:
+            return
+        absolute, scale = self._state.absolute, self.scales[j]
+        angle = found[j] / scale if j in found else None
+        program = self.coordinates.to_program(self.position)
+        here = program[i], program[j]
+        x, y = self.polar.place(found.get(i), angle, here, absolute=absolute)
+        found[i], found[j] = (x, y) if absolute else (x - here[0], y - here[1])
 
     def _take_idle(self, words: LineWords, letter: str, user: str) -> None:
         """Take a word of 0 for an axis that the machine lacks, and report it once."""
@@ -126,7 +161,7 @@ class AxisWords:
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
         at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
-        if self._dialect.flavour != "ngc":
+        if self._dialect.flavour not in ("ngc", "siemens"):
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",
@@ -181,7 +216,7 @@ class AxisWords:
         if machine:
             for index, value in values.items():
                 end[index] = value
-        elif not coordinates.rotation:
+        elif not coordinates.turned:
             absolute, zero = self._state.absolute, coordinates.zero
             for index, value in values.items():
                 if absolute:
@@ -194,8 +229,7 @@ class AxisWords:
                 program[index] = value
             turned = coordinates.to_machine(program)
             # Rounding must not move an axis without a value.
-            plane = {self.column.get("X"), self.column.get("Y")}
-            for index in {*values, *(plane if plane & values.keys() else ())} - {None}:
+            for index in coordinates.coupled(set(values)):
                 end[index] = turned[index]
         else:
             delta = [values.get(index, 0.0) for index in range(len(end))]

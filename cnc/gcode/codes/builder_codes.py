@@ -13,6 +13,7 @@ from cnc.gcode.dialects import Dialect, NotedCode
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import LineWords, Word
 from cnc.machine.program_codes import CodeAction, RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, Stop
@@ -33,8 +34,15 @@ class BuilderCodes:
     """Recognition and execution of these codes."""
 
     def __init__(
-        self, dialect: Dialect, policy: ReadingPolicy, here: SourceLocation, out: BlockBuffer
+        self,
+        dialect: Dialect,
+        policy: ReadingPolicy,
+        here: SourceLocation,
+        out: BlockBuffer,
+        axes: tuple[str, ...],
     ) -> None:
+        self._axes = {axis.upper() for axis in axes}
+        self._extruder_reported = False
         self._dialect = dialect
         self._policy = policy
         self._here = here
@@ -43,9 +51,13 @@ class BuilderCodes:
 
     def take(self, words: LineWords) -> tuple[ExtraCode, ...]:
         """Take these codes out of the words of a line."""
-        if not (words.m or words.g):
+        if self._dialect.extruder and "E" in words.rest:
+            self._extrude(words)
+        if not (words.m or words.g or "D" in words.rest):
             return ()
         found: list[ExtraCode] = []
+        if self._dialect.flavour == "siemens":
+            _activate_edge(words)
         if self._dialect.aliases:
             words.g[:] = [self._meant(word, words) for word in words.g]
         for row in (words.g, words.m):
@@ -67,6 +79,21 @@ class BuilderCodes:
         if is_m and self._policy.unknown_codes == "warn" and word.whole not in self._dialect.m:
             return ExtraCode(word, "ignore", None)
         return None
+
+    def _extrude(self, words: LineWords) -> None:
+        """Let E move its axis, or leave it out with a warning on a machine without one."""
+        word, letter = words.rest.pop("E"), self._dialect.extruder
+        if any(code.letter == "M" for code in words.m):
+            return
+        if letter in self._axes:
+            words.rest[letter] = Word(letter, word.number, word.written, word.column, word.length)
+            return
+        words.g[:] = [g for g in words.g if g.number != G.G92.code or words.has_axis()]
+        if not self._extruder_reported:
+            self._extruder_reported = True
+            message = f"{word.written}: the machine has no {letter} axis for the extruder"
+            hint = f"E follows the path on a machine file with [axes.{letter.lower()}]"
+            self._here.report_warning("axis-idle", message, word, hint)
 
     def _meant(self, word: Word, words: LineWords) -> Word:
         """Return the code that a number of this dialect stands for."""
@@ -127,6 +154,20 @@ class BuilderCodes:
             return False
         self._reported.add(key)
         return True
+
+
+_SIDES = (G.G41.code, G.G42.code)
+
+
+def _activate_edge(words: LineWords) -> None:
+    """Put SINUMERIK's D and M6 into words of the tool length: D0 ends it, M6 activates edge 1."""
+    edge = words.rest.pop("D", None)
+    changes = any(word.number == M.M6 for word in words.m)
+    if (edge is None and not changes) or any(word.number in _SIDES for word in words.g):
+        return
+    at = edge or words.m[0]
+    code = G.G49 if edge is not None and edge.number == 0 else G.G43
+    words.g.append(Word("G", code.code, at.written, at.column, at.length))
 
 
 def file_of(action: CodeAction | None) -> RunFile | None:

@@ -91,6 +91,8 @@ class CompensationCodes:
         shift = (0.0, 0.0)
         if self._state.plane == "ZX":
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
+        if self._motion.coordinates.figure.mirrors(columns):
+            side = "right" if side == "left" else "left"
         compensation = self._motion.compensation
         compensation.start(
             side, radius, self._state.plane, columns, self._motion.position, at, shift=shift

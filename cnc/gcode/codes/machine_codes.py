@@ -281,6 +281,11 @@ class MachineCodes:
         unit = letters[letter]
         if "." in time.written:
             unit = self._dialect.dwell_point.get(letter, unit)
+            if self._dialect.lenient and unit < 1.0:
+                unit = 1.0
+                message = f"{time.written} is read as seconds; FANUC allows no decimal point here"
+                hint = "write whole milliseconds, or name the --dialect"
+                self._here.report_warning("dwell-point", message, time, hint)
         seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(
@@ -315,6 +320,15 @@ class MachineCodes:
                         control, tolerance = "blend" if value > 0.0 else "exact-path", value
         self._state.path, self._state.tolerance = control, tolerance
         self._path()
+
+    def stop_exactly(self, *, on: bool) -> None:
+        """Begin or end the exact stop of one line (G9)."""
+        if self._state.path == "exact-stop":
+            return
+        if on:
+            self._out.add(PathMode(self._here.file, self._here.line, "exact-stop", 0.0))
+        else:
+            self._path()
 
     def _path(self) -> None:
         self._out.add(

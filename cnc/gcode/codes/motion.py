@@ -9,8 +9,12 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import numpy as np
+
+from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
 from cnc.gcode.codes.axis_words import MIN_FEED, AxisWords
+from cnc.gcode.codes.corner_words import Corner
 from cnc.gcode.codes.prepared_lines import Known, QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
@@ -20,12 +24,14 @@ from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, Feed, Modal
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, fault
+from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
 from cnc.model.blocks import ArcFeed, NurbsFeed
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import CncError, GcodeError
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
+_FIGURES = ("figure-scaling", "figure-mirror", "figure-rotation")
+_FIGURE_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68)
 _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.
@@ -70,6 +76,7 @@ class Motion(AxisWords):
         compensation: Cutter radius compensation of the moves.
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
+        corner: The corner whose second move is not known yet (,C and ,R).
     """
 
     def __init__(
@@ -91,6 +98,7 @@ class Motion(AxisWords):
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self._out = out
         self._resting: G | None = dialect.motion
+        self.corner: Corner | None = None
         self.arcs = ArcMoves(self, dialect, here, state)
 
     @property
@@ -116,6 +124,10 @@ class Motion(AxisWords):
         if special and special.number == G.G4 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
+        for group in _FIGURES:
+            figure = codes.get(group)
+            if figure and figure.number in _FIGURE_TAKES_AXES:
+                taker = taker or figure
         if (length := codes.get("tool-length")) and (
             length.number == G.G43_1 or (length.number == G.G43_2 and "H" not in words.rest)
         ):
@@ -139,7 +151,8 @@ class Motion(AxisWords):
                         f"both {taker.word.written} and {code.word.written} take axis words",
                         code.word,
                     )
-                state.motion = code.g if beside else None
+                if taker.number not in _FIGURE_TAKES_AXES:
+                    state.motion = code.g if beside else None
             return None
         if code:
             return self._explicit(words, code, special, has_axis)
@@ -250,7 +263,11 @@ class Motion(AxisWords):
         elif motion is _FEED:
             at = code or words.first_axis()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
-            self.feed_to(end, self.feed(words, end, self.distance(end), at))
+            feed = self.feed(words, end, self.distance(end), at)
+            if self._dialect.corners and (word := corner_words.take(words)):
+                self._hold_corner(word, end, feed)
+            else:
+                self.feed_to(end, feed)
         elif motion in _ARCS:
             self.arc(self.arcs.block(words, motion, code))
         else:
@@ -264,19 +281,69 @@ class Motion(AxisWords):
 
     def feed_to(self, end: list[float], feed: float) -> None:
         """Make a straight move to a machine position at ``feed`` mm/s."""
-        if self.compensation.active:
-            self.compensation.move(end, feed, self._here.line)
-        else:
-            self._out.move(end, feed, self._here.line)
+        if self.corner is not None:
+            if math.isnan(feed):
+                raise self.corner_fault("G0")
+            self._finish_corner(end)
+        self._make_straight(end, feed, self._here.line)
         self.position = end
+
+    def _make_straight(self, end: list[float], feed: float, line: int) -> None:
+        if self.compensation.active:
+            self.compensation.move(end, feed, line)
+        else:
+            self._out.move(end, feed, line)
+
+    def _hold_corner(self, word: Word, end: list[float], feed: float) -> None:
+        """Keep a straight move until the next one is known."""
+        plane = self.arcs.plane_columns(word, word.letter)
+        factor = self.coordinates.figure.scale(plane)
+        if factor is None:
+            raise fault("scaling-arc", f"{word.written} under different factors of G51", word)
+        start = self.position if self.corner is None else self._finish_corner(end)
+        size = word.number * self._state.scale * factor
+        self.corner = Corner(word, size, start, end, feed, self._here.line, plane)
+        self.position = end
+
+    def _finish_corner(self, following: list[float]) -> list[float]:
+        """Make the first move of a corner and the way round it; return the place behind it."""
+        corner = self.corner
+        assert corner is not None
+        self.corner = None
+        try:
+            way = corner_words.cut(corner, following)
+        except GcodeError as error:
+            raise error.at(line=corner.line) from None
+        self._make_straight(way.begin, corner.feed, corner.line)
+        if way.centre is None:
+            self._make_straight(way.end, corner.feed, corner.line)
+        else:
+            file, end = self._here.file, np.array(way.end)
+            size, plane = corner.size, self._state.plane
+            arc = ArcFeed(file, corner.line, plane, way.centre, end, size, way.turns, corner.feed)
+            self._make_arc(arc)
+        return way.end
+
+    def corner_fault(self, what: str) -> CncError:
+        """Return the error of a corner that no straight feed move follows."""
+        corner = self.corner
+        assert corner is not None
+        message = f"{corner.word.written} needs a G1 in the next line, not {what}"
+        hint = "write the two moves of a corner in two lines"
+        return fault("corner-next", message, corner.word, hint).at(line=corner.line)
 
     def arc(self, block: ArcFeed) -> None:
         """Make an arc from the position."""
+        if self.corner is not None:
+            raise self.corner_fault("an arc")
+        self._make_arc(block)
+        self.position = block.end.tolist()
+
+    def _make_arc(self, block: ArcFeed) -> None:
         if self.compensation.active:
             self.compensation.arc(block)
         else:
             self._out.add(block)
-        self.position = block.end.tolist()
 
     def spline(self, block: NurbsFeed) -> None:
         """Make a spline from the position."""

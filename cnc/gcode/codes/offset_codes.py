@@ -34,6 +34,7 @@ class OffsetCodes:
     def system(self, words: LineWords, code: Code) -> None:
         """Execute G54 to G59.3, or FANUC's G54.1 P."""
         self._check_compensation(code.word)
+        self._check_figure(code.word)
         if code.number == G.G54_1:
             word = words.take("P", code.word.written)
             if word is None:
@@ -41,7 +42,8 @@ class OffsetCodes:
                 raise fault(
                     "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
                 )
-            index = self._more(word)
+            basic = self._dialect.flavour == "siemens" and word.number == 0
+            index = EXTERNAL if basic else self._more(word)
         else:
             index = SYSTEM_CODES.index(code.g)
         self._coordinates.select(index)
@@ -57,6 +59,8 @@ class OffsetCodes:
     def non_modal(self, words: LineWords, code: Code) -> None:
         """Execute G10, G28, G28.1, G30, G30.1, G52, G53 or G92 to G92.3."""
         number, coordinates = code.g, self._coordinates
+        if number not in (G.G28, G.G30, G.G53):
+            self._check_figure(code.word)
         if number == G.G10:
             self._g10(words, code.word)
             return
@@ -84,6 +88,12 @@ class OffsetCodes:
         if not values:
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         return values
+
+    def _check_figure(self, at: Word) -> None:
+        """Refuse an offset under G51, G51.1 or G68, in whose coordinates it would be unclear."""
+        if self._coordinates.figure.changes:
+            message = f"{at.written} under G51, G51.1 or G68"
+            raise fault("figure-active", message, at, "give G50, G50.1 or G69 before")
 
     def _check_compensation(self, at: Word) -> None:
         if self._motion.compensated:
@@ -119,7 +129,7 @@ class OffsetCodes:
         ]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
-        elif self._dialect.offset_memory:
+        elif self._dialect.offset_memory and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",

@@ -35,6 +35,7 @@ class ToolCodes:
         self._here = here
         self._zero_without_table = zero_without_table
         self._zero_reported = False
+        self._last_h = 0
         self._state = state
         self._motion = motion
         self._coordinates = motion.coordinates
@@ -115,7 +116,7 @@ class ToolCodes:
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
-        if word is None and self._dialect.offset_memory:
+        if word is None and self._dialect.offset_memory and not self._last_h:
             raise fault(
                 "tool-offset-missing",
                 f"{at.written} needs an H word",
@@ -125,10 +126,15 @@ class ToolCodes:
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
             number = number or self._state.loaded
+        elif word is None:
+            number = self._last_h
+        else:
+            self._last_h = number
         if number == 0:
             return [0.0] * len(self._motion.axes)
         entry = self.entry(number, word or at)
         letters = self._dialect.length_axes
+        self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0
             for axis in (name.upper() for name in self._motion.axes)
@@ -159,6 +165,13 @@ class ToolCodes:
             "name one in the machine file: tool_table under [program]; cncrun tools writes a "
             "skeleton; --tool-lengths zero takes every length as 0",
         )
+
+    def _check_length(self, entry: ToolEntry, at: Word) -> None:
+        """Report a tool of a table from a file that has no length."""
+        if self._table.file and not entry.offsets and "Z" in self._motion.column:
+            message = f"{at.written}: tool {entry.number} has no length in {self._table.file}"
+            hint = f"measure it, and add Z to the line of T{entry.number}"
+            self._here.report_warning("tool-length-zero", message, at, hint)
 
     def _report_zero(self, at: Word) -> None:
         """Report once that lengths and radii are taken as 0."""

@@ -91,7 +91,6 @@ class CyclePlane:
         self._axes = (first, second, across)
         self._coordinates = motion.coordinates
         self._machine = motion.position
-        self._turning = [index for index, axis in enumerate(motion.axes) if axis in "xy"]
         self._program = motion.coordinates.to_program(motion.position)
         self.start = self.seen(self._program)
 
@@ -131,11 +130,10 @@ class CyclePlane:
                 program[column] = value
         placed = self._coordinates.to_machine(program)
         stays = [new == old for new, old in zip(program, self._program, strict=True)]
-        if self._coordinates.rotation:
+        if self._coordinates.turned:
             # Under a rotation either axis of the program moves both of the machine.
-            both = all(stays[index] for index in self._turning)
-            for index in self._turning:
-                stays[index] = both
+            moved = {index for index, same in enumerate(stays) if not same}
+            stays = [index not in self._coordinates.coupled(moved) for index in range(len(stays))]
         return [
             here if same else there
             for here, there, same in zip(self._machine, placed, stays, strict=True)
@@ -152,6 +150,11 @@ class CycleRunner:
         self._state = state
         self._here = here
         self._out = out
+
+    def start_spindle(self) -> None:
+        """Start the spindle as the modal state says."""
+        state = self._state
+        self._out.add(Spindle(self._here.file, self._here.line, state.spindle, state.speed or 0.0))
 
     def perform(self, steps: Iterable[Step], plane: CyclePlane) -> None:
         """Execute steps in order. The position is the end of the last one."""

@@ -95,6 +95,10 @@ class DrillingCycles:
         refuse_axes(words, name, "XYZ")
         plane = CyclePlane(motion, state)
         plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
+        across = plane.columns[2]
+        if across is not None and motion.coordinates.figure.factors[across] != 1.0:
+            message = f"{name} under G51 with another factor than 1 along {plane.across}"
+            raise fault("scaling-cycle", message, at, "give G50 before, or I1. J1. K1.")
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
         retract = self._word(words, series, "R", name, at)
@@ -198,6 +202,9 @@ class DrillingCycles:
     def _check_spindle(self, cycle: G, name: str, at: Word) -> None:
         state = self._state
         needed = TAPS.get(cycle)
+        if needed and state.spindle == "off" and state.speed and self._rules.starts_spindle:
+            state.spindle = needed
+            self._performer.start_spindle()
         start = "S and M4" if needed == "ccw" else "S and M3"
         if state.spindle == "off" or not state.speed:
             raise fault(

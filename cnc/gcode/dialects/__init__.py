@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
-from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.blocks import PathControl
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
@@ -56,6 +56,7 @@ class CycleRules:
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
+        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
     """
 
     repeats: str
@@ -65,6 +66,7 @@ class CycleRules:
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]
     fine_boring: bool
+    starts_spindle: bool
 
 
 class NotedCode(NamedTuple):
@@ -84,7 +86,7 @@ class NotedCode(NamedTuple):
     def applies(self, words: LineWords) -> bool:
         """Return whether a line with this code has the words that it needs."""
         rest = words.rest.keys()
-        return not self.needs or (not rest.isdisjoint(self.needs) and rest.isdisjoint(AXES))
+        return not self.needs or (not rest.isdisjoint(self.needs) and rest <= set(self.words))
 
 
 class Alias(NamedTuple):
@@ -136,6 +138,9 @@ class Dialect:
     lenient: bool
     after_g80: Literal["none", "previous"]
     local_calls: bool
+    scale_unit: float
+    extruder: str
+    corners: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     cycles: CycleRules
@@ -264,7 +269,7 @@ _PLAIN = (
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
     "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
-    "local_calls", "dwell", "dwell_point",
+    "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

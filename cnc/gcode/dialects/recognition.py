@@ -88,7 +88,7 @@ class _Table(NamedTuple):
 @lru_cache(maxsize=1)
 def _table() -> _Table:
     data = tomllib.loads(files(__package__).joinpath("recognise.toml").read_text(encoding="utf-8"))
-    evidence = tuple(
+    rows = tuple(
         _Evidence(
             each["for"],
             each.get("is", ""),
@@ -99,7 +99,12 @@ def _table() -> _Table:
         )
         for each in data["evidence"]
     )
-    return _Table(evidence, data["extends"], data["enough"])
+    return _Table(rows, data["extends"], data["enough"])
+
+
+def evidence() -> list[tuple[str, int, str]]:
+    """Return language, points and description of each piece of evidence, for the reference."""
+    return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
 
 
 def recognise(lines: Iterable[str]) -> Recognition:
@@ -112,13 +117,13 @@ def recognise(lines: Iterable[str]) -> Recognition:
         code = _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
         comments = _COMMENT.findall(line)
         has_y = has_y or _Y_WORD.search(code) is not None
-        for evidence in tuple(left):
-            texts = {"code": [code], "comment": comments, "line": [line]}[evidence.place]
+        for each in tuple(left):
+            texts = {"code": [code], "comment": comments, "line": [line]}[each.place]
             for text in texts:
-                if match := evidence.pattern.search(text):
-                    left.remove(evidence)
-                    reason = Reason(_shown(match[0]), evidence.what, number)
-                    found.setdefault(evidence.language, []).append((evidence, reason))
+                if match := each.pattern.search(text):
+                    left.remove(each)
+                    reason = Reason(_shown(match[0]), each.what, number)
+                    found.setdefault(each.language, []).append((each, reason))
                     break
     if has_y:
         found.pop("lathe", None)
@@ -143,9 +148,7 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
     for special, base in table.extends.items():
         if special in found:
             found[special] = found.pop(base, []) + found[special]
-    points = {
-        language: sum(evidence.points for evidence, _ in rows) for language, rows in found.items()
-    }
+    points = {language: sum(each.points for each, _ in rows) for language, rows in found.items()}
     ranked = sorted(points, key=lambda language: -points[language])
     if not ranked or points[ranked[0]] < table.enough:
         return Recognition()

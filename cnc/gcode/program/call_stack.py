@@ -207,6 +207,8 @@ class Flow:
         value: Value of the last return, None if it had none.
         percent: Whether a ``%`` was read.
         main_border: Line of the O number of the main program; 0 for none.
+        modal: Calls the macro of G66 after a line; None if there is none.
+        has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
     def __init__(
@@ -231,6 +233,9 @@ class Flow:
         self.value: float | None = None
         self.percent = False
         self.main_border = 0
+        self.modal: Callable[[int], int] | None = None
+        self.has_modal = False
+        self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)
         self.parameters.bind("_value_returned", lambda: 0.0 if self.value is None else 1.0)
         self._set_listing(listing)
@@ -272,6 +277,33 @@ class Flow:
         self.interpreter.entered()
         self._set_listing(frame.listing)
         return frame.first
+
+    def begin_modal(self, call: Callable[[int], int]) -> None:
+        """Begin to call a macro after each move of this program, and not of those it calls."""
+        self.modal, self._modal_depth = call, len(self.frames)
+        if not self.has_modal:
+            self.has_modal = True
+            for listing in {self.main, self.listing}:
+                listing.forget_steps()
+
+    def call_after(self, line: int) -> int:
+        """Make the modal call after the move of a line; return the line to continue at."""
+        if self.modal is None or len(self.frames) != self._modal_depth:
+            return line + 1
+        return self.modal(line)
+
+    def enter_again(self, frame: Frame) -> None:
+        """Enter a subroutine of this text that compiled code has entered already."""
+        self.frames.append(self.frame)
+        self.frame = frame
+        frame.since = self.executed
+        self.parameters.push(())
+        self.interpreter.entered()
+
+    @property
+    def marks_calls(self) -> bool:
+        """Whether a call made here is marked among the blocks."""
+        return self._mark_calls and not self.frames
 
     def leave(self) -> int:
         """Return to the caller; return the line to continue at."""

@@ -10,6 +10,7 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.mending import MENDED
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.siemens import NOTED
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import Message
@@ -29,6 +30,7 @@ class CommentCommands:
         self._out = out
         self._parameters = parameters
         self._aborts = aborts
+        self._noted: set[str] = set()
         self._may_abort: set[tuple[str, int]] = set()
 
     def execute(self, remark: Remark) -> GcodeError | None:
@@ -43,6 +45,12 @@ class CommentCommands:
         if remark.kind == MENDED:
             at = Word("(", 0.0, "(", remark.column, remark.length)
             here.report_warning("comment-mended", remark.text, at, "correct the brackets")
+            return None
+        if remark.kind == NOTED:
+            if remark.text not in self._noted:
+                self._noted.add(remark.text)
+                at = Word("(", 0.0, "", remark.column, remark.length)
+                here.report_note("code-not-needed", remark.text, at)
             return None
         name = f"({remark.kind.upper()})"
         at = Word("(", 0.0, name, remark.column, 1)

@@ -6,6 +6,7 @@ then entered into the table of its window, and compiled code executes it from th
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.program.call_stack import Flow, Loop, Nothing, Step
+from cnc.gcode.program.call_stack import Flow, Frame, Loop, Nothing, Step
 from cnc.gcode.program.control_flow import (
     Do,
     DoWhile,
@@ -25,8 +26,10 @@ from cnc.gcode.program.control_flow import (
     Repeat,
     While,
 )
+from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.program.parameter_mirror import ParameterMirror
+from cnc.gcode.program.subprograms import Return
 from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
 from cnc.kernels.gcode import program as kernel
 from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
@@ -34,6 +37,10 @@ from cnc.kernels.gcode.line import MOST_ROWS as MOST_LINE_ROWS
 
 MOST_LINES = 100_000
 """Lines that are executed at once. Ctrl-C takes effect between."""
+MOST_CALLS = 8
+"""Calls within each other in compiled code."""
+MOST_NAMES = 256
+"""Names of a window with calls in compiled code, since each call has all of them."""
 _FEW_ROWS = 256
 
 
@@ -45,15 +52,21 @@ class _Table:
         window: The window.
         text: The lines.
         slots: Slots of the names in the lines.
+        frames: Space for calls.
         repeats: Steps of REPEAT by the index of their line.
+        labels: Labels of calls.
         loops: Loops by the index of their first line.
+        subs: Number of subroutines that are entered.
     """
 
     window: Window
     text: kernel.Text
     slots: NDArray[np.int32]
+    frames: kernel.Frames
     repeats: dict[int, Step]
+    labels: list[str]
     loops: dict[int, Loop]
+    subs: int = 0
 
 
 class CompiledProgram:
@@ -82,6 +95,8 @@ class CompiledProgram:
         if not self._machine.ready():
             return None
         table = self._table(window)
+        if table.subs != len(flow.listing.subs):
+            self._find_subs(table)
         counts, rounds = flow.frame.counts, table.text.control.rounds
         for index, step in table.repeats.items():
             rounds[index] = counts.get(step, 0)
@@ -100,17 +115,27 @@ class CompiledProgram:
             MOST_LINES,
             flow.interpreter.begun,
             -1,
+            0,
+            min(len(table.frames.back), flow.limits.depth - len(flow.frames)),
+            flow.marks_calls,
+            flow.frame.scope - first if flow.frame.scope else -1,
+            0,
+            math.nan,
         )
         setup, state, position, rows, _ = job
-        kernel.run(table.text, values, changes, setup, state, position, rows, self._progress)
-        _, index, done, executed, new, highest, _, _, begun, last = self._progress[0].item()
+        frames = table.frames
+        kernel.run(
+            table.text, values, changes, frames, setup, state, position, rows, self._progress
+        )
+        (
+            _, index, done, executed, new, highest, _, _, begun, last, depth, _, _, _, returned,
+            value,
+        ) = self._progress[0].item()  # fmt: skip
         if not done:
             return None
-        self._mirror.store()
-        for at, step in table.repeats.items():
-            if rounds[at] > 0 or step in counts:
-                counts[step] = int(rounds[at])
         flow.executed, flow.new = executed, new
+        if returned:
+            flow.value = None if value != value else value
         listing.last_executed = highest + first
         interpreter = flow.interpreter
         interpreter.begun = bool(begun)
@@ -119,7 +144,43 @@ class CompiledProgram:
         if int(state[0]["rows"]) + MOST_LINE_ROWS >= len(rows.kinds):
             self._rows = min(2 * self._rows, MOST_ROWS)
         self._machine.finish(job)
+        calls = [flow.frame]
+        for level in range(depth):
+            self._mirror.restore(frames, level)
+            calls.append(self._frame(table, level))
+            flow.enter_again(calls[-1])
+        self._mirror.store()
+        self._store_rounds(table, calls)
         return first + int(index)
+
+    def _frame(self, table: _Table, level: int) -> Frame:
+        """Return the frame of a call that compiled code has entered."""
+        back, listing = int(table.frames.back[level]), self._flow.listing
+        line = table.window.first + back
+        statement = listing.statement(table.window, back - 1)
+        assert statement is not None and statement.control is not None
+        control = statement.control
+        assert isinstance(control.label, str)
+        subroutine = listing.subs[control.label]
+        at = Place(line - 1, control.column, control.length)
+        return Frame("sub", subroutine.name, listing, subroutine.first, listing, at, line)
+
+    def _store_rounds(self, table: _Table, calls: list[Frame]) -> None:
+        """Store the rounds left of loops in the calls that they belong to.
+
+        Args:
+            table: The table of the window.
+            calls: The call in which compiled code began, and those that it entered.
+        """
+        flow, first, rounds = self._flow, table.window.first, table.text.control.rounds
+        for index, step in table.repeats.items():
+            line = first + index
+            owner = calls[0]
+            for frame in calls[1:]:
+                sub = flow.listing.subs[frame.name[1:]]
+                owner = frame if sub.first < line < sub.last else owner
+            if rounds[index] > 0 or step in owner.counts:
+                owner.counts[step] = int(rounds[index])
 
     def register(self, window: Window, index: int, step: Step) -> None:
         """Enter the step of a control line into the table of its window."""
@@ -127,7 +188,11 @@ class CompiledProgram:
         coded, control = table.text.coded, table.text.control
         if coded.kind[index] != CONTROL:
             return
-        entry = _loop_entry(table, index, step) or _branch_entry(table, index, step)
+        entry = (
+            _loop_entry(table, index, step)
+            or _branch_entry(table, index, step)
+            or self._return_entry(table, index, step)
+        )
         if entry is None:
             return
         if int(coded.first[index + 1] - coded.first[index]) == entry.values:
@@ -135,6 +200,28 @@ class CompiledProgram:
             # That of an elseif is the next one, whatever the line does when it is reached.
             if entry.action != kernel.JUMP:
                 control.other[index] = entry.other
+
+    def _return_entry(self, table: _Table, index: int, step: Step) -> _Entry | None:
+        """Return the entry of a return; None if it is left to the interpreter."""
+        first, subs = table.window.first, self._flow.listing.subs
+        if not isinstance(step, Return):
+            return None
+        label, values = step.control.label, len(step.control.values)
+        if step.control.keyword == "return":
+            return _Entry(kernel.RETURN, 0, -1, values)
+        subroutine = subs.get(label) if isinstance(label, str) else None
+        if subroutine is None or subroutine.first < first:
+            return None
+        return _Entry(kernel.RETURN, 0, subroutine.first - first, values)
+
+    def _find_subs(self, table: _Table) -> None:
+        """Enter the subroutines that are known by now and stand in the window."""
+        first, subs = table.window.first, self._flow.listing.subs
+        for index, label in enumerate(table.labels):
+            found = subs.get(label)
+            place = -1 if found is None else found.first - first
+            table.text.control.sub[index] = place if 0 <= place < table.window.count else -1
+        table.subs = len(subs)
 
     def _table(self, window: Window) -> _Table:
         """Return the table of a window, which is made when it is first asked for."""
@@ -151,9 +238,13 @@ class CompiledProgram:
                 np.zeros(count, np.int32),
                 np.full(count, -1, np.int64),
                 np.zeros(count, np.int64),
+                np.full(int(coded.labels.used[0]), -1, np.int32),
             )
             text = kernel.Text(scan.lines.first, scan.words, coded, control)
-            table = _Table(window, text, self._mirror.slots(window, coded), {}, {})
+            slots = self._mirror.slots(window, coded)
+            frames = _frames(self._mirror.local_slots(slots))
+            labels = window.names(coded.labels)
+            table = _Table(window, text, slots, frames, {}, labels, {})
             self._tables[key] = table
             if len(self._tables) > KEPT_WINDOWS:
                 self._tables.popitem(last=False)
@@ -164,6 +255,22 @@ class CompiledProgram:
         for table in self._tables.values():
             for index, loop in table.loops.items():
                 loop.since = max(loop.since, int(table.text.control.since[index]))
+
+
+def _frames(local_slots: NDArray[np.int32]) -> kernel.Frames:
+    """Return space for calls; none if there are too many names."""
+    names = len(local_slots)
+    depth = MOST_CALLS if names <= MOST_NAMES else 0
+    numbers = kernel.LAST_LOCAL + 1
+    return kernel.Frames(
+        np.zeros(depth, np.int64),
+        np.zeros(depth, np.int64),
+        np.zeros((depth, numbers)),
+        np.zeros((depth, numbers), np.uint8),
+        local_slots,
+        np.zeros((depth, names)),
+        np.zeros((depth, names), np.uint8),
+    )
 
 
 class _Entry(NamedTuple):

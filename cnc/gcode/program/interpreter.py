@@ -10,10 +10,11 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 from __future__ import annotations
 
 from cnc.gcode import dialects
-from cnc.gcode.codes import macro_variables, probing, system_parameters
+from cnc.gcode.codes import circular_pocket, macro_variables, probing, system_parameters
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.figure_codes import FigureCodes
 from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
@@ -97,11 +98,11 @@ class Interpreter:
             axes,
             parameters,
             systems=dialect.systems,
-            fanuc=dialect.offset_memory,
+            fanuc=dialect.offset_memory or dialect.flavour == "siemens",
             shift_stays=dialect.shift_stays,
         )
         self.unused_words = UnusedWords(self.here)
-        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out)
+        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
         self.machine_codes = MachineCodes(
             dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
@@ -125,6 +126,7 @@ class Interpreter:
             zero_without_table=policy.tool_lengths == "zero",
         )
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
+        self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
             dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
         )
@@ -135,6 +137,7 @@ class Interpreter:
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
+        circular_pocket.register(self.motion, self.modal, self.here, self.tool_codes)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
         system_parameters.bind(parameters, self.modal, self.here)
@@ -217,6 +220,8 @@ class Interpreter:
         Raises:
             GcodeError: A spline is not complete.
         """
+        if self.motion.corner is not None:
+            raise self.motion.corner_fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.compensation_codes.off()
@@ -254,12 +259,18 @@ class Interpreter:
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
             and motion.collector is None
-            and not self.coordinates.rotation
+            and not self.coordinates.turned
+            and self.motion.polar.plane is None
+            and self.motion.corner is None
         )
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
         """Set parameters. All values are computed before the first is set."""
         parameters = self.parameters
+        if self.dialect.flavour == "siemens" and len(assignments) > 1:
+            for each in assignments:  # they take effect from left to right
+                self._assign((each,))
+            return
         if len(assignments) == 1:
             (only,) = assignments
             if isinstance(only.target, str):
@@ -301,6 +312,8 @@ class Interpreter:
             raise unused(words, self.modal)
         if extra:
             self._builder_codes.pause(extra)
+        if (corner := self.motion.corner) is not None and corner.line != self.here.line:
+            raise self.motion.corner_fault("a line without a move")
 
     def _is_idle(self, words: LineWords) -> bool:
         """Take centre words of a traverse under a lenient dialect, with a warning."""
@@ -333,7 +346,11 @@ class Interpreter:
             return
         self._execute_machine_codes(words, codes)
         self._execute_settings(words, codes)
+        if "exact-stop-once" in codes:
+            self.machine_codes.stop_exactly(on=True)
         self.motion.move(words, moving, codes.get("motion"))
+        if "exact-stop-once" in codes:
+            self.machine_codes.stop_exactly(on=False)
         if code := codes.get("stop"):
             self._stop(code)
 
@@ -382,6 +399,7 @@ class Interpreter:
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
+        self.figure_codes.execute(words, codes)
         if (code := codes.get("non-modal")) and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 

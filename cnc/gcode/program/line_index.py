@@ -21,7 +21,7 @@ from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.diagnostics import CncError, GcodeError
 
-_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "none": ""}
+_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
 _END_OF_TEXT = 1 << 62
 """A line number beyond that of any line."""

@@ -18,7 +18,16 @@ from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, Feed
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.kernels.gcode import line as kernel
 from cnc.kernels.gcode.arcs import Tolerance
-from cnc.model.blocks import PLANE_AXES, ROTARY_LETTERS, ArcFeed, Block, Coolant, Dwell, Spindle
+from cnc.model.blocks import (
+    PLANE_AXES,
+    ROTARY_LETTERS,
+    ArcFeed,
+    Block,
+    CallBoundary,
+    Coolant,
+    Dwell,
+    Spindle,
+)
 from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
 MOST_ROWS = 8192
@@ -267,6 +276,9 @@ class LineMachine:
                 yield Spindle(file, line, _SPINDLE[int(first)], speed, with_motion=with_motion)
             elif kind == kernel.COOLANT:
                 yield Coolant(file, line, bool(first), bool(second))
+            elif kind == kernel.BOUNDARY:
+                # Calls of the main program are marked, whose file this is.
+                yield CallBoundary(file, line, bool(first))
             else:
                 yield Dwell(file, line, first)
 

@@ -9,7 +9,13 @@ from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
-from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program import (
+    block_matching,
+    control_flow,
+    numbered_programs,
+    siemens_cycles,
+    subprograms,
+)
 from cnc.gcode.program.builder_files import file_call
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.compiled_program import CompiledProgram
@@ -25,7 +31,7 @@ MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS | subprograms.MAKERS
+    block_matching.MAKERS | subprograms.MAKERS | siemens_cycles.MAKERS
 )
 
 
@@ -98,6 +104,8 @@ class StepMaker:
             raise flow.listing.fault(at, "program-end-missing", message, hint)
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
+        if self._flow.has_modal:
+            return self._of_statement(window, line, index)
         if (
             self._compiled is not None
             and (self._is_long or window.count >= MANY_LINES)
@@ -117,6 +125,8 @@ class StepMaker:
             GcodeError: The line is faulty, or the block that it opens.
         """
         flow = self._flow
+        if flow.has_modal:
+            return self._of_statement(window, line, index)
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
@@ -125,11 +135,19 @@ class StepMaker:
                 return NOTHING
             if move := move_of(letters, numbers, self._kinds):
                 return _Move(move, window)
+        return self._of_statement(window, line, index)
+
+    def _of_statement(self, window: Window, line: int, index: int) -> Step | Statement:
+        """Return the step of a line from its statement."""
+        flow = self._flow
         statement = flow.listing.statement(window, index)
         if statement is None:
             return NOTHING
         if statement.control is None:
-            return self._of_words(line, statement)
+            found = self._of_words(line, statement)
+            if flow.has_modal and isinstance(found, Statement):
+                return _Followed(found)
+            return found
         step = self._of_control(line, statement.control)
         if self._compiled is not None and (self._is_long or window.count >= MANY_LINES):
             self._compiled.register(window, index, step)
@@ -238,6 +256,22 @@ def _execute_statement(flow: Flow, window: Window, line: int) -> int:
     assert statement is not None
     flow.interpreter.execute(statement, line)
     return line + 1
+
+
+class _Followed:
+    """A line after which the macro of G66 is called if it moved."""
+
+    __slots__ = ("_statement",)
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the line, then the macro."""
+        motion = flow.interpreter.motion
+        before = motion.position
+        flow.interpreter.execute(self._statement, line)
+        return line + 1 if motion.position is before else flow.call_after(line)
 
 
 class _Announced:

@@ -1,7 +1,7 @@
-"""Numbered programs: calls with M98 and G65, return with M99.
+"""Numbered programs: calls with M98, G65, G66 and M97 (of lines), return with M99.
 
 Sources: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
-(M98, M99)" and "Custom macro", macro call.
+(M98, M99)" and "Custom macro", macro call and modal call; Haas, "Mill Operator's Manual", M97.
 """
 
 from __future__ import annotations
@@ -126,11 +126,30 @@ class ProgramCall:
         self.words.execute_rest(flow, line)
         if flow.interpreter.ended or repeats == 0:
             return line + 1
-        listing, scope = self._look_up(flow, number)
+        return self.enter(flow, line, (number, repeats), arguments)
+
+    def enter(
+        self,
+        flow: Flow,
+        line: int,
+        called: tuple[int, int],
+        arguments: list[float] | None,
+    ) -> int:
+        """Enter the program.
+
+        Args:
+            flow: The flow of control.
+            line: The line of the call, or the line after which a modal call is made.
+            called: The number of the program, and how often it is executed.
+            arguments: Values of the local variables of a macro.
+        """
+        number, repeats = called
+        local = self.code.letter == "M" and self.code.number == M.M97
+        listing, scope = self._look_up_line(flow, number) if local else self._look_up(flow, number)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
         frame = Frame(
             kind,
-            f"O{number}",
+            f"{'N' if local else 'O'}{number}",
             listing,
             scope,
             flow.listing,
@@ -159,6 +178,17 @@ class ProgramCall:
         for argument in arguments:
             found[argument.number - 1] = argument.result(parameters)
         return found
+
+    def _look_up_line(self, flow: Flow, number: int) -> tuple[Listing, int]:
+        """Find the lines that M97 calls, in the program of the call."""
+        listing = flow.listing
+        begin, end = listing.program_around(self.at.line)
+        line = listing.numbered(number, begin, end)
+        if line is None:
+            word = self.words.values["P"][0]
+            hint = f"give the first line of them N{number}"
+            raise fault("block-unknown", f"there is no line N{number}", word, hint)
+        return listing, line - 1
 
     def _look_up(self, flow: Flow, number: int) -> tuple[Listing, int]:
         """Find a program in this text, in the main program, or in a file of its own.
@@ -301,12 +331,52 @@ class ProgramReturn:
         return to
 
 
-CODES = {("M", float(M.M98)), ("M", float(M.M99)), ("G", G.G65.code)}
+class ModalCall(ProgramCall):
+    """``G66 P L`` with arguments: the macro is executed after each move, until ``G67``."""
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the rest of the line, and keep the call."""
+        parameters = flow.parameters
+        if flow.modal is not None:
+            message = f"{self.code.written} under another G66"
+            raise fault("macro-active", message, self.code, "give G67 before")
+        called = self._number_and_repeats(parameters)
+        assert self.arguments is not None
+        arguments = self._locals(self.arguments, parameters)
+        self.words.execute_rest(flow, line)
+        self._look_up(flow, called[0])
+        flow.begin_modal(lambda after: self.enter(flow, after, called, arguments.copy()))
+        return line + 1
+
+
+class ModalEnd:
+    """``G67``: the end of G66."""
+
+    __slots__ = ("words",)
+
+    def __init__(self, statement: Statement, code: Word) -> None:
+        self.words = _CallWords(statement, "", code)
+
+    def run(self, flow: Flow, line: int) -> int:
+        """End the modal call, then execute the rest of the line."""
+        flow.modal = None
+        self.words.execute_rest(flow, line)
+        return line + 1
+
+
+CODES = {
+    *(("M", float(code)) for code in (M.M97, M.M98, M.M99)),
+    *(("G", code.code) for code in (G.G65, G.G66, G.G67)),
+}
 """Letters and numbers of the words that call and return."""
 
 
 def call_or_return(line: int, statement: Statement, code: Word, *, macro: bool) -> Step:
-    """Return the step of a line with M98, M99 or G65."""
-    if code.number == M.M99:
+    """Return the step of a line with one of the codes."""
+    if code.letter == "G" and code.number == G.G66.code:
+        return ModalCall(line, statement, code, macro=macro)
+    if code.letter == "G" and code.number == G.G67.code:
+        return ModalEnd(statement, code)
+    if code.letter == "M" and code.number == M.M99:
         return ProgramReturn(line, statement, code, macro=macro)
     return ProgramCall(line, statement, code, macro=macro)

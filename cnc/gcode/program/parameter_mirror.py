@@ -12,7 +12,7 @@ from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode.coding import Coded
 from cnc.kernels.gcode.expressions import LAST_PARAMETER
 from cnc.kernels.gcode.expressions import Parameters as Values
-from cnc.kernels.gcode.program import Changes
+from cnc.kernels.gcode.program import Changes, Frames
 
 _SET, _OF_INTERPRETER = 1, 2
 """Flags: compiled code has set the parameter; it must not, because a function shows it."""
@@ -33,13 +33,14 @@ class ParameterMirror:
         )
         # A place that is no parameter.
         self._numbered[0], self._changes.numbered[0] = math.nan, _OF_INTERPRETER
-        for number in range(1, LAST_PARAMETER + 1):
+        # All others are 0.
+        for number in parameters.known_numbers(LAST_PARAMETER):
             self._read(number)
         parameters.changed = set()
 
     def slots(self, window: Window, coded: Coded) -> NDArray[np.int32]:
         """Return the slot of each name in the lines of a window; new names get new slots."""
-        names, known = window.names(coded), self._slots
+        names, known = window.names(coded.names), self._slots
         new = [name for name in names if name not in known]
         begin = len(self._names)
         known.update(zip(new, range(begin, begin + len(new)), strict=True))
@@ -71,6 +72,20 @@ class ParameterMirror:
                 self._read(key)
         changed.clear()
         return Values(self._numbered, self._named, slots), self._changes
+
+    def local_slots(self, slots: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the slots of the names that belong to their call."""
+        return np.array([slot for slot in slots.tolist() if self._names[slot][0] != "_"], np.int32)
+
+    def restore(self, frames: Frames, depth: int) -> None:
+        """Copy the local parameters of a caller back, before its call is entered."""
+        flags, values = frames.numbered_changes[depth], frames.numbered[depth]
+        for number in np.flatnonzero(flags == _SET).tolist():
+            self._parameters.store_value(number, float(values[number]))
+        flags, values = frames.named_changes[depth], frames.named[depth]
+        for place in np.flatnonzero(flags == _SET).tolist():
+            name = self._names[int(frames.slot[place])]
+            self._parameters.store_value(name, float(values[place]))
 
     def store(self) -> None:
         """Copy the parameters that compiled code has set back."""

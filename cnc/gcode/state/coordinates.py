@@ -17,9 +17,9 @@ system".
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
+from cnc.gcode.geometry.figure import Figure, cosine_sine
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model import parameter_numbers as numbers
@@ -43,6 +43,7 @@ class Coordinates:
         system: Index of the system in use, 0 for G54.
         systems: Number of systems without G54.1's.
         axes: Letters of the machine's axes.
+        figure_is_new: Whether no point was given since G68.
     """
 
     def __init__(
@@ -69,6 +70,8 @@ class Coordinates:
         self.rotation = 0.0
         self.zero: list[float] = []
         self.axes = axes
+        self.figure = Figure.none(len(axes))
+        self.figure_is_new = False
         self._fanuc = fanuc
         self._values = parameters.values
         self._places = [AXIS_LETTERS.index(axis) for axis in axes]
@@ -95,8 +98,30 @@ class Coordinates:
         """Whether the machine has the two axes that a rotation needs."""
         return self._xy is not None
 
+    @property
+    def figure(self) -> Figure:
+        """Scaling, mirroring and rotation of the figure."""
+        return self._figure
+
+    @figure.setter
+    def figure(self, figure: Figure) -> None:
+        self._figure = figure
+        self.figure_is_new = False
+
+    @property
+    def turned(self) -> bool:
+        """Whether a point of the program is more than a sum away from its machine position."""
+        return bool(self.rotation) or self._figure.changes
+
+    def coupled(self, columns: set[int]) -> set[int]:
+        """Return the columns of axes that move with those of a program's words."""
+        if self.rotation and self._xy and not columns.isdisjoint(self._xy):
+            columns = columns | set(self._xy)
+        return self._figure.coupled(columns)
+
     def to_machine(self, program: list[float]) -> list[float]:
         """Return the machine position of a point in program coordinates."""
+        program = self._figure.point(program) if self._figure.changes else program
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
         added = [
@@ -111,6 +136,10 @@ class Coordinates:
 
     def to_program(self, machine: list[float]) -> list[float]:
         """Return the program coordinates of a machine position."""
+        found = self._unshifted(machine)
+        return self._figure.original(found) if self._figure.changes else found
+
+    def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
         return [
@@ -122,6 +151,7 @@ class Coordinates:
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""
+        delta = self._figure.vector(delta) if self._figure.changes else delta
         return self._rotated(delta, self._turn) if self.rotation else delta
 
     def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
@@ -172,6 +202,7 @@ class Coordinates:
     def end(self) -> None:
         """Select the first system without a local offset at the program end (M2, M30)."""
         self._local = [0.0] * len(self.axes)
+        self.figure = Figure.none(len(self.axes))
         self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
 
@@ -208,7 +239,7 @@ class Coordinates:
         The shift and the tool offset stay.
         """
         first = self._first(system)
-        origin, turn = self._stored(first), _cosine_sine(self._rotation_of(system))
+        origin, turn = self._stored(first), cosine_sine(self._rotation_of(system))
         from_offsets = [
             value - base
             for value, base in zip(position, self._base([0.0] * len(position)), strict=True)
@@ -232,7 +263,7 @@ class Coordinates:
         self._origin = self._stored(self._first(system))
         self._external = self._stored(numbers.EXTERNAL_OFFSET) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
-        self._turn = _cosine_sine(self.rotation)
+        self._turn = cosine_sine(self.rotation)
         self._update_zero()
 
     def _first(self, system: int) -> int:
@@ -335,7 +366,7 @@ class Coordinates:
         """
         if fixture:
             last = self.systems - 1
-            origin, turn = self._stored(self._first(last)), _cosine_sine(self._rotation_of(last))
+            origin, turn = self._stored(self._first(last)), cosine_sine(self._rotation_of(last))
             moved = [0.0] * len(old)
         else:
             origin, turn = self._origin, self._turn
@@ -370,12 +401,3 @@ class Coordinates:
         """Store the machine position that G28 or G30 goes to."""
         for place, value in zip(self._places, position, strict=True):
             self._values[_HOMES[code] + place] = value
-
-
-def _cosine_sine(rotation: float) -> tuple[float, float]:
-    """Cosine and sine of an angle in degrees; exact at multiples of 90."""
-    quarters = rotation / 90.0
-    if quarters.is_integer():
-        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]
-    angle = math.radians(math.fmod(rotation, 360.0))
-    return math.cos(angle), math.sin(angle)

@@ -19,13 +19,14 @@ from cnc.model.units import per_second
 
 _GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
+        G.G12, G.G13,
         G.G0, G.G1, G.G2, G.G3, G.G5, G.G5_1, G.G5_2, G.G5_3, G.G6_2, G.BSPLINE, G.G33, G.G33_1,
         G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80, G.G81, G.G82, G.G83, G.G84,
         G.G85, G.G86, G.G87, G.G88, G.G89,
     ),
     "non-modal": (
-        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G92, G.G92_1, G.G92_2,
-        G.G92_3,
+        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G66, G.G92, G.G92_1,
+        G.G92_2, G.G92_3,
     ),
     "plane": (G.G17, G.G18, G.G19),
     "units": (G.G20, G.G21),
@@ -41,14 +42,15 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "spindle-mode": (G.G96, G.G97),
     "retract": (G.G98, G.G99),
     "diameter": (G.G7, G.G8),
-    # CAM post-processors write these codes in the header. They end modes that no dialect has, so
-    # they do nothing.
-    "polar": (G.G15,),
+    "figure-polar": (G.G15, G.G16),
+    "figure-scaling": (G.G50, G.G51),
+    "figure-mirror": (G.G50_1, G.G51_1),
+    "figure-rotation": (G.G68, G.G69),
+    "exact-stop-once": (G.G9,),
     "call": (G.G67,),
-    "rotation": (G.G69,),
 }  # fmt: skip
 _M_GROUPS: dict[str, tuple[M, ...]] = {
-    "stop": (M.M0, M.M1, M.M2, M.M30, M.M60, M.M98, M.M99),
+    "stop": (M.M0, M.M1, M.M2, M.M30, M.M60, M.M97, M.M98, M.M99),
     "tool-change": (M.M6, M.M61),
     "spindle": (M.M3, M.M4, M.M5, M.M19),
     "coolant": (M.M7, M.M8, M.M9),
@@ -92,7 +94,7 @@ Codes = dict[str, Code]
 """The codes of a line by modal group."""
 
 
-_CALLS, _MACRO_CALL = (M.M98, M.M99), G.G65
+_CALLS, _MACRO_CALLS = (M.M97, M.M98, M.M99), (G.G65, G.G66, G.G67)
 """Codes that the flow of control takes out of a line before it is executed."""
 
 
@@ -105,7 +107,7 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     found: Codes = {}
     for word in g:
         number = dialect.check_g(word) if word.letter == "G" else G.BSPLINE
-        if number is _MACRO_CALL:
+        if number in _MACRO_CALLS and number is not G.G67:
             raise _call_left(word)
         _add(found, GROUP_OF_G[number], Code(number, word))
     for word in m:
@@ -189,6 +191,7 @@ class ModalState:
         loaded: Number of the tool in the spindle; 0 for none.
         initial_level: Canned cycles end at the level before the first one, not at R (G98).
         compensation: The G41 or G42 in effect, or G40.
+        scaled: Whether G51 is in effect.
     """
 
     motion: G | None = None
@@ -209,6 +212,7 @@ class ModalState:
     loaded: int = 0
     initial_level: bool = False
     compensation: G = G.G40
+    scaled: bool = False
     path: PathControl = "exact-path"
     tolerance: float = 0.0
     feed_override: bool = True

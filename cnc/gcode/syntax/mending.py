@@ -12,6 +12,10 @@ from cnc.gcode.syntax.statement import Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
+_TEXT_CODE = re.compile(
+    r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
+)
+_CHECKSUM = re.compile(r"\*[0-9]+[ \t]*(?=;|$)")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 """Text that could be executed if it stood outside of a comment."""
 
@@ -39,6 +43,13 @@ def as_program_start(text: str) -> str:
         rest = text[colon.end() :].lstrip(" \t")
         return text[: colon.end() - 1] + (" " if rest[:1] in "Oo" else "O") + text[colon.end() :]
     return text
+
+
+def without_text(text: str) -> str:
+    """Return a line of a 3D printer without the text of a message and without a checksum."""
+    if found := _TEXT_CODE.match(text):
+        return text[: found.end()]
+    return _CHECKSUM.sub("", text)
 
 
 def mend(text: str, error: Diagnostic) -> Mended | None:

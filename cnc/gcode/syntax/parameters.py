@@ -179,6 +179,11 @@ class Parameters:
         else:
             (self.locals if key <= self._last_local else self.values)[key] = value
 
+    def known_numbers(self, last: int) -> set[int]:
+        """Return the numbers up to ``last`` that were set, or that a function shows."""
+        known = {*self.locals, *self.values, *(key for key in self._bound if isinstance(key, int))}
+        return {number for number in known if 0 < number <= last}
+
     def is_bound(self, key: int | str) -> bool:
         """Return whether a function shows the parameter."""
         return key in self._bound

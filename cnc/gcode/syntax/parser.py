@@ -6,6 +6,7 @@ the folder cannot be written, they are made at each start. Parsed lines are memo
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import string
@@ -17,8 +18,9 @@ from typing import TYPE_CHECKING, Literal
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
-from cnc.gcode.syntax.mending import as_program_start, mend
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.mending import as_program_start, mend, without_text
+from cnc.gcode.syntax.siemens import Translation, translate
+from cnc.gcode.syntax.statement import Control, Keyword, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -44,7 +46,7 @@ _FOREIGN_NAMES = {
     "O": "O-words (subprograms and control flow) are",
 }
 
-Flavour = Literal["ngc", "macro-b", "none"]
+Flavour = Literal["ngc", "macro-b", "siemens", "none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,8 @@ class Syntax:
     """The syntax of a dialect.
 
     Attributes:
-        flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, or none.
+        flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, of
+            SINUMERIK, or none.
         siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
         dollar: Whether lines that begin with $ are commands for the board.
         lenient: Whether comments that are nested or open, and text after %, are read with a
@@ -126,6 +129,8 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         )
     if not text or text.isspace():
         return Statement()
+    if syntax.flavour == "siemens":
+        return _siemens_line(text, syntax)
     if text.lstrip(" \t").startswith("$"):
         return _board_line(text, syntax)
     flavour = f"{syntax.flavour} {syntax.siemens} {syntax.lenient} {syntax.dialect}"
@@ -134,10 +139,62 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     )
 
 
+def _siemens_line(text: str, syntax: Syntax) -> Statement:
+    """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
+    if text.lstrip(" \t").startswith("%"):
+        return Statement(percent=True)
+    found = translate(text)
+    ngc = replace(syntax, flavour="ngc", siemens=True)
+    begin = len(text) - len(text.lstrip())
+    length = len(text.split(";", maxsplit=1)[0].strip())
+    try:
+        statement = _parse(found.text, ngc, None, begin) if found.text.strip() else Statement()
+        control = _siemens_control(found, ngc, begin + 1, length)
+    except GcodeError as error:
+        known = error.diagnostic
+        message = f"{known.message} (read as {found.text})"
+        raise fault(known.code, message, column=begin + 1, length=length, hint=known.hint) from None
+    words = tuple(replace(word, column=begin + 1, length=length) for word in statement.words)
+    return replace(
+        statement,
+        words=() if control else words,
+        computed=() if control else statement.computed,
+        remarks=found.remarks,
+        control=control,
+        deletable=found.deletable,
+    )
+
+
+def _siemens_control(
+    found: Translation, syntax: Syntax, column: int, length: int
+) -> Control | None:
+    """Return the jump or the cycle of a line; None if it has neither."""
+
+    def value(expression: str) -> Value:
+        if not expression:
+            return lambda parameters: math.nan
+        statement = _parse(f"X[{expression}]", syntax, None, column - 1)
+        return statement.computed[0][1]
+
+    if found.target is not None:
+        target = value(str(found.target))
+        if found.condition:
+            jump = value(found.condition), target
+            return Control("if-goto", "", jump, column, length)
+        return Control("goto", "", (target,), column, length)
+    if found.cycle is None:
+        return None
+    keyword: Keyword = "mcall" if found.modal else "cycle"
+    values = tuple(value(argument) for argument in found.arguments)
+    return Control(keyword, str(found.cycle), values, column, length)
+
+
 def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
     """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
     if syntax.lenient or syntax.flavour == "macro-b":
         text = as_program_start(text)
+    if syntax.dialect == "marlin":
+        text = without_text(text)
     try:
         return _parse(text, syntax, open_numbers)
     except GcodeError as error:
@@ -148,15 +205,24 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
     return replace(found, remarks=(*found.remarks, mended.remark))
 
 
-def _parse(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
+def _parse(
+    text: str,
+    syntax: Syntax,
+    open_numbers: dict[int, int] | None,
+    place: int | None = None,
+) -> Statement:
     """Parse a line with the grammar.
 
     Args:
         text: The line.
         syntax: The syntax of the dialect.
         open_numbers: See :data:`cnc.gcode.syntax.line_templates.Parse`.
+        place: Position of the line's first character, from 0, if the text is a translation, of
+            which no other place is known.
     """
     squeezed, columns = squeeze(text)
+    if place is not None:
+        columns = [place] * len(columns)
     if syntax.flavour == "none":
         _refuse_foreign(squeezed, columns, syntax)
     from lark.exceptions import UnexpectedInput, VisitError

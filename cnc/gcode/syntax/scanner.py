@@ -98,9 +98,6 @@ def scan(data: bytes, *, whole: bool) -> Scan:
 def code(data: bytes, found: Scan) -> coding.Coded:
     """Return the lines of a scan as instructions, those with expressions too."""
     size, count = found.size, found.count
-    places = 16
-    while places < size // 2:
-        places *= 2
     coded = coding.Coded(
         np.empty(count, np.uint8),
         np.empty(count + 1, np.int32),
@@ -108,12 +105,22 @@ def code(data: bytes, found: Scan) -> coding.Coded:
         np.empty(size, np.int32),
         np.empty(size, np.int32),
         Code(np.empty(size, np.uint8), np.empty(size)),
-        Names(
-            np.empty(size // 3 + 1, np.int32),
-            np.empty(size // 3 + 1, np.int32),
-            np.full(places, -1, np.int32),
-            np.zeros(1, np.int32),
-        ),
+        _names(size),
+        np.empty(count, np.int32),
+        _names(size),
     )
     coding.code_lines(np.frombuffer(data, np.uint8), found.lines, MAX_LINE, coded)
     return coded
+
+
+def _names(size: int) -> Names:
+    """Return space for the names in a text of ``size`` bytes."""
+    places = 16
+    while places < size // 2:
+        places *= 2
+    return Names(
+        np.empty(size // 3 + 1, np.int32),
+        np.empty(size // 3 + 1, np.int32),
+        np.full(places, -1, np.int32),
+        np.zeros(1, np.int32),
+    )

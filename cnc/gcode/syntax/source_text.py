@@ -25,6 +25,7 @@ from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
 from cnc.gcode.syntax.scanner import Scan, code, scan
 from cnc.gcode.syntax.statement import Statement
 from cnc.kernels.gcode.coding import Coded
+from cnc.kernels.gcode.expressions import Names
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 WINDOW_BYTES = 1 << 18
@@ -82,10 +83,10 @@ class Window:
         """Return the lines as instructions."""
         return code(self._data, self.scan)
 
-    def names(self, coded: Coded) -> list[str]:
-        """Return the different names of parameters in the lines."""
-        text, count = self._data.decode("latin-1").lower(), int(coded.names.used[0])
-        begins, ends = coded.names.begin[:count].tolist(), coded.names.end[:count].tolist()
+    def names(self, found: Names) -> list[str]:
+        """Return different names in the lines, in small letters."""
+        text, count = self._data.decode("latin-1").lower(), int(found.used[0])
+        begins, ends = found.begin[:count].tolist(), found.end[:count].tolist()
         return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
 
     def text(self, index: int) -> str:
@@ -196,6 +197,13 @@ class Text:
             found = self._again(index)
         self._keep(index, found)
         return found
+
+    def all_lines(self) -> Iterator[str]:
+        """Yield all lines."""
+        line = 1
+        while (window := self.window(line)) is not None:
+            yield from map(window.text, range(window.count))
+            line += window.count
 
     def first_lines(self) -> Iterator[str]:
         """Yield the lines of the first window."""

@@ -24,9 +24,10 @@ Keyword = Literal[
     "if", "elseif", "else", "endif",
     "while", "endwhile", "do", "repeat", "endrepeat", "break", "continue",
     "program", "goto", "if-goto", "if-then", "while-do", "end",
+    "cycle", "mcall",
 ]  # fmt: skip
-"""Kinds of control lines. The first three rows are O-words. The last row has those of FANUC, and O
-and a number alone ("program").
+"""Kinds of control lines. The first three rows are O-words. The next one has those of FANUC, and O
+and a number alone ("program"); the last one has SINUMERIK's cycles.
 """
 
 

@@ -17,6 +17,7 @@ from cnc.kernels.gcode.expressions import (
     Code,
     Names,
     compile_value,
+    index_of_name,
     past_blanks,
 )
 from cnc.kernels.gcode.scanner import Lines, comment_end, tail_is_plain
@@ -34,6 +35,9 @@ TARGET = 35
 MOST_ITEMS = 64
 """Most items of a line."""
 _LINE_DIGITS = 9
+_WORD_MASK = (1 << 40) - 1
+_CALL = ((3 << 5 | 1) << 5 | 12) << 5 | 12
+"""The letters of CALL, five bits each."""
 _TAB, _BLANK, _OPEN, _DOT, _ZERO, _SEMICOLON, _EQUAL = 9, 32, 40, 46, 48, 59, 61
 _LESS, _GREATER, _A, _G, _M, _N, _O, _Z, _LEFT, _LOWER = 60, 62, 65, 71, 77, 78, 79, 90, 91, 32
 
@@ -49,6 +53,8 @@ class Coded(NamedTuple):
         end: (items,) instruction after the last one.
         code: The instructions.
         names: The names of parameters.
+        label: (lines,) index of the label of a call; -1 for other lines.
+        labels: The labels of calls, names in angle brackets.
     """
 
     kind: Bytes
@@ -58,29 +64,45 @@ class Coded(NamedTuple):
     end: Counts
     code: Code
     names: Names
+    label: Counts
+    labels: Names
 
 
 @njit
-def _after_label(data: Bytes, at: int, stop: int) -> int:
-    """Return the position after ``O``, a written label and a keyword; -1 if there are none."""
+def _after_label(data: Bytes, at: int, stop: int) -> tuple[int, int, int, bool]:
+    """Read a written label and a keyword.
+
+    Returns:
+        Position after both, begin and end of the label, and whether it is a call. The position is
+        -1 if the line is left to the grammar; the end is -1 for a label with blanks.
+    """
     at = past_blanks(data, at, stop)
+    begin = at
+    blank = False
     if at < stop and data[at] == _LESS:
         while at < stop and data[at] != _GREATER:
             if data[at] == _OPEN:
-                return -1
+                return -1, 0, 0, False
+            blank = blank or data[at] == _BLANK or data[at] == _TAB
             at += 1
         at += 1
     else:
+        while at < stop and data[at] == _ZERO:
+            at += 1
+        # 0100 is 100.
         begin = at
         while at < stop and 0 <= int(data[at]) - _ZERO <= 9:
             at += 1
-        if at == begin:
-            return -1
+    end = at
     at = past_blanks(data, at, stop)
-    begin = at
+    word = letters = 0
     while at < stop and _A <= (int(data[at]) & ~_LOWER) <= _Z and int(data[at]) >= _A:
+        word = (word << 5 | (int(data[at]) & ~_LOWER) - 64) & _WORD_MASK
+        letters += 1
         at += 1
-    return at if at > begin else -1
+    if letters == 0:
+        return -1, 0, 0, False
+    return at, begin, -1 if blank or end == begin else end, letters == 4 and word == _CALL
 
 
 @njit
@@ -98,9 +120,16 @@ def _after_line_number(data: Bytes, at: int, stop: int) -> int:
 
 @njit
 def _code_line(
-    data: Bytes, begin: int, stop: int, coded: Coded, items: int, count: int, operators: Bytes
+    data: Bytes,
+    k: int,
+    begin: int,
+    stop: int,
+    coded: Coded,
+    items: int,
+    count: int,
+    operators: Bytes,
 ) -> tuple[int, int, int]:
-    """Append the items and instructions of a line; return its kind, items and instructions."""
+    """Append the items and instructions of line ``k``; return its kind, items and instructions."""
     code, names = coded.code, coded.names
     at, first, seen = begin, items, 0
     kind = UNKNOWN
@@ -119,9 +148,11 @@ def _code_line(
         letter = char & ~_LOWER if char >= _A else char
         is_word = _A <= letter <= _Z and kind != ASSIGNMENT and kind != CONTROL
         if is_word and letter == _O:
-            at = _after_label(data, at + 1, stop)
+            at, label, label_end, is_call = _after_label(data, at + 1, stop)
             if at < 0 or items > first:
                 break
+            if is_call and label_end > 0:
+                coded.label[k] = index_of_name(data, label, label_end, coded.labels)
             kind = CONTROL
             continue
         if is_word and letter == _N:
@@ -180,11 +211,12 @@ def code_lines(data: Bytes, lines: Lines, longest: int, coded: Coded) -> None:
     for k in range(len(coded.kind)):
         coded.first[k] = items
         coded.kind[k] = UNKNOWN
+        coded.label[k] = -1
         begin, end = int(lines.begin[k]), int(lines.end[k])
         if lines.plain[k] > 0:
             coded.kind[k] = SIMPLE if lines.simple[k] > 0 else UNKNOWN
         elif end - begin <= longest:
-            kind, last, used = _code_line(data, begin, end, coded, items, count, operators)
+            kind, last, used = _code_line(data, k, begin, end, coded, items, count, operators)
             if kind != UNKNOWN:
                 coded.kind[k] = kind
                 items, count = last, used

@@ -133,7 +133,7 @@ class Parameters(NamedTuple):
 
 
 @njit
-def _index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
+def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
     """Return the index of a name, which is added if it is new; -1 if the arrays are full."""
     mixed = 0
     for i in range(begin, end):
@@ -218,7 +218,7 @@ def _read_name(data: Bytes, at: int, stop: int, names: Names) -> tuple[int, int]
         at += 1
     if at >= stop or at == begin:
         return at, -1
-    return at + 1, _index_of_name(data, begin, at, names)
+    return at + 1, index_of_name(data, begin, at, names)
 
 
 @njit

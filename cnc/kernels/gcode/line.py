@@ -40,8 +40,8 @@ STOP, IDLE, MOVE, CANCEL, PLANE, ABSOLUTE, INCREMENTAL, DWELL, TURN, COOL = (
     9,
 )
 """Actions of codes. STOP leaves the line to the interpreter; IDLE changes nothing."""
-STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE = 0, 1, 2, 3, 4
-"""Kinds of rows."""
+STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE, BOUNDARY = 0, 1, 2, 3, 4, 5
+"""Kinds of rows. BOUNDARY is the begin or the end of a call."""
 MOST_ROWS = 4
 """Most rows of a line."""
 MOST_OTHERS = 512
@@ -136,7 +136,8 @@ class Rows(NamedTuple):
         lines: (m,) line numbers.
         kinds: (m,) kinds.
         data: (m, 5) centre, radius, turns and plane of an arc; direction and speed of the spindle,
-            and 1 if only the speed changes; mist and flood; seconds.
+            and 1 if only the speed changes; mist and flood; seconds; 1 at the begin of a call and 0
+            at its end.
     """
 
     points: Floats

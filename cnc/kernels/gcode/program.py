@@ -6,7 +6,7 @@ enters them into a table; from then on they are executed here.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,15 @@ from cnc.kernels.gcode.expressions import (
     evaluate,
     number_of,
 )
-from cnc.kernels.gcode.line import MOST_OTHERS, MOST_ROWS, Record, Rows, Setup, execute_line
+from cnc.kernels.gcode.line import (
+    BOUNDARY,
+    MOST_OTHERS,
+    MOST_ROWS,
+    Record,
+    Rows,
+    Setup,
+    execute_line,
+)
 from cnc.kernels.gcode.scanner import Words
 from cnc.kernels.jit import njit
 
@@ -36,8 +44,16 @@ Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Table = NDArray[np.float64]
+Flags = NDArray[np.uint8]
+
+Progress = Any
+
+LAST_LOCAL = 30
+"""Highest number of a parameter that belongs to its call."""
 
 LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
+RETURN = 9
 """Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
 MAX_NUMBER = 1e9
 """As :data:`cnc.gcode.syntax.words.MAX_NUMBER`."""
@@ -57,12 +73,21 @@ PROGRESS = np.dtype(
         ("most_done", np.int64),
         ("begun", np.int64),
         ("last", np.int64),
+        ("depth", np.int64),
+        ("deepest", np.int64),
+        ("marks", np.int64),
+        ("scope", np.int64),
+        ("returned", np.int64),
+        ("value", np.float64),
     ]
 )
 """Progress: number of the first line of the text, index of the next line, lines executed in this
 call and in all, lines executed for the first time, index of the highest line that was ever
 executed, the limits of lines that are repeated and of lines of a call, whether a word was executed,
-and index of the last line that was no control line.
+index of the last line that was no control line, calls within each other, the limit of these,
+whether calls of the main program are marked, index of the first line of the subroutine around all
+(-1 for none), whether a call or return was executed, and the value of the last return (NaN for
+none).
 """
 
 
@@ -74,9 +99,10 @@ class Control(NamedTuple):
         target: (lines,) index of the line to continue at: of JUMP, after a WHILE or REPEAT that is
             left, at the else of an IF, at the beginning of a loop that is repeated.
         other: (lines,) index of the next elseif of an IF (-1 for none), or of the first line of the
-            loop that the line ends.
+            loop that the line ends, or of the subroutine that it ends (-1 for any).
         since: (lines,) number of executed lines when a loop was entered; -1 for not in this call.
         rounds: (lines,) rounds left of a REPEAT; 0 if it was not entered.
+        sub: (labels,) index of the first line of each subroutine; -1 for an unknown one.
     """
 
     action: Bytes
@@ -84,6 +110,7 @@ class Control(NamedTuple):
     other: Counts
     since: Ints
     rounds: Ints
+    sub: Counts
 
 
 class Text(NamedTuple):
@@ -100,6 +127,28 @@ class Text(NamedTuple):
     words: Words
     coded: Coded
     control: Control
+
+
+class Frames(NamedTuple):
+    """Calls within each other, and what they restore; n calls, m names of the text.
+
+    Attributes:
+        back: (n,) index of the line after the call.
+        sub: (n,) index of the first line of the subroutine.
+        numbered: (n, LAST_LOCAL + 1) local parameters of the caller.
+        numbered_changes: (n, LAST_LOCAL + 1) their flags.
+        slot: (m,) slots of the names that are not global.
+        named: (n, m) the caller's values of these names.
+        named_changes: (n, m) their flags.
+    """
+
+    back: Ints
+    sub: Ints
+    numbered: Table
+    numbered_changes: Flags
+    slot: Counts
+    named: Table
+    named_changes: Flags
 
 
 class Changes(NamedTuple):
@@ -144,6 +193,76 @@ def _assign(
             parameters.numbered[places[item]] = values[item]
             changes.numbered[places[item]] = 1
     return True
+
+
+@njit
+def _call(
+    k: int, text: Text, parameters: Parameters, changes: Changes, frames: Frames, here: Progress,
+    values: Floats, stack: Floats,
+) -> int:  # fmt: skip
+    """Enter the subroutine that line ``k`` calls; return the line to continue at, or NOWHERE."""
+    coded, depth, sub = text.coded, int(here["depth"]), int(text.control.sub[text.coded.label[k]])
+    known = depth < here["deepest"] and sub >= 0 and sub != here["scope"]
+    for outer in range(depth):
+        # A subroutine that calls itself has the rounds of its loops once for each call.
+        known = known and frames.sub[outer] != sub
+    a, b = int(coded.first[k]), int(coded.first[k + 1])
+    known = known and b - a <= LAST_LOCAL
+    for item in range(a, b):
+        value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+        known = known and value == value
+        values[item - a] = value
+    if not known:
+        return NOWHERE
+    frames.back[depth], frames.sub[depth] = k + 1, sub
+    for number in range(1, LAST_LOCAL + 1):
+        frames.numbered[depth, number] = parameters.numbered[number]
+        frames.numbered_changes[depth, number] = changes.numbered[number]
+        given = number <= b - a
+        parameters.numbered[number] = values[number - 1] if given else 0.0
+        changes.numbered[number] = given
+    for m in range(len(frames.slot)):
+        slot = frames.slot[m]
+        frames.named[depth, m] = parameters.named[slot]
+        frames.named_changes[depth, m] = changes.named[slot]
+        if changes.named[slot] <= 1:
+            parameters.named[slot] = np.nan
+            changes.named[slot] = 0
+    here["depth"], here["returned"], here["value"] = depth + 1, 1, np.nan
+    return sub + 1
+
+
+@njit
+def _leave(
+    k: int, text: Text, parameters: Parameters, changes: Changes, frames: Frames, here: Progress,
+    stack: Floats,
+) -> int:  # fmt: skip
+    """Return to the caller; return the line to continue at, or NOWHERE."""
+    coded, depth, sub = text.coded, int(here["depth"]) - 1, int(text.control.other[k])
+    if depth < 0 or (sub >= 0 and frames.sub[depth] != sub):
+        return NOWHERE
+    item, result = int(coded.first[k]), np.nan
+    if item < coded.first[k + 1]:
+        result = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+        if result != result:
+            return NOWHERE
+    for number in range(1, LAST_LOCAL + 1):
+        parameters.numbered[number] = frames.numbered[depth, number]
+        changes.numbered[number] = frames.numbered_changes[depth, number]
+    for m in range(len(frames.slot)):
+        parameters.named[frames.slot[m]] = frames.named[depth, m]
+        changes.named[frames.slot[m]] = frames.named_changes[depth, m]
+    here["depth"], here["returned"], here["value"] = depth, 1, result
+    return int(frames.back[depth])
+
+
+@njit
+def _mark(rows: Rows, state: Record, line: int, inside: bool) -> None:
+    """Append a row for the begin or the end of a call."""
+    row = state[0]["rows"]
+    rows.kinds[row], rows.lines[row], rows.data[row, 0] = BOUNDARY, line, inside
+    state[0]["rows"] += 1
+    state[0]["others"] += 1
 
 
 @njit
@@ -210,6 +329,7 @@ def run(
     text: Text,
     parameters: Parameters,
     changes: Changes,
+    frames: Frames,
     setup: Setup,
     state: Record,
     position: Floats,
@@ -223,6 +343,7 @@ def run(
         parameters: The parameters, brought up to date.
         changes: Flags of parameters: 1 for one that was set, which is filled in; 2 for one that the
             interpreter must set.
+        frames: Space for calls.
         setup: Settings.
         state: Modal state, brought up to date.
         position: (n,) the position, brought up to date.
@@ -252,9 +373,24 @@ def run(
                 break
             begun |= int(a < b)
         elif kind == CONTROL:
-            after = _next_line(k, executed + 1, coded, control, parameters, stack)
-            if after == NOWHERE:
-                break
+            action = control.action[k]
+            if coded.label[k] >= 0:
+                inside = here["depth"] > 0
+                after = _call(k, text, parameters, changes, frames, here, values, stack)
+                if after == NOWHERE:
+                    break
+                if here["marks"] and not inside:
+                    _mark(rows, state, line, True)
+            elif action == RETURN:
+                after = _leave(k, text, parameters, changes, frames, here, stack)
+                if after == NOWHERE:
+                    break
+                if here["marks"] and here["depth"] == 0:
+                    _mark(rows, state, int(here["first"]) + after - 1, False)
+            else:
+                after = _next_line(k, executed + 1, coded, control, parameters, stack)
+                if after == NOWHERE:
+                    break
         elif kind == WORDS:
             if not _word_line(
                 line, k, coded, parameters, setup, state, position, rows, values, stack

@@ -21,7 +21,7 @@ from cnc.boards.grbl.status import Status
 from cnc.boards.port import SystemClock, port_lost
 from cnc.boards.protocols import LineSink
 from cnc.model.blocks import Dwell
-from cnc.model.diagnostics import BoardError
+from cnc.model.diagnostics import BoardError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
@@ -519,3 +519,33 @@ def test_the_clock_of_the_computer_is_the_default() -> None:
     device = Device(b"")
     assert isinstance(GrblBoard(device, MACHINE).link.clock, SystemClock)
     assert np.array_equal(ORIGIN, [0, 0, 0])
+
+
+def test_overrides_of_traverses_and_spindle_are_followed() -> None:
+    simulator, control = GrblSimulator(), Control()
+    control.override_rapids(25)
+    control.override_spindle(137.0)
+    board = started(simulator, control)
+    core = simulator.core
+    assert (core.planner.rapid_override, core.spindle_override) == (25, 137)
+    feed(board, PREAMBLE, "M3 S100", "G0 X4", "G1 X8 F300")
+    control.override_rapids(50)
+    control.override_spindle(60.0)
+    began = simulator.now
+    while core.spindle_override != 60 and simulator.now - began < 15.0:
+        board.stream.serve(0.05)
+    assert (core.planner.rapid_override, core.spindle_override) == (50, 60)
+    assert core.rpm == 60.0
+    board.finish()
+
+
+@pytest.mark.parametrize("percent", [0, 30, 99, 101])
+def test_impossible_overrides_of_traverses_are_refused(percent: int) -> None:
+    with pytest.raises(UsageError):
+        Control().override_rapids(percent)
+
+
+@pytest.mark.parametrize("percent", [0.0, 9.0, 201.0, float("nan")])
+def test_impossible_overrides_of_the_spindle_are_refused(percent: float) -> None:
+    with pytest.raises(UsageError):
+        Control().override_spindle(percent)

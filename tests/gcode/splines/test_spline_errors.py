@@ -34,7 +34,6 @@ CASES: dict[str, tuple[str, str]] = {
     "a P for two": ("word-wanted-twice", FEED + "G4 ¦P1 G5 X1 Y1 I0 J3 Q-3"),
     "machine coordinates": ("machine-coordinates-motion", FEED + "¦G53 G5 X1 Y1 I0 J3 P0 Q-3"),
     "two motions": ("modal-conflict", FEED + "G5 X1 Y1 I0 J3 P0 Q-3 ¦G1"),
-    "FANUC's look-ahead": ("axis-words-missing", FEED + "¦G05 P10000"),
     # G5.1
     "no offset": ("spline-control-point-missing", FEED + "¦G5.1 X1 Y1"),
     "no offset but 0": ("spline-control-point-missing", FEED + "G5.1 X1 Y1 ¦I0 J0"),
@@ -42,7 +41,6 @@ CASES: dict[str, tuple[str, str]] = {
     "no end point, quadratic": ("axis-words-missing", FEED + "¦G5.1 I1 J1"),
     "an axis across the plane, quadratic": ("spline-axis", FEED + "G5.1 ¦Z1 X1 I1"),
     "P and Q, quadratic": ("word-unused", FEED + "G5.1 X1 I1 ¦P1 Q1"),
-    "FANUC's contour control": ("axis-words-missing", FEED + "¦G05.1 Q1"),
     # G5.2, G5.3
     "too few points": ("nurbs-too-few-points", OPEN + "¦G5.3"),
     "too few points of a higher order": (

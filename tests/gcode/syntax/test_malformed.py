@@ -279,7 +279,8 @@ def test_the_error_has_its_code_and_place(dialect: str, code: str, marked: str) 
 NO_ERRORS = """
 arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time
 latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-change tool-length
-utf-8 utf-8-sig while-do
+utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
+not-needed
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
@@ -288,7 +289,7 @@ comment-not-active not-gcode percent-unopened program-for-lathe program-for-prin
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
 feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
-tool-table-unreadable
+tool-table-unreadable dwell-point
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

@@ -274,6 +274,7 @@ FLAVOURS = {
     "ngc": _read(COMMON) | _read(NGC),
     "macro-b": _read(COMMON) | _read(MACRO),
     "none": _read(COMMON) | _read(NONE),
+    "siemens": _read(COMMON) | _read(NONE),
 }
 """The grammar of each flavour."""
 DIALECTS = {

@@ -1,4 +1,4 @@
-"""Whole programs with and without the fast execution of moves: equal blocks and diagnostics."""
+"""Whole programs with and without compiled code: equal blocks, bit for bit, and diagnostics."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import CncError
 from tests.gcode.program.test_plain_lines import AXES, bits, line, number
+from tests.support.gcode.flow_author import Author as FlowAuthor
+from tests.support.gcode.flow_author import OWords
 from tests.support.gcode.fuzzing import Author
 from tests.support.gcode.gcode_cases import read
 from tests.support.soak import share
@@ -201,7 +203,7 @@ def cam_line(rng: random.Random, axes: tuple[str, ...]) -> str:
 
 @pytest.mark.timeout(3600)
 def test_lines_of_any_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(60_000, 400)):
+    for seed in range(share(60_000, 200)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         dialect = rng.choice(NAMES)
@@ -234,6 +236,29 @@ def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) 
             written.dialect,
             block_delete=written.block_delete,
         )
+
+
+INSIDE = [
+    "M70", "M72", "M71", "M73", "(msg, hi)", "G4 P1", "#<n>=[#1+1]", "#<_g>=[#2*2]", "X[#<n>]",
+    "Y[#<_g>+#1]", "#3=#<_value>", "#4=#<_call_level>", "X#<_line>", "#[#1]=5", "Y#[#1+1]", "G91",
+    "#5=#<_value_returned>", "F[100+#1]", "G2 X[#1] Y2 R[90+#2]", "M98 P5", "#31=[1/#1]", "N5 #7=8",
+    "X[SQRT[#1]]", "#1=#2 #2=#1", "G81 X1 Z-1 R1", "G80 G1", "M2", "S[#1]", "M3", "T1 M6",
+    "#5161=3", "G[1] X1", "X[#1] X2", "/X#1", "o1 call [1] [2]", "o2 call [#1]", "o<a> call",
+]  # fmt: skip
+"""Lines between those of loops and subroutines."""
+
+
+@pytest.mark.timeout(3600)
+def test_programs_of_loops_and_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some are damaged, and some repeat more lines than is allowed."""
+    for seed in range(share(40_000, 120)):
+        rng = random.Random(seed)
+        lines = ["G1 F100", "#<n>=1", *OWords(FlowAuthor(seed).program(), seed).text()]
+        for _ in range(rng.choice([0, 0, 0, 1, 2, 8])):
+            lines.insert(rng.randrange(len(lines)), rng.choice(INSIDE))
+        if rng.random() < 0.2:
+            del lines[rng.randrange(len(lines))]
+        agree(monkeypatch, lines, AXES[0], rng.choice(["auto", "linuxcnc"]))
 
 
 @pytest.mark.parametrize(

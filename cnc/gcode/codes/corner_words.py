@@ -1,0 +1,123 @@
+"""Chamfers and rounds between two straight moves: ``,C`` and ``,R``.
+
+The corner between the move of the line and the next one is cut by a chamfer, C from the corner on
+both moves, or rounded by an arc of radius R that touches both. Source: FANUC Series 0i operator's
+manual, "Optional chamfering and corner R"; Haas, "Mill Operator's Manual", G01.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from cnc.gcode.syntax.words import LineWords, Word, fault
+
+_ROUNDING = 1e-9
+_STRAIGHT = 1e-9
+"""Sine of an angle between two moves that counts as none."""
+
+Point = tuple[float, float]
+
+
+class Corner(NamedTuple):
+    """A corner whose second move is not known yet.
+
+    Attributes:
+        word: ``,C`` or ``,R``.
+        size: mm.
+        start: Machine position at the start of the first move.
+        end: The corner.
+        feed: Feed of the first move, mm/s.
+        line: Line of the first move.
+        plane: Columns of the axes of the plane.
+    """
+
+    word: Word
+    size: float
+    start: list[float]
+    end: list[float]
+    feed: float
+    line: int
+    plane: tuple[int, int]
+
+
+class Cut(NamedTuple):
+    """The way round a corner.
+
+    Attributes:
+        begin: End of the first move.
+        end: Start of the second move.
+        centre: Centre of the arc in the plane; None for a chamfer.
+        turns: Turns of the arc, anticlockwise positive.
+    """
+
+    begin: list[float]
+    end: list[float]
+    centre: Point | None
+    turns: float
+
+
+def take(words: LineWords) -> Word | None:
+    """Take the word of a corner.
+
+    Raises:
+        GcodeError: ``corner-angle`` for ``,A``, ``word-wanted-twice``.
+    """
+    if ",A" in words.rest:
+        angle = words.rest[",A"]
+        raise fault("corner-angle", f"{angle.written}: the angle of a line is not supported", angle)
+    chamfer, rounding = words.take(",C", "G1"), words.take(",R", "G1")
+    if chamfer and rounding:
+        raise fault("word-wanted-twice", "a corner takes ,C or ,R, not both", rounding)
+    word = chamfer or rounding
+    if word is not None and word.number <= 0.0:
+        raise fault("value-out-of-range", f"{word.written}: the size must be more than 0", word)
+    return word
+
+
+def cut(corner: Corner, following: list[float]) -> Cut:
+    """Return the way round a corner.
+
+    Args:
+        corner: The corner.
+        following: Machine position at the end of the second move.
+
+    Raises:
+        GcodeError: ``corner-plane``, ``corner-too-large``.
+    """
+    i, j = corner.plane
+    word = corner.word
+    for one, other in ((corner.start, corner.end), (corner.end, following)):
+        if any(a != b for n, (a, b) in enumerate(zip(one, other, strict=True)) if n not in (i, j)):
+            message = f"{word.written}: both moves of a corner must lie in the plane"
+            raise fault("corner-plane", message, word, "move the other axes on lines of their own")
+    before = _direction(corner.start, corner.end, corner.plane)
+    after = _direction(corner.end, following, corner.plane)
+    if before is None or after is None:
+        raise fault("corner-too-large", f"{word.written}: a move of the corner has no length", word)
+    (ux, uy, first), (vx, vy, second) = before, after
+    turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+    if abs(math.sin(turn)) < _STRAIGHT:
+        raise fault("corner-too-large", f"{word.written}: the moves have no corner", word)
+    is_round = word.letter == ",R"
+    length = corner.size * math.tan(abs(turn) / 2.0) if is_round else corner.size
+    if length > min(first, second) + _ROUNDING:
+        message = f"{word.written} needs {length:.6g} mm of both moves; they have {first:.6g} mm "
+        message += f"and {second:.6g} mm"
+        raise fault("corner-too-large", message, word, "make it smaller")
+    begin, end = corner.end.copy(), corner.end.copy()
+    begin[i], begin[j] = corner.end[i] - ux * length, corner.end[j] - uy * length
+    end[i], end[j] = corner.end[i] + vx * length, corner.end[j] + vy * length
+    if not is_round:
+        return Cut(begin, end, None, 0.0)
+    side = math.copysign(corner.size, turn)
+    return Cut(begin, end, (begin[i] - uy * side, begin[j] + ux * side), turn / math.tau)
+
+
+def _direction(
+    start: list[float], end: list[float], plane: tuple[int, int]
+) -> tuple[float, float, float] | None:
+    """Return the unit vector and the length of a move in the plane; None for length 0."""
+    x, y = end[plane[0]] - start[plane[0]], end[plane[1]] - start[plane[1]]
+    length = math.hypot(x, y)
+    return (x / length, y / length, length) if length else None

@@ -1,0 +1,173 @@
+"""Codes that change the programmed figure: G50, G51, G50.1, G51.1, G68, G69; and G15, G16.
+
+Source: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
+"Coordinate system rotation (G68, G69)" and "Polar coordinate command (G15, G16)"; Haas, "Mill
+Operator's Manual", G51 (P is the factor itself).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.geometry.figure import Figure
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.model.blocks import PLANE_AXES
+
+SMALLEST_FACTOR = 1e-6
+_FACTORS = {"I": "X", "J": "Y", "K": "Z"}
+_GROUPS = ("figure-polar", "figure-scaling", "figure-mirror", "figure-rotation")
+
+
+class FigureCodes:
+    """Execution of these codes."""
+
+    def __init__(self, dialect: Dialect, state: ModalState, motion: Motion) -> None:
+        self._dialect = dialect
+        self._state = state
+        self._motion = motion
+        self._coordinates = motion.coordinates
+
+    def execute(self, words: LineWords, codes: Codes) -> None:
+        """Execute the codes of a line, before its move."""
+        for group in _GROUPS:
+            if code := codes.get(group):
+                self._execute(words, code)
+
+    def _execute(self, words: LineWords, code: Code) -> None:
+        at, figure = code.word, self._coordinates.figure
+        if self._motion.compensated:
+            raise fault(
+                "compensation-active",
+                f"{at.written} under cutter compensation",
+                at,
+                "give G40 and a move before",
+            )
+        match code.number:
+            case G.G15:
+                self._motion.polar.end()
+            case G.G16:
+                program = self._coordinates.to_program(self._motion.position)
+                self._motion.polar.begin(self._plane(at), program, at)
+            case G.G50:
+                if self._state.scaled:
+                    self._set(Figure.none(len(figure.factors)))
+                self._state.scaled = False
+            case G.G51:
+                self._scale(words, at)
+            case G.G50_1 | G.G51_1:
+                self._mirror(words, code)
+            case G.G68:
+                self._rotate(words, at)
+            case _:
+                if figure.plane is not None:
+                    self._set(Figure.none(len(figure.factors)))
+
+    def _set(self, figure: Figure) -> None:
+        self._coordinates.figure = figure
+
+    def _plane(self, at: Word) -> tuple[int, int]:
+        return self._motion.arcs.plane_columns(at, at.written)
+
+    def _check_alone(self, at: Word) -> None:
+        """Refuse a change inside another one: the controllers apply them in different orders."""
+        figure = self._coordinates.figure
+        if not figure.changes and not self._coordinates.rotation:
+            return
+        if self._coordinates.rotation:
+            message = f"{at.written} in a rotated coordinate system (R of G10 L2)"
+            hint = "use a coordinate system without R"
+        else:
+            now, end = (
+                ("G68", "G69")
+                if figure.plane is not None
+                else ("G51", "G50")
+                if self._state.scaled
+                else ("G51.1", "G50.1")
+            )
+            message, hint = f"{at.written} under {now}", f"give {end} before"
+        raise fault("figure-active", message, at, hint)
+
+    # Scaling and mirroring
+
+    def _scale(self, words: LineWords, at: Word) -> None:
+        """G51 X Y Z P, or I J K for each axis. X Y Z is the centre, the position by default."""
+        motion = self._motion
+        self._check_alone(at)
+        here = self._coordinates.to_program(motion.position)
+        centre = motion.axis_values(words, "G51")
+        factors = [1.0] * len(here)
+        common = words.take("P", "G51")
+        each = {letter: word for letter in _FACTORS if (word := words.take(letter, "G51"))}
+        if (common is None) == (not each):
+            message = f"{at.written} needs P, or I, J and K: the factor"
+            raise fault("scaling-factor", message, at, "such as G51 X0 Y0 Z0 P0.5")
+        for letter, axis in _FACTORS.items():
+            column = motion.column.get(axis)
+            word = common or each.get(letter)
+            if column is not None and word is not None:
+                factors[column] = self._factor(word)
+        fixed = tuple(centre.get(index, value) for index, value in enumerate(here))
+        self._set(Figure(tuple(factors), fixed))
+        self._state.scaled = True
+
+    def _factor(self, word: Word) -> float:
+        """Return a factor. Without a decimal point controllers count in different units."""
+        unit = 1.0 if "." in word.written else self._dialect.scale_unit
+        if unit == 0.0:
+            message = f"{word.written} without a decimal point is {word.number / 1000:g} for FANUC"
+            hint = f"write {word.written}. or name a --dialect"
+            raise fault("scaling-factor", message, word, hint)
+        factor = word.number * unit
+        if abs(factor) < SMALLEST_FACTOR:
+            raise fault("scaling-factor", f"{word.written}: the factor must not be 0", word)
+        return factor
+
+    def _mirror(self, words: LineWords, code: Code) -> None:
+        """G51.1 X: mirror about the line at X. G50.1 X ends it; without words all of them."""
+        motion, figure, at = self._motion, self._coordinates.figure, code.word
+        on = code.number == G.G51_1
+        if figure.plane is not None or self._state.scaled or self._coordinates.rotation:
+            self._check_alone(at)
+        values = motion.axis_values(words, at.written)
+        if on and not values:
+            message = f"{at.written} needs axis words"
+            raise fault("axis-words-missing", message, at, "such as G51.1 X0")
+        factors, fixed = list(figure.factors), list(figure.fixed)
+        for index in values or range(len(factors)):
+            factors[index] = -1.0 if on else 1.0
+            fixed[index] = values.get(index, 0.0) if on else 0.0
+        self._set(Figure(tuple(factors), tuple(fixed)))
+
+    # Rotation
+
+    def _rotate(self, words: LineWords, at: Word) -> None:
+        """G68: the centre by the two axes of the plane, R degrees."""
+        motion, state, coordinates = self._motion, self._state, self._coordinates
+        self._check_alone(at)
+        if not state.absolute:
+            hint = "give G90: the angle and the centre are absolute"
+            raise fault("rotation-incremental", f"{at.written} under G91", at, hint)
+        word = words.take("R", "G68")
+        if word is None:
+            raise fault("rotation-angle", f"{at.written} needs R, the angle", at, "such as R45.")
+        names = PLANE_AXES[state.plane]
+        plane = self._plane(at)
+        here = coordinates.to_program(motion.position)
+        centre = motion.axis_values(words, "G68")
+        if other := next((index for index in centre if index not in plane), None):
+            message = f"{motion.axes[other].upper()} is across the plane of the rotation"
+            hint = f"its axes are {' '.join(names).upper()}"
+            raise fault("axis-not-allowed", message, at, hint)
+        none = Figure.none(len(here))
+        turned = replace(
+            none,
+            plane=plane,
+            centre=(centre.get(plane[0], here[plane[0]]), centre.get(plane[1], here[plane[1]])),
+            angle=word.number,
+        )
+        self._set(turned)
+        coordinates.figure_is_new = True

@@ -1,0 +1,123 @@
+"""Recognition of a program's controller, and the corpus in the style of CAM systems."""
+
+from __future__ import annotations
+
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.dialects.recognition import recognise, refuse
+from cnc.gcode.program.program import ProgramOptions, interpret
+from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import Polyline
+from cnc.model.diagnostics import Diagnostic, GcodeError
+from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.soak import share
+
+ZERO = ProgramOptions(policy=ReadingPolicy(tool_lengths="zero"))
+EVIDENCE = [
+    ("O1000\nG0 X1", "fanuc"),
+    ("%\n:1000\nG0 X1", "fanuc"),
+    ("G0 X1\nIF [#1 GT 2] GOTO 10", "fanuc"),
+    ("O1000 (HAAS VF2)\nG0 X1", "haas"),
+    ("O1000\nG154 P2", "haas"),
+    ("G187 P1", "haas"),
+    ("o<a> sub\no<a> endsub", "linuxcnc"),
+    ("#<depth> = 5", "linuxcnc"),
+    ("O100 (PART)\n#<depth> = 5", "linuxcnc"),
+    ("$H\nG0 X1", "grbl"),
+    ("; GRBL device profile\nG0 X1", "grbl"),
+    ("N10 G71G91.1", "mach3"),
+    (";FLAVOR:Marlin\nG28", "marlin"),
+    ("M104 S200\nG1 X1 E0.5", "marlin"),
+    ("%_N_A_MPF\nG0 X1", "siemens"),
+    ("G0 X=IC(5)", "siemens"),
+    ("R1=5", "siemens"),
+    ("G0 X1\nG1 X2 F100", "auto"),
+    ("T1 M6\nG43 H1 Z5.\nM30", "auto"),
+    ("(O1000 in a comment)\nG0 X1", "auto"),
+    ("", "auto"),
+]
+
+
+@pytest.mark.parametrize(("source", "dialect"), EVIDENCE)
+def test_the_first_lines_name_the_dialect(source: str, dialect: str) -> None:
+    found = recognise(source.split("\n"))
+    assert found.dialect == dialect
+    assert bool(found.reasons) == (dialect != "auto")
+    assert found.described().startswith(dialect)
+
+
+def test_the_reasons_name_words_and_lines() -> None:
+    (reason,) = recognise(["", "G0 X1", "G187 P1"]).reasons
+    assert str(reason) == "G187 in line 3 (a code of Haas)"
+
+
+@pytest.mark.parametrize(
+    ("source", "code", "words"),
+    [
+        ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
+        ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
+        ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
+        ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),
+        ("IN;SP1;PU0,0;", "not-gcode", "HPGL"),
+        ("<!DOCTYPE html>", "not-gcode", "web page"),
+        ("T0101\nG50 S2000\nG96 S150 M3\nG99 G1 Z-10. F0.2", "program-for-lathe", "T0101"),
+        ("M109 S200\nG1 X1 E0.5", "program-for-printer", "M109 S2"),
+    ],
+)
+def test_a_foreign_file_has_one_error_that_names_it(source: str, code: str, words: str) -> None:
+    with pytest.raises(GcodeError) as caught:
+        refuse(recognise(source.split("\n")), "mill", "part.nc")
+    found = caught.value.diagnostic
+    assert found.code == code
+    assert words in found.message
+    assert found.line >= 1
+
+
+def test_a_printer_takes_its_programs() -> None:
+    refuse(recognise(["M109 S200"]), "printer", "part.gcode")
+
+
+def test_a_program_with_y_words_is_no_lathe_program() -> None:
+    mill = ["T0101 M6", "G50", "G96 S150", "G0 X1. Y2.", "G99 G81 Z-1. R1. F100."]
+    refuse(recognise(mill), "mill", "part.nc")
+
+
+def test_equal_evidence_for_two_dialects_decides_nothing() -> None:
+    found = recognise(["; GRBL", "; LinuxCNC"])
+    assert (found.dialect, found.rival) == ("auto", "grbl or linuxcnc")
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_the_corpus_is_accepted(style: str) -> None:
+    """Each style is read in its dialect, without an error, and moves the tool."""
+    count = 0
+    for name, seed, text in programs(share(50, 3)):
+        if name != style:
+            continue
+        lines = text.splitlines()
+        recognised = recognise(lines)
+        assert recognised.dialect in (EXPECTED[style], "grbl"), seed
+        rules = dialects.load(recognised.dialect, lenient=True)
+        warnings: list[Diagnostic] = []
+        blocks = interpret(
+            Text.of_lines(lines, f"{style}-{seed}"), dialect=rules, warn=warnings.append,
+            options=ZERO,
+        )  # fmt: skip
+        assert sum(len(block.points) for block in blocks if isinstance(block, Polyline)) > 3, seed
+        count += 1
+    assert count
+
+
+def test_the_corpus_has_two_hundred_programs() -> None:
+    assert len({text for _, _, text in programs(10)}) >= 195
+
+
+def test_a_lenient_dialect_keeps_its_meanings() -> None:
+    haas, strict = dialects.load("haas", lenient=True), dialects.load("haas")
+    assert haas.dwell == strict.dwell
+    assert haas.cycles == strict.cycles
+    assert haas.g >= strict.g | dialects.load("auto").g
+    assert haas.lenient
+    assert not strict.lenient

@@ -1,0 +1,26 @@
+"""Programs in the style of the posts of CAM systems and of machinists, made from a seed.
+
+Each style has the heads, safe lines, tool changes, cycles and ends that the post writes. The
+geometry is random. All programs are our own.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+
+from tests.support.corpus import hobby, industrial
+
+Maker = Callable[[random.Random], str]
+
+STYLES: dict[str, Maker] = industrial.STYLES | hobby.STYLES
+"""The styles by name."""
+EXPECTED: dict[str, str] = industrial.EXPECTED | hobby.EXPECTED
+"""The dialect in which each style must be read."""
+
+
+def programs(each: int) -> Iterator[tuple[str, int, str]]:
+    """Yield style, seed and text of ``each`` programs of every style."""
+    for style, make in STYLES.items():
+        for seed in range(each):
+            yield style, seed, make(random.Random(f"{style} {seed}"))
