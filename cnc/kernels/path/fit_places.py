@@ -24,8 +24,10 @@ ACROSS = 0.3
 """In space: the same at right angles to the bend."""
 PLACES = 3
 """Least number of places in a span."""
-MANY = 12
-"""Places in a span of more moves are this many, or up to twice as many."""
+MANY = 8
+"""In a span of more moves the distance is limited at this many of them, or up to twice as many: at
+the vertex, where the curve is inside, and in the middle, where it is outside.
+"""
 
 
 class Places(NamedTuple):
@@ -65,7 +67,7 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
     n = x.shape[1]
     most = 0
     for k in range(first, last):
-        most += min(knots[k + 1]["vertex"] - knots[k]["vertex"] + 1, 2 * MANY) + PLACES + 1
+        most += 2 * min(knots[k + 1]["vertex"] - knots[k]["vertex"] + 1, 2 * MANY) + PLACES + 1
     span = np.empty(most, np.int64)
     at = np.empty(most)
     ref = np.empty((most, n))
@@ -85,11 +87,12 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
         behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
         moves = behind - inner + 2
         stride = max(moves // MANY, 1)
-        split = (PLACES + moves - 1) // moves
+        split = max((PLACES + moves - 1) // moves, 2)
         a[:] = spline.p[k]
         ta = low
         i = inner - 1
         while i <= behind:
+            start = i
             i = min(i + stride, behind + 1)
             whole = i > behind
             tb = low + h if whole else along[i]
@@ -98,13 +101,21 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
                 for c in range(n):
                     way[c] = b[c] - a[c] if metrics[c] else 0.0
                 to_unit(way)
+            near = start + 1
             for j in range(split):
                 share = j / split
-                span[count] = k
-                at[count] = (ta + share * (tb - ta) - low) / h
+                t = ta + share * (tb - ta)
                 for c in range(n):
                     ref[count, c] = a[c] + share * (b[c] - a[c])
                     tangent[count, c] = way[c] + (before[c] if j == 0 else 0.0)
+                if j > 0 and near < i:
+                    # Of several moves the first one is limited in its middle.
+                    t = 0.5 * (ta + along[near])
+                    for c in range(n):
+                        ref[count, c] = 0.5 * (a[c] + x[near, c])
+                        tangent[count, c] = x[near, c] - a[c] if metrics[c] else 0.0
+                span[count] = k
+                at[count] = (t - low) / h
                 if to_unit(tangent[count]):
                     count += 1
             before[:] = way
