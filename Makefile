@@ -7,7 +7,7 @@ PROGRAM ?= programs/trident.nc
 # A process that has run out of tests takes some of another.
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
-.PHONY: run test quick soak bench lint docs picture firmware flash simulator clean
+.PHONY: run test quick soak bench lint docs picture wheel firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
@@ -15,7 +15,7 @@ run: $(VENV)/installed
 
 # Everything that CI checks. The kernels are compiled once, before the tests share them.
 test: lint
-	$(BIN)/python -c 'from cnc.session.kernel_cache import ensure_compiled; ensure_compiled(None)'
+	$(BIN)/cncrun warm
 	$(PYTEST)
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.
@@ -38,6 +38,7 @@ lint: $(VENV)/installed-test
 
 # Speed of reading, planning and interpolating; how fast the planner's motions are, whether they are legal, what they cost.
 bench: $(VENV)/installed-test
+	$(BIN)/python -m benchmarks.startup
 	$(BIN)/python -m benchmarks.programs
 	$(BIN)/python -m benchmarks.language
 	$(BIN)/python -m benchmarks.sampled
@@ -47,6 +48,11 @@ bench: $(VENV)/installed-test
 	$(BIN)/python -m benchmarks.interpolators
 	$(BIN)/python -m benchmarks.checking
 	$(BIN)/python -m benchmarks.view
+
+# A wheel with compiled kernels, for this system and version of Python and any of its processors: dist/*.whl.
+wheel: $(VENV)/installed-test
+	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$(CURDIR)/build/compiled $(BIN)/cncrun warm
+	CNC_COMPILED=build/compiled $(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
 
 # The stepper board: build/firmware/stepper.hex, and onto an Uno with make flash PORT=/dev/ttyUSB0 (gcc-avr, avr-libc, avrdude).
 firmware flash:
@@ -68,7 +74,8 @@ $(VENV)/python:
 
 # Stamps: an install is repeated only when what it depends on has changed.
 $(VENV)/installed: $(VENV)/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@echo 'installing cnc and what it needs into $(VENV) (once; numba and its compiler are about 150 MB)'
+	$(BIN)/python -m pip install --quiet --progress-bar on --disable-pip-version-check --no-compile -e .
 	touch $@
 
 $(VENV)/installed-test: $(VENV)/python pyproject.toml

@@ -33,7 +33,7 @@ from cnc.gcode.syntax import source_text
 from cnc.gcode.syntax.scanner import Scan, scan
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
-from cnc.session.kernel_cache import compile_language
+from cnc.session.kernel_cache import ensure_compiled
 
 PLAIN_LINES, LONG_LINES = 1_000_000, 10_000_000
 FEWER = 20
@@ -283,7 +283,7 @@ def main() -> None:
         moves_of(arguments.read)
         print(largest_memory_mb())
         return
-    compile_language()
+    ensure_compiled(jobs=["reading"])
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
         plain = Path(folder) / "plain.ngc"
         write_tools(plain.with_name("tools.tbl"))

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from cnc.batch import pool
-from cnc.boards.protocols import LineSink, PulseSink
+from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
 from cnc.executor import homing
@@ -37,6 +37,7 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_jobs import PLANNING
 from cnc.session.observer import Callbacks
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.position_check import home_by_board
@@ -269,7 +270,10 @@ def home(
     try:
         if isinstance(opened, LineSink):
             return dict(home_by_board(opened, known, axes, control or Control()))
-        ensure_compiled(seen.on_compiling)
+        jobs = ["paths", *PLANNING, "pulses"]
+        if isinstance(opened, ChecksFeasibility):
+            jobs.append("segments")
+        ensure_compiled(seen.on_compiling, seen.on_kernel, jobs)
         positions = homing.home(
             opened,
             known,

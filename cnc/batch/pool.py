@@ -147,9 +147,10 @@ class _Pool:
     def _from_standard_input(self, task: Task) -> Report | CncError:
         """Check standard input here: that of a worker transfers its tasks."""
         from cnc.session.kernel_cache import ensure_compiled
+        from cnc.session.kernel_jobs import CHECKING
 
         with self._preparing:
-            ensure_compiled(self._on_compiling)
+            ensure_compiled(self._on_compiling, jobs=CHECKING)
         return task.perform()
 
     def dismiss(self) -> None:

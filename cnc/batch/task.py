@@ -19,7 +19,7 @@ class Prepare:
 
 
 class Compiling:
-    """Answer: the worker compiles the kernels, which takes about a minute."""
+    """Answer: the worker compiles the kernels, which takes up to a minute."""
 
 
 @dataclass(frozen=True, slots=True)

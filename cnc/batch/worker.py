@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from cnc.batch.task import Compiling, Prepare, Task
 from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_jobs import CHECKING
 
 Tasks = SimpleQueue[Prepare | Task | None]
 
@@ -28,7 +29,7 @@ def main() -> None:
         threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
         while (task := tasks.get()) is not None:
             if isinstance(task, Prepare):
-                ensure_compiled(lambda: _answer(target, Compiling()))
+                ensure_compiled(lambda: _answer(target, Compiling()), jobs=CHECKING)
                 _answer(target, None)
             else:
                 _answer(target, task.perform())

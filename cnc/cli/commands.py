@@ -303,13 +303,11 @@ def papers(
     quiet: Annotated[bool, option("Do not print the tables.")] = False,
 ) -> int:
     """Repeat the experiments of the papers behind the interpolators, as tables and figures."""
-    from cnc.cli.progress import print_compiling
     from cnc.papers import page
     from cnc.papers.contents import sections
-    from cnc.session.kernel_cache import ensure_compiled
 
     page.prepared(folder)
-    ensure_compiled(None if quiet else print_compiling)
+    _compile(quiet=quiet)
     done = []
     for section in sections():
         if not quiet:
@@ -322,6 +320,26 @@ def papers(
 
 
 app.command(tools)
+
+
+@app.command
+def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False) -> int:
+    """Compile all kernels now, for an image or a CI job, and print where their code is kept."""
+    from cnc.kernels.code_cache import cache_folder
+
+    _compile(quiet=quiet)
+    if not quiet:
+        print(f"compiled code  {cache_folder()}")
+    return 0
+
+
+def _compile(*, quiet: bool) -> None:
+    """Compile all kernels, with a progress bar."""
+    from cnc.session.kernel_cache import ensure_compiled
+
+    with ProgressDisplay(Control(), quiet=quiet) as display:
+        callbacks = display.callbacks()
+        ensure_compiled(callbacks.on_compiling, callbacks.on_kernel)
 
 
 @app.command

@@ -35,7 +35,8 @@ class ProgressDisplay:
         return Callbacks(
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self.warn,
-            on_compiling=None if self._quiet else print_compiling,
+            on_compiling=None if self._quiet or self._bar else print_compiling,
+            on_kernel=None if self._bar is None else self._bar.compiling,
             on_sent=self._on_sent,
         )
 
@@ -99,7 +100,7 @@ class ProgressDisplay:
 def print_compiling() -> None:
     """Print why the first run takes longer."""
     print(
-        "compiling the kernels; this happens once and takes up to a minute",
+        "compiling the kernels that this program needs; this happens once",
         file=sys.stderr,
         flush=True,
     )
@@ -116,25 +117,21 @@ class _ProgressBar:
         self._drawn = 0.0
         self.note = ""
 
-    def update(self, stage: Stage, done: int, total: int | None, unit: str = "lines") -> None:
+    def update(self, stage: str, done: int, total: int | None, unit: str = "lines") -> None:
         """Show how much is done of ``total`` (None: not known yet)."""
         now = monotonic()
         if now - self._began < self.DELAY or now - self._drawn < 0.1:
             return
         self._drawn = now
+        counted = f"{done} {unit}" if unit == "lines" else f"{done} of {total} {unit}"
         if self._progress is None:
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-            counted = (
-                f"{{task.completed:.0f}} {unit}"
-                if unit == "lines"
-                else f"{{task.completed:.0f}} of {total} {unit}"
-            )
             columns = (
                 TextColumn("{task.description}"),
                 BarColumn(),
-                TextColumn(counted),
+                TextColumn("{task.fields[counted]}"),
                 TimeElapsedColumn(),
                 TextColumn("{task.fields[note]}"),
             )
@@ -147,10 +144,22 @@ class _ProgressBar:
             )
             bar.start()
             self._progress = bar
-            self._task = bar.add_task(stage, total=total, note=self.note)
+            self._task = bar.add_task(stage, total=total, note=self.note, counted=counted)
         self._progress.update(
-            self._task, description=stage, completed=done, total=total, note=self.note
+            self._task,
+            description=stage,
+            completed=done,
+            total=total,
+            note=self.note,
+            counted=counted,
         )
+
+    def compiling(self, done: int, total: int, kernel: str) -> None:
+        """Show how many kernels are compiled, and which one is next."""
+        self._began = 0.0  # without delay, because this takes long
+        self.note = kernel
+        self.update("compiling, once on this computer", done, total, "kernels")
+        self.note = ""
 
     def close(self) -> None:
         """Remove the bar."""

@@ -25,8 +25,12 @@ from cnc.model.line_effects import REST, LineEffect, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.model.units import per_minute, per_second
 
-LINES_PER_S = 385.0
-"""Short lines that GRBL on an AVR takes in a second at any baud rate: it parses and plans each."""
+LINE_TIME, BYTE_TIME = 2.1e-3, 30e-6
+"""s. GRBL on an AVR plans a line in the first and reads each byte of it in the second, at any baud
+rate: 385 lines of 17 bytes a second.
+"""
+LINE_END = 2
+"""Bytes of a line beside its words: a blank before the last one, and the line feed."""
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
@@ -160,7 +164,7 @@ class LineWriter:
         if math.isnan(move.feed):
             yield self._line(move, LineKind.RAPID, printed, letters)
             self._ahead = min(
-                self._ahead + length / max(move.speed, 1e-6), BLOCKS_AHEAD / LINES_PER_S
+                self._ahead + length / max(move.speed, 1e-6), BLOCKS_AHEAD * LINE_TIME
             )
         else:
             characters = len(" ".join(letter + _text(printed, letter) for letter in letters))
@@ -235,15 +239,15 @@ class LineWriter:
             move: The move.
         """
         feed = move.feed
-        characters += 8 + len(self._power)
-        line_time = max(characters * self._byte_time, 1.0 / LINES_PER_S)
+        characters += LINE_END + len(self._power)
+        line_time = max(characters * self._byte_time, LINE_TIME + characters * BYTE_TIME)
         speed = max(min(move.speed, feed), 1e-6)
         if length / speed + self._ahead < line_time:
             speed = length / (line_time - self._ahead)
             self.lowered.lowered("short lines", move.line, length, speed, feed)
         if length < math.inf:
             self.lowered.moved(length, speed)
-        self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD / LINES_PER_S)
+        self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD * LINE_TIME)
         wanted = feed if speed >= (1.0 - FEED_STEP) * feed else speed
         if (
             abs(self._feed - wanted) <= FEED_STEP * wanted

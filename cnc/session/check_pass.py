@@ -12,6 +12,7 @@ from cnc.model.motion_commands import places_of
 from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
+from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.required_capabilities import CapabilityCheck
 from cnc.session.stopwatch import Stopwatch
 
@@ -34,13 +35,15 @@ class CheckPass:
         depends_on_answers: Whether a probe or an input decides how the program continues.
     """
 
-    def __init__(self, context: SessionContext, capabilities: CapabilityCheck) -> None:
+    def __init__(
+        self, context: SessionContext, capabilities: CapabilityCheck, needs: KernelNeeds
+    ) -> None:
         reader, report = context.reader, context.report
         self.reading_time, self.path_time = Stopwatch(), Stopwatch()
         self.hints = Hints(reader.machine, reader.start) if report.board is None else None
         self.depends_on_answers = False
         self._reader, self._report, self._observer = reader, report, context.observer
-        self._capabilities = capabilities
+        self._capabilities, self._kernels = capabilities, needs
 
     def run(self, target: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
         """Check the whole program.
@@ -62,6 +65,7 @@ class CheckPass:
             blocks = hints.passed(blocks)
         for item in self.path_time.inside(reader.path_of(self._counted(blocks))):
             if isinstance(item, PathChunk):
+                self._kernels.see_path(item)
                 capacity -= len(item.data) + 8 * len(item)
                 self._check_commands(item)
                 if hints is not None:
@@ -121,5 +125,6 @@ class CheckPass:
                 end = block.end
             elif isinstance(block, NurbsFeed):
                 end = block.control_points[-1]
+            self._kernels.see_block(block)
             yield block
         report.end_position = dict(zip(self._reader.machine.axes, end.tolist(), strict=True))

@@ -1,145 +1,214 @@
-"""Compilation of the kernels before the first run, in two processes in parallel.
+"""Compilation of the kernels that a program needs, before anything moves.
 
-Each process compiles kernels by calling them. One reads text, builds curves, makes pulses, samples
-and lines, and audits a plan; the other plans. Compiled code is kept on disk
-(:mod:`cnc.kernels.jit`), so each process finds the code of the other. A marker file beside it
-records that these kernels are compiled.
+Kernels are compiled by worker processes, one for each processor. A worker compiles by calling: each
+job is a small example that calls the kernels of some modules. All other kernels of the example run
+as plain Python. Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`), where each process
+finds the code of the others, and waits for a kernel that another process compiles. A file for each
+job records that it was done.
 """
 
 from __future__ import annotations
 
+import gc
+import hashlib
 import os
+import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
 
-import numpy as np
+from cnc.kernels import code_cache
+from cnc.kernels.jit import Kernel, as_python, compiling, kernels
+from cnc.session.kernel_jobs import JOBS
 
-from cnc.gcode.program.line_steps import MANY_LINES
-from cnc.gcode.program.plain_lines import SHORTEST
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
-from cnc.grbl_lines.translator import Translator
-from cnc.kernels.jit import compiled_mark
-from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import ArcFeed, AxisLetter, NurbsFeed, PathMode, Polyline
-from cnc.model.diagnostics import MotionLimitError
-from cnc.model.operator_control import Control
-from cnc.path.bounds import bounding_box
-from cnc.path.build import build
-from cnc.path.chunk import PathChunk
-from cnc.planner.audit import Audit
-from cnc.planner.limits import Limits
-from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import ReferencePulse
-from cnc.pulses.sampled import Sampled
+OnKernel = Callable[[int, int, str], None]
+"""Called with the number of kernels compiled so far, the number of all, and the next one's name."""
 
-AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
+SMALL_BYTES = 16_384
+"""A program up to this size is read without compiled kernels while there are none."""
 
 
-def ensure_compiled(on_compiling: Callable[[], None] | None) -> None:
-    """Compile the kernels unless this computer has them; ``on_compiling`` is called before."""
-    mark = compiled_mark()
-    if mark is None or mark.exists():
+def ensure_compiled(
+    on_compiling: Callable[[], None] | None = None,
+    on_kernel: OnKernel | None = None,
+    jobs: Iterable[str] = JOBS,
+) -> None:
+    """Compile the kernels of some jobs unless this computer has them.
+
+    Args:
+        on_compiling: called before anything is compiled.
+        on_kernel: called before each kernel is compiled.
+        jobs: names of the jobs; all by default.
+    """
+    missing = [name for name in jobs if not is_compiled(name)]
+    if not missing:
         return
     if on_compiling is not None:
         on_compiling()
-    other = subprocess.Popen(
-        [sys.executable, "-m", "cnc.session.kernel_cache"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+    total = len(_missing_kernels(missing))
+    for done, label in enumerate(_compiled_by_workers(missing)):
+        if on_kernel is not None:
+            on_kernel(done, max(done + 1, total), label)
+
+
+def is_compiled(job: str) -> bool:
+    """Return whether the kernels of a job are on disk, or kernels run as plain Python."""
+    if not compiling():
+        return True
+    name = f"{_file_name(job)}-*.done"
+    places = code_cache.SHIPPED, code_cache.cache_folder()
+    # The marks of this text and processor have names that need the import of the compiler.
+    return any(next(place.glob(name), None) for place in places) and any(
+        mark.exists() for mark in _marks(job)
     )
+
+
+def _file_name(job: str) -> str:
+    return job.replace(" ", "-")
+
+
+def _marks(job: str) -> list[Path]:
+    """Return the files that record the job: beside installed code, and on this computer."""
+    from cnc.kernels.compiler import PORTABLE, version
+
+    files = [Path(import_module(name).__file__ or "") for name in sorted(JOBS[job].modules)]
+    names = [code_cache.folder_name(file) for file in files]
+    places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), None)
+    marks = []
+    for folder, processor in places:
+        key = hashlib.sha256(repr((names, version(processor))).encode()).hexdigest()[:16]
+        marks.append(folder / f"{_file_name(job)}-{key}.done")
+    return marks
+
+
+def _missing_kernels(jobs: Sequence[str]) -> list[Kernel]:
+    """Return the kernels of some jobs, and those that they call, that are not on disk."""
+    for job in jobs:
+        for name in JOBS[job].modules:
+            import_module(name)
+    modules = {name for job in jobs for name in JOBS[job].modules}
+    waiting = [kernel for kernel in kernels.values() if kernel.__module__ in modules]
+    found: dict[Kernel, None] = {}
+    while waiting:
+        kernel = waiting.pop()
+        if kernel not in found:
+            found[kernel] = None
+            waiting += kernel.callees()
+    return [kernel for kernel in found if not kernel.is_on_disk]
+
+
+def _compiled_by_workers(jobs: Sequence[str]) -> Iterator[str]:
+    """Compile the kernels of the jobs; yield the name of each when its compilation begins.
+
+    Workers end when this process ends, or the iteration is given up.
+    """
+    todo: queue.SimpleQueue[str] = queue.SimpleQueue()
+    for job in jobs:
+        todo.put(job)
+    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    workers = [_Worker(todo, lines) for _ in range(min(len(jobs), os.cpu_count() or 1))]
+    working = len(workers)
     try:
-        compile_language()
-        compile_curves()
-        if other.wait() == 0:
-            with suppress(OSError):
-                mark.touch()
+        while working:
+            with suppress(queue.Empty):
+                # On Windows, Ctrl-C does not interrupt a wait without an end.
+                line = lines.get(timeout=0.5)
+                if line is None:
+                    working -= 1
+                else:
+                    yield line
     finally:
-        # After Ctrl-C the child has no use.
-        other.kill()
-        other.communicate()
+        for worker in workers:
+            worker.end()
 
 
-def compile_language() -> None:
-    """Compile the kernels of the reader: read a straight move."""
-    for _ in interpret(Text.of_lines(["G0 X1"] * SHORTEST, "")):
-        pass
-    for _ in interpret(Text.of_lines(["#1=1", "G0 X#1"] * MANY_LINES, "")):
-        pass
+class _Worker:
+    """A process that does one job after the other.
 
-
-def compile_curves() -> None:
-    """Compile the kernels of curves, pulses, samples, lines and the audit.
-
-    One curve of each kind and a fitted one are built, then pulses, samples and lines along each.
+    Args:
+        todo: the jobs.
+        lines: receives the name of each kernel, and None when there are no more jobs.
     """
-    corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
-    points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
-    blocks = [
-        PathMode("", 1, "blend", 0.01),
-        Polyline("", 1, corner, np.array([1.0]), np.array([1], np.int32)),
-        ArcFeed("", 2, "XY", (1.0, 1.0), end, 1.0, 0.5, 1.0),
-        NurbsFeed(
-            "", 3, 3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]), points, np.ones(4), 1.0
-        ),
-    ]
-    for path in build(blocks, axes=AXES, start=np.zeros(3)):
-        assert isinstance(path, PathChunk)
-        bounding_box(path)
-        piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
-        length = float(piece_s[-1])
-        still, steady = np.zeros(2), np.ones(2)
-        plan = PlanChunk(
-            path,
-            piece_s,
-            0.0,
-            0.0,
-            np.array([0.0, length]),
-            np.array([0.0, length]),
-            steady,
-            still,
-            np.zeros(1),
+
+    def __init__(self, todo: queue.SimpleQueue[str], lines: queue.SimpleQueue[str | None]) -> None:
+        self._todo, self._lines = todo, lines
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cnc.session.kernel_cache"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(code_cache.cache_folder())},
         )
-        for _ in ReferencePulse([10.0, 10.0, 10.0], np.zeros(3)).pulses(plan):
-            pass
-        for _ in Sampled(0.1, np.zeros(3)).samples(plan):
-            pass
-        for _ in Translator(_machine()).lines(plan):
-            pass
-        with suppress(MotionLimitError):
-            # The audit rejects this motion, because it begins at speed.
-            Audit(Limits.of(_machine())).check(plan)
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """End the process. Nothing is half written."""
+        self._process.kill()
+        self._process.wait()
+        self._thread.join()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                assert pipe is not None
+                pipe.close()
+
+    def _work(self) -> None:
+        source, target = self._process.stdin, self._process.stdout
+        assert source is not None and target is not None
+        with suppress(queue.Empty, OSError, ValueError):
+            while True:
+                source.write(self._todo.get_nowait() + "\n")
+                source.flush()
+                while (line := target.readline().rstrip("\n")) != DONE:
+                    if not line:
+                        raise BrokenPipeError
+                    self._lines.put(line)
+        self._lines.put(None)
 
 
-def compile_planner() -> None:
-    """Compile the kernels of the planner: plan two traverses and a corner blend, in slices."""
-    ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-    lines = Polyline("", 1, ends, np.full(2, np.nan), np.array([1, 2], np.int32))
-    chunks = build([PathMode("", 1, "blend", 0.01), lines], axes=AXES, start=np.zeros(3))
-    for _ in LookAhead(_machine(), Control(), slice_s=0.01).plan(chunks):
-        pass
+DONE = "."
+"""The line by which a worker reports the end of a job."""
 
 
-def _machine() -> Machine:
-    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
-    return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
+def work() -> None:
+    """Do the jobs that standard input names, one a line."""
+    from cnc.kernels import compiler
+
+    # The compiler makes no cycles worth collecting; looking for them takes a fifth of the time.
+    gc.disable()
+    compiler.watchers.append(lambda kernel: _tell(kernel.label))
+    requests: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(requests,), daemon=True).start()
+    while True:
+        job = requests.get()
+        with suppress(Exception):  # it is compiled again where it is called, and fails there
+            compile_job(job)
+        _tell(DONE)
 
 
-def exit_with_parent() -> None:
-    """End this process when its parent has ended, which closes the standard input.
+def _tell(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
 
-    The file descriptor is read, because the lock of ``sys.stdin`` would block the exit.
-    """
-    while os.read(0, 1):
-        pass
+
+def compile_job(job: str) -> None:
+    """Compile the kernels of a job, and record that."""
+    with as_python(except_in=JOBS[job].modules):
+        JOBS[job].example()
+    code_cache.write(_marks(job)[-1], b"")
+
+
+def _listen(requests: queue.SimpleQueue[str]) -> None:
+    """Pass requests on; end the process when standard input ends, with the calling process."""
+    for line in sys.stdin:
+        requests.put(line.strip())
     os._exit(1)
 
 
 if __name__ == "__main__":
-    threading.Thread(target=exit_with_parent, daemon=True).start()
-    compile_planner()
+    work()

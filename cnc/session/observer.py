@@ -36,6 +36,8 @@ class Callbacks:
             check pass).
         on_warning: Called with each warning and note.
         on_compiling: Called before the kernels are compiled, on the first run on a computer.
+        on_kernel: Called before each kernel is compiled, with the number that are compiled, the
+            number in total, and the name of this one.
         on_sent: Called with the progress of the board.
         on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
             ends before anything moves.
@@ -44,6 +46,7 @@ class Callbacks:
     on_progress: Callable[[Stage, int, int | None], None] | None = None
     on_warning: Callable[[Diagnostic], None] | None = None
     on_compiling: Callable[[], None] | None = None
+    on_kernel: Callable[[int, int, str], None] | None = None
     on_sent: Callable[[Progress], None] | None = None
     on_beginning: Callable[[Sequence[str]], bool] | None = None
 

@@ -32,7 +32,7 @@ from cnc.session.board_offsets import board_parameters, offset_parameters, offse
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
 from cnc.session.kept_offsets import read_offsets
-from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.known_position import locate
 from cnc.session.line_pass import LinePass
 from cnc.session.observer import Callbacks, Observer, StoppedBeforeMotion
@@ -104,6 +104,7 @@ class Session:
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
         )
+        self._kernels = KernelNeeds(self._context)
 
     def blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the program, read as in the check pass."""
@@ -121,7 +122,6 @@ class Session:
         context, report, began = self._context, self.report, perf_counter()
         reader = context.reader
         reader.policy = self._policy(board)
-        ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
         self._log_begin()
         try:
@@ -218,6 +218,7 @@ class Session:
         context.observer.checking(report.lines)
         if not report.ok:
             return
+        self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
         timing = self._write_lines(board, capabilities)
         timing = self._run_pass(board, record, kept, check.depends_on_answers) or timing
@@ -238,7 +239,7 @@ class Session:
     ) -> tuple[CheckPass, PathItems | None]:
         """Carry out the check pass. The path is of use to the run pass unless lines are made."""
         context, report, reader = self._context, self.report, self._context.reader
-        check, target = CheckPass(context, capabilities), None
+        check, target = CheckPass(context, capabilities, self._kernels), None
         if context.options.outputs.blocks is not None:
             target = context.files.opened(
                 BlockWriter(
@@ -246,7 +247,8 @@ class Session:
                 )
             )
         try:
-            kept = check.run(target, keep=keep)
+            with self._kernels.reading(reader.path):
+                kept = check.run(target, keep=keep)
         finally:
             report.timing.parse_s = check.reading_time.seconds
             # Path building draws from the reader, so its time includes the reading time.

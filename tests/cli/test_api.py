@@ -11,12 +11,9 @@ import cnc
 from cnc.api import Callbacks, Control, Outputs, check, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.cli import progress
-from cnc.kernels import jit
 from cnc.model.blocks import ArcFeed, Dwell, End, Polyline
 from cnc.model.diagnostics import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
-from cnc.planner import phases
 from cnc.planner.plan import PlanChunk
-from cnc.session import kernel_cache
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with
 from tests.support.waiting import HANG
@@ -163,70 +160,15 @@ def test_warnings_are_shown_unless_quiet(capsys):
         assert shown.callbacks().on_warning is None
 
 
-def test_the_first_run_compiles_and_reports_it_once(tmp_path, monkeypatch):
-    mark, reported = tmp_path / "compiled", []
-    monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
-    for _ in range(2):
-        kernel_cache.ensure_compiled(lambda: reported.append("compiling"))
-    assert reported == ["compiling"]
-    assert mark.exists()
-
-
-def test_the_compiling_process_ends_with_its_parent():
-    # Its input ends with the process that holds the other end of it.
-    assert (
-        subprocess.run(
-            [sys.executable, "-m", "cnc.session.kernel_cache"],
-            stdin=subprocess.DEVNULL,
-            check=False,
-        ).returncode
-        == 1
-    )
-
-
-def test_planning_in_slices_is_compiled_too(monkeypatch):
-    called, phase_time = [], phases.phase_time
-    monkeypatch.setattr(
-        phases, "phase_time", lambda *values: called.append(values) or phase_time(*values)
-    )
-    kernel_cache.compile_planner()
-    assert called
-
-
 def test_compiling_is_announced_unless_quiet(capsys):
     with progress.ProgressDisplay(Control(), quiet=False) as shown:
         shown.callbacks().on_compiling()
     assert (
         capsys.readouterr().err
-        == "compiling the kernels; this happens once and takes up to a minute\n"
+        == "compiling the kernels that this program needs; this happens once\n"
     )
     with progress.ProgressDisplay(Control(), quiet=True) as shown:
         assert shown.callbacks().on_compiling is None
-
-
-def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
-    # A called kernel may change without a change of the file of its caller.
-    texts = {
-        "caller.py": "from cnc.kernels.deep.callee import f",
-        "deep/callee.py": "one",
-        "other.py": "other",
-    }
-
-    def folders(changed):
-        folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        for name, text in {**texts, **changed}.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(text)
-        monkeypatch.setattr(jit, "_SOURCES", folder)
-        return [jit._folder_of(folder / name) for name in texts]
-
-    caller, callee, other = folders({})
-    assert len({caller, callee, other}) == 3
-    assert folders({}) == [caller, callee, other]
-    changed = folders({"deep/callee.py": "two"})
-    assert changed[0] != caller
-    assert changed[1] != callee
-    assert changed[2] == other
 
 
 class Silent(Loopback):

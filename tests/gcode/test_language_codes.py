@@ -140,8 +140,7 @@ CASES = {
     "exact path, exact stop": ("G61\nG61.1", [("path", "exact-path", 0.0),
         ("path", "exact-stop", 0.0)]),
     "blend": ("G64\nG64 P.05\nG64 P.05 Q.1\nG20\nG64 P.001", [
-        ("path", "blend", 0.0), ("path", "blend", 0.05), ("path", "blend", 0.05),
-            ("path", "blend", 0.0254)]),
+        ("path", "blend", 0.0), ("path", "blend", 0.05), ("path", "blend", 0.0254)]),
     "blend within nothing": ("G64 P.1\nG64 P0",
         [("path", "blend", 0.1), ("path", "exact-path", 0.0)]),
     "holes are made on the exact path": ("G0 Z1\nG64 P.1\nG98 G81 Z-1 R1 F60\nG61\nG81 X1", [

@@ -342,3 +342,40 @@ def test_check_reports_the_time_of_a_laser(tmp_path: Path) -> None:
     program.write_text(lines(100))
     assert laser == pytest.approx(check(program, LASER, RunOptions()).duration_s)
     assert math.isfinite(laser)
+
+
+@pytest.mark.parametrize("pitch", [0.1, 0.2, 0.5])
+def test_a_raster_streams_as_fast_as_by_plain_character_counting(
+    tmp_path: Path, pitch: float
+) -> None:
+    pixels = [f"X{pitch * k:.2f}S{power(0, k)}" for k in range(1, 400)]
+    program = ["G21G90", "M4S0", "G1F2000", *pixels]
+    plain = GrblSimulator(settings=FAST)
+    port = GrblSimulatorPort(plain)
+    heard = b""
+    while b"help]" not in heard and plain.now < 5.0:
+        heard += port.read(2.0)
+    sizes: list[int] = []
+
+    def listen() -> None:
+        nonlocal heard
+        *answers, heard = (heard + port.read(0.05)).split(b"\n")
+        del sizes[: sum(answer.strip() == b"ok" for answer in answers)]
+
+    for line in program:
+        while sum(sizes) + len(line) + 1 > 127 and plain.now < 60.0:
+            listen()
+        port.write(line.encode() + b"\n")
+        sizes.append(len(line) + 1)
+    end = plain.now + 60.0
+    while (sizes or plain.core.planner.blocks) and plain.now < end:
+        listen()
+    assert not sizes
+    box, report = on_grbl(tmp_path, "\n".join([*program, "M2"]), GRBL_LASER)
+    assert report.ok, report.faults
+
+    def seconds(simulator: GrblSimulator) -> float:
+        return simulator.moves[-1].end_time - simulator.moves[0].begin_time
+
+    assert seconds(box) <= 1.03 * seconds(plain)
+    assert report.duration_s == pytest.approx(seconds(box), rel=0.03)

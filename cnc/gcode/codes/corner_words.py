@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.model.diagnostics import CncError
 
 _ROUNDING = 1e-9
 _STRAIGHT = 1e-9
@@ -112,6 +113,12 @@ def cut(corner: Corner, following: list[float]) -> Cut:
         return Cut(begin, end, None, 0.0)
     side = math.copysign(corner.size, turn)
     return Cut(begin, end, (begin[i] - uy * side, begin[j] + ux * side), turn / math.tau)
+
+
+def not_followed(corner: Corner, what: str) -> CncError:
+    """Return the error of a corner that ``what`` follows, and no straight feed move."""
+    message = f"{corner.word.written} needs a G1 in the next line, not {what}"
+    return fault("corner-next", message, corner.word).at(line=corner.line)
 
 
 def _direction(

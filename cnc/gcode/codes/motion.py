@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
 from cnc.gcode.codes.axis_words import MIN_FEED, AxisWords
+from cnc.gcode.codes.collector import Collector
 from cnc.gcode.codes.corner_words import Corner
 from cnc.gcode.codes.prepared_lines import Known, QuickMove
 from cnc.gcode.dialects import Dialect
@@ -36,35 +36,13 @@ _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.
 _TRAVERSE, _FEED, _CANCEL = G.G0, G.G1, G.G80
-_STRAIGHT = (G.G0, G.G1)
-_ARCS = (G.G2, G.G3)
+_STRAIGHT, _ARCS = (G.G0, G.G1), (G.G2, G.G3)
 
 Handler = Callable[[LineWords, Code | None], None]
 """Makes the move of a motion code: takes the words of the line and sets the position.
 
 The code is None if it was in effect already.
 """
-
-
-class Collector(Protocol):
-    """A curve whose definition takes many lines."""
-
-    def line(self, words: LineWords, codes: Codes) -> bool:
-        """Take a line. The last one sets ``motion.collector = None``.
-
-        Returns:
-            Whether the line belongs to the curve, and must not be executed otherwise.
-        """
-
-    def end(self, what: str) -> None:
-        """Complete the curve at the program end.
-
-        Args:
-            what: Description of the error.
-
-        Raises:
-            GcodeError: The curve is not complete.
-        """
 
 
 class Motion(AxisWords):
@@ -251,10 +229,7 @@ class Motion(AxisWords):
         return motion
 
     def move(self, words: LineWords, motion: G | None, explicit: Code | None = None) -> None:
-        """Make the move of the code that :meth:`check` returned.
-
-        ``explicit`` is the motion code of the line, if it has one.
-        """
+        """Make the move of the code that :meth:`check` returned; ``explicit`` is in the line."""
         if motion is None:
             return
         code = explicit.word if explicit else None
@@ -276,7 +251,7 @@ class Motion(AxisWords):
             self.handlers[motion](words, explicit)
 
     def traverse(self, end: list[float]) -> None:
-        """Make a straight move to a machine position as fast as the axes allow."""
+        """Make a straight move at the speed of the axes."""
         self.feed_to(end, math.nan)
 
     def feed_to(self, end: list[float], feed: float) -> None:
@@ -318,19 +293,15 @@ class Motion(AxisWords):
         if way.centre is None:
             self._make_straight(way.end, corner.feed, corner.line)
         else:
-            file, end = self._here.file, np.array(way.end)
-            size, plane = corner.size, self._state.plane
-            arc = ArcFeed(file, corner.line, plane, way.centre, end, size, way.turns, corner.feed)
-            self._make_arc(arc)
+            end, plane = np.array(way.end), self._state.plane
+            arc = (plane, way.centre, end, corner.size, way.turns, corner.feed)
+            self._make_arc(ArcFeed(self._here.file, corner.line, *arc))
         return way.end
 
     def corner_fault(self, what: str) -> CncError:
         """Return the error of a corner that no straight feed move follows."""
-        corner = self.corner
-        assert corner is not None
-        message = f"{corner.word.written} needs a G1 in the next line, not {what}"
-        hint = "write the two moves of a corner in two lines"
-        return fault("corner-next", message, corner.word, hint).at(line=corner.line)
+        assert self.corner is not None
+        return corner_words.not_followed(self.corner, what)
 
     def arc(self, block: ArcFeed) -> None:
         """Make an arc from the position."""
@@ -347,6 +318,8 @@ class Motion(AxisWords):
 
     def spline(self, block: NurbsFeed) -> None:
         """Make a spline from the position."""
+        if self.corner is not None:
+            raise self.corner_fault("a spline")
         self._out.add(block)
         self.position = block.control_points[-1].tolist()
 
@@ -402,7 +375,7 @@ class Motion(AxisWords):
         )
 
     def _quick_feed(self, known: Known) -> Feed | None:
-        """The feed of an F word; None if it is out of range."""
+        """The feed of an F word; None if out of range."""
         value = known if known.__class__ is float else known(self.coordinates.parameters)  # type: ignore[operator]
         if not 0.0 < value <= MAX_NUMBER:
             return None

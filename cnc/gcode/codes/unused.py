@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.diagnostics import GcodeError
@@ -34,6 +35,24 @@ _HINTS = {
     "R": "R belongs to G2 and G3 (the radius), canned cycles, "
     "G10 (a rotation, or the tool's radius), G76 and M19",
 }
+
+
+_CENTRE = frozenset("IJK")
+
+
+def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool:
+    """Take centre words of a traverse, which controllers ignore, with a warning.
+
+    Returns:
+        Whether no other word is left.
+    """
+    if state.motion != G.G0 or not words.rest.keys() <= _CENTRE:
+        return False
+    word = words.first()
+    message = f"{word.written} has no use in a traverse (G0) and is ignored"
+    here.report_warning("word-idle", message, word, "remove it, or give G2 or G3")
+    words.rest.clear()
+    return True
 
 
 def unused(words: LineWords, state: ModalState) -> GcodeError:

@@ -40,6 +40,7 @@ class FileCall:
             raise flow.listing.placed(fault("call-too-deep", message, self.code), line)
         listing = flow.library.open(self.file, self.at)
         frame = Frame("program", self.code.written, listing, 0, flow.listing, self.at, line + 1)
+        frame.ends_with_file = True
         return flow.enter(frame)
 
 

@@ -169,6 +169,7 @@ class Frame:
         is_repeated: Whether the call asked for more than one execution.
         since: Number of executed lines when the call was made.
         counts: Rounds left, by repeat loop.
+        ends_with_file: Whether the end of the file returns to the caller.
     """
 
     kind: Literal["main", "sub", "program", "macro"]
@@ -182,6 +183,7 @@ class Frame:
     is_repeated: bool = False
     since: int = 0
     counts: dict[Step, int] = field(default_factory=dict)
+    ends_with_file: bool = False
 
     @property
     def first(self) -> int:

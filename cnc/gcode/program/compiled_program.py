@@ -42,6 +42,11 @@ MOST_CALLS = 8
 MOST_NAMES = 256
 """Names of a window with calls in compiled code, since each call has all of them."""
 _FEW_ROWS = 256
+START_COST = 20
+"""Lines that the interpreter executes in the time that compiled code takes to begin and end."""
+MOST_CREDIT = 200
+PAUSE = 500
+"""Lines that are left to the interpreter after too many short runs."""
 
 
 @dataclass(slots=True)
@@ -79,6 +84,7 @@ class CompiledProgram:
         self._tables: OrderedDict[tuple[str, int], _Table] = OrderedDict()
         self._progress = np.zeros(1, kernel.PROGRESS)
         self._rows = _FEW_ROWS
+        self._credit, self._pause = MOST_CREDIT, 0
         flow.update_loops = self._update_loops
 
     def knows(self, window: Window, index: int) -> bool:
@@ -92,6 +98,9 @@ class CompiledProgram:
             The line to continue at; None if nothing was executed.
         """
         flow = self._flow
+        if self._pause:
+            self._pause -= 1
+            return None
         if not self._machine.ready():
             return None
         table = self._table(window)
@@ -131,6 +140,9 @@ class CompiledProgram:
             _, index, done, executed, new, highest, _, _, begun, last, depth, _, _, _, returned,
             value,
         ) = self._progress[0].item()  # fmt: skip
+        self._credit = min(self._credit + done - START_COST, MOST_CREDIT)
+        if self._credit < 0:
+            self._credit, self._pause = START_COST, PAUSE
         if not done:
             return None
         flow.executed, flow.new = executed, new

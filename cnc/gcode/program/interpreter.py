@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from cnc.gcode import dialects
 from cnc.gcode.codes import circular_pocket, macro_variables, probing, system_parameters
-from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.feed_codes import FeedCodes
 from cnc.gcode.codes.figure_codes import FigureCodes
 from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
@@ -21,7 +21,7 @@ from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
 from cnc.gcode.codes.tool_codes import ToolCodes
-from cnc.gcode.codes.unused import unused
+from cnc.gcode.codes.unused import take_idle, unused
 from cnc.gcode.cycles import drilling, threading
 from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.program.comment_commands import CommentCommands
@@ -30,7 +30,6 @@ from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
-    FEED_MODES,
     PLANES,
     QUICK_MOTIONS,
     Code,
@@ -50,12 +49,9 @@ from cnc.gcode.syntax.statement import Assignment, Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
 from cnc.model.blocks import Abort, BoardCommand
 from cnc.model.parameter_numbers import EXTERNAL_OFFSET
-from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
-_CENTRE = frozenset("IJK")
-_NO_FEED = (None, G.G0)
 _QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
@@ -117,6 +113,9 @@ class Interpreter:
             self.out,
             self.unused_words,
         )
+        self.feed_codes = FeedCodes(
+            dialect, self.here, self.modal, self.motion, parameters, self.unused_words
+        )
         self.tool_codes = ToolCodes(
             dialect,
             self.here,
@@ -132,8 +131,8 @@ class Interpreter:
         )
         bezier.register(self.motion, self.modal, self.here)
         g6_2.register(self.motion, dialect, self.modal, self.here)
-        g5_2.register(self.motion, self.modal, self.here, self._feed)
-        bspline.register(self.motion, self.modal, self.here, self._feed)
+        g5_2.register(self.motion, self.modal, self.here, self.feed_codes.feed)
+        bspline.register(self.motion, self.modal, self.here, self.feed_codes.feed)
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
@@ -152,7 +151,6 @@ class Interpreter:
             )
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
         self.points_wanted = dialect.decimal_points
-        self._moving: G | None = None
         self._prepared: dict[int, PreparedLine] = {}
         self._saved_state = SavedState(
             self.machine_codes, self.modal, self.motion, self.unused_words
@@ -308,26 +306,12 @@ class Interpreter:
             codes or not self._is_program_number(words)
         ):
             self._in_order(words, codes)
-        if words.rest and not self._is_idle(words):
+        if words.rest and not (self.dialect.lenient and take_idle(words, self.modal, self.here)):
             raise unused(words, self.modal)
         if extra:
             self._builder_codes.pause(extra)
         if (corner := self.motion.corner) is not None and corner.line != self.here.line:
             raise self.motion.corner_fault("a line without a move")
-
-    def _is_idle(self, words: LineWords) -> bool:
-        """Take centre words of a traverse under a lenient dialect, with a warning."""
-        if (
-            not self.dialect.lenient
-            or self.modal.motion != G.G0
-            or not words.rest.keys() <= _CENTRE
-        ):
-            return False
-        word = words.first()
-        message = f"{word.written} has no use in a traverse (G0) and is ignored"
-        self.here.report_warning("word-idle", message, word, "remove it, or give G2 or G3")
-        words.rest.clear()
-        return True
 
     def _is_program_number(self, words: LineWords) -> bool:
         if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:
@@ -338,9 +322,9 @@ class Interpreter:
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
         moving = self.motion.check(words, codes)
-        self._moving = moving
+        self.feed_codes.moving = moving
         if not codes:
-            self._feed(words, codes)
+            self.feed_codes.feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)
             self.motion.move(words, moving)
             return
@@ -357,14 +341,10 @@ class Interpreter:
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
         state, functions = self.modal, self.machine_codes
-        if code := codes.get("feed-mode"):
-            mode = FEED_MODES[code.g]
-            if mode != state.feed_mode:
-                state.feed_mode, state.feed = mode, None
-                self.unused_words.mark_used("F")
+        self.feed_codes.mode(codes)
         if self.dialect.units_before_feed:
-            self._units(codes)
-        self._feed(words, codes)
+            self.feed_codes.units(codes)
+        self.feed_codes.feed(words, codes)
         self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
         self.input_output_codes.execute(words, codes)
@@ -384,7 +364,7 @@ class Interpreter:
         state = self.modal
         if code := codes.get("plane"):
             state.plane = PLANES[code.g]
-        self._units(codes)
+        self.feed_codes.units(codes)
         if code := codes.get("compensation"):
             self.compensation_codes.code(words, code)
         if code := codes.get("tool-length"):
@@ -403,56 +383,6 @@ class Interpreter:
         if (code := codes.get("non-modal")) and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 
-    def _feed(self, words: LineWords, codes: Codes) -> None:
-        """Execute F. In inverse time mode the move of the line uses it instead."""
-        if "F" not in words.rest or self._is_dwell_time("F", codes):
-            return
-        if self.modal.feed_mode == "inverse-time":
-            if self._moving in _NO_FEED:
-                word = words.rest.pop("F")
-                message = (
-                    f"{word.written} has no effect: under G93 it belongs to the move of its line"
-                )
-                self.here.report_note("word-without-effect", message, word)
-            return
-        word = words.rest.pop("F")
-        scale = self.modal.scale
-        if (
-            (code := codes.get("units"))
-            and scale != _scale(code)
-            and not self.dialect.units_before_feed
-        ):
-            message = f"F is read before {code.word.written} takes effect"
-            self.here.report_warning("feed-before-units", message, word, "write F in the next line")
-        if word.number == 0 and self._moving in _NO_FEED and self.dialect.lenient:
-            self.modal.feed = None
-            self.unused_words.mark_used("F")
-            return
-        if word.number <= 0:
-            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-        feed = feed_of(word.number, scale)
-        if self.modal.feed_mode == "per-revolution":
-            feed = type(feed)(word.number * scale, word.number)
-        if feed.rotary < MIN_FEED:
-            message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
-            raise fault("feed-too-slow", message, word)
-        self.modal.feed = feed
-        self.unused_words.note(word)
-
-    def _is_dwell_time(self, letter: str, codes: Codes) -> bool:
-        """Whether a word is the time of a dwell in its line."""
-        code = codes.get("non-modal")
-        return code is not None and code.number == G.G4 and letter in self.dialect.dwell
-
-    def _units(self, codes: Codes) -> None:
-        """G20, G21, G7, G8."""
-        if (code := codes.get("units")) or "diameter" in codes:
-            self.modal.scale = _scale(code) if code else self.modal.scale
-            self.parameters.increments = 1_000.0 if self.modal.scale == 1.0 else 10_000.0
-            if diameter := codes.get("diameter"):
-                self.modal.diameter = diameter.number == G.G7
-            self.motion.units_changed()
-
     def _stop(self, code: Code) -> None:
         if self.motion.collector:
             raise fault(
@@ -466,8 +396,3 @@ class Interpreter:
         self.ended = self.machine_codes.stop(code)
         if self.ended:
             self.coordinates.end()
-
-
-def _scale(code: Code) -> float:
-    """Return the millimetres of a program unit under G20 or G21."""
-    return MM_PER_INCH if code.number == G.G20 else 1.0

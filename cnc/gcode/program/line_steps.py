@@ -79,13 +79,21 @@ class StepMaker:
             self._flow.new += 1
         return step
 
-    def end_of_file(self, line: int) -> None:
-        """End the program at the end of the text, which is before ``line``.
+    def end_of_file(self, line: int) -> int | None:
+        """End the program, or the file of a builder's code, at the end of the text.
+
+        Args:
+            line: The line after the last one.
+
+        Returns:
+            The line of the caller to continue at; None at the end of the program.
 
         Raises:
             GcodeError: The program is not complete.
         """
         flow = self._flow
+        if flow.frame.ends_with_file:
+            return flow.leave()
         if flow.frame.kind != "main":
             raise control_flow.not_ended(flow, "before the end of the file")
         flow.interpreter.end_of_file()
@@ -102,6 +110,7 @@ class StepMaker:
             )
             hint = "end it with M2 or M30, or put it between two lines of %"
             raise flow.listing.fault(at, "program-end-missing", message, hint)
+        return None
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
         if self._flow.has_modal:
@@ -153,14 +162,6 @@ class StepMaker:
             self._compiled.register(window, index, step)
         return _Announced(statement, step) if statement.remarks else step
 
-    def run_single(self, flow: Flow, window: Window, line: int) -> int:
-        """Execute a line on its own; return the line to continue at."""
-        step = self.single(window, line, line - window.first)
-        if isinstance(step, Statement):
-            flow.interpreter.execute(step, line)
-            return line + 1
-        return step.run(flow, line)
-
     def _of_control(self, line: int, control: Control) -> Step:
         flow = self._flow
         step = flow.listing.steps.get(line)
@@ -193,6 +194,14 @@ class StepMaker:
         return NOTHING
 
 
+def run_alone(flow: Flow, step: Step | Statement, line: int) -> int:
+    """Execute a line on its own; return the line to continue at."""
+    if isinstance(step, Statement):
+        flow.interpreter.execute(step, line)
+        return line + 1
+    return step.run(flow, line)
+
+
 class _Run:
     """The first line of a run of plain lines."""
 
@@ -208,7 +217,7 @@ class _Run:
         window, listing = self._window, flow.listing
         count = self._runs.run(window, line - window.first)
         if not count:
-            return self._maker.run_single(flow, window, line)
+            return run_alone(flow, self._maker.single(window, line, line - window.first), line)
         last = line + count - 1
         flow.executed += count - 1
         flow.new += max(0, last - listing.last_executed)
@@ -219,17 +228,23 @@ class _Run:
 class _Compiled:
     """A line that compiled code may execute, with those after it."""
 
-    __slots__ = ("_maker", "_program", "_window")
+    __slots__ = ("_maker", "_program", "_single", "_window")
 
     def __init__(self, program: CompiledProgram, maker: StepMaker, window: Window) -> None:
         self._program = program
         self._maker = maker
         self._window = window
+        self._single: Step | Statement | None = None
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute lines in compiled code, or else the line on its own."""
         after = self._program.run(self._window, line)
-        return self._maker.run_single(flow, self._window, line) if after is None else after
+        if after is not None:
+            return after
+        step = self._single
+        if step is None:
+            step = self._single = self._maker.single(self._window, line, line - self._window.first)
+        return run_alone(flow, step, line)
 
 
 class _Move:

@@ -151,8 +151,11 @@ def _execute_lines(flow: Flow, maker: StepMaker, watch: _Watch) -> Iterator[Bloc
             if index < 0 or index >= count:
                 page = listing.page(line)
                 if page is None:
-                    maker.end_of_file(line)
-                    break
+                    after = maker.end_of_file(line)
+                    if after is None:
+                        break
+                    line, listing, count = after, flow.listing, 0
+                    continue
                 first, count, steps = page.first, page.count, page.steps
                 index = line - first
             step = steps[index]

@@ -26,7 +26,7 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 
 EXTERNAL = -1
-"""Index of the offset that is added to every system (FANUC's P0)."""
+"""Index of FANUC's offset of all systems (P0)."""
 SYSTEM_CODES = (G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3)
 """The code of each system, as #<_coord_system> reads it. All other systems are G54.1's."""
 _HOMES: dict[G, int] = {G.G28: numbers.G28_POSITION, G.G30: numbers.G30_POSITION}
@@ -77,10 +77,8 @@ class Coordinates:
         self._places = [AXIS_LETTERS.index(axis) for axis in axes]
         self._xy = (axes.index("x"), axes.index("y")) if {"x", "y"} <= set(axes) else None
         self._turn = (1.0, 0.0)
-        self._origin = [0.0] * len(axes)
-        self._tool = [0.0] * len(axes)
-        self._local = [0.0] * len(axes)
-        self._external = [0.0] * len(axes)
+        self._origin, self._tool = [0.0] * len(axes), [0.0] * len(axes)
+        self._local, self._external = [0.0] * len(axes), [0.0] * len(axes)
         if not shift_stays:
             self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = (
@@ -110,14 +108,12 @@ class Coordinates:
 
     @property
     def turned(self) -> bool:
-        """Whether a point of the program is more than a sum away from its machine position."""
-        return bool(self.rotation) or self._figure.changes
+        """Whether a machine position is more than a sum."""
+        return self.rotation != 0.0 or self._figure.changes
 
     def coupled(self, columns: set[int]) -> set[int]:
         """Return the columns of axes that move with those of a program's words."""
-        if self.rotation and self._xy and not columns.isdisjoint(self._xy):
-            columns = columns | set(self._xy)
-        return self._figure.coupled(columns)
+        return self._figure.coupled(self._changed_axes(dict.fromkeys(columns, 0.0), self._turn))
 
     def to_machine(self, program: list[float]) -> list[float]:
         """Return the machine position of a point in program coordinates."""
@@ -317,8 +313,7 @@ class Coordinates:
 
     def suspend_shift(self) -> None:
         """Suspend the shift; the stored one stays for G92.3 (G92.2)."""
-        self._values[numbers.SHIFT_IN_EFFECT] = 0.0
-        self._shift = [0.0] * len(self.axes)
+        self._values[numbers.SHIFT_IN_EFFECT], self._shift = 0.0, [0.0] * len(self.axes)
         self._update_zero()
 
     def restore_shift(self) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import NAMES
-from cnc.gcode.program import line_steps
+from cnc.gcode.program import compiled_program, line_steps
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
@@ -123,6 +123,7 @@ def agree(
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", shortest)
         patch.setattr(line_steps, "MANY_LINES", 1)
+        patch.setattr(compiled_program, "START_COST", 0)
         quick = outcome(lines, axes, dialect, block_delete=block_delete)
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", len(lines) + 1)

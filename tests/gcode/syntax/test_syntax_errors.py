@@ -193,7 +193,7 @@ MACRO_CASES = [
     ("assignment-missing", "IF[#1EQ2]THEN ¦#1", "#1=5"),
     ("assignment-missing", "¦#1", "#1=5"),
     ("control-not-alone", "¦G0 IF[#1EQ2]GOTO10", ""),
-    ("character-unknown", "X1¦,R5", ""),
+    ("character-unknown", "X1¦,Q5", ""),
 ]
 
 NONE_CASES = [

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.kernels import jit
+from cnc.kernels import code_cache
 
 HOUR = 3600.0
 Place = Callable[[str, float], Path]
@@ -25,9 +25,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
     sources, cache = tmp_path / "kernels", tmp_path / "compiled"
     (sources / "path").mkdir(parents=True)
     (sources / "path" / "curve.py").write_text("one")
-    monkeypatch.setattr(jit, "_SOURCES", sources)
-    monkeypatch.setattr(jit, "_cache_folder", cache)
-    monkeypatch.setattr(jit, "_is_ours", True)
+    monkeypatch.setattr(code_cache, "_SOURCES", sources)
+    monkeypatch.setattr(code_cache, "cache_folder", lambda: cache)
+    monkeypatch.setattr(code_cache, "_is_ours", True)
 
     def make(name: str, age: float) -> Path:
         folder = cache / name
@@ -43,13 +43,13 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
 
 
 def remove() -> None:
-    jit._remove_old_code.__wrapped__()
+    code_cache._remove_old_code.__wrapped__()
 
 
 def test_code_of_an_earlier_text_is_removed(place: Place, tmp_path: Path) -> None:
-    current = place(jit._folder_of(tmp_path / "kernels" / "path" / "curve.py").name, 2 * HOUR)
-    earlier = place(f"path.curve-{jit._TAG}-0123456789abcdef", 2 * HOUR)
-    renamed = place(f"path.bend-{jit._TAG}-0123456789abcdef", 2 * HOUR)
+    current = place(code_cache.folder_name(tmp_path / "kernels" / "path" / "curve.py"), 2 * HOUR)
+    earlier = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
+    renamed = place(f"path.bend-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
     without_tag = place("curve-0123456789abcdef", 2 * HOUR)
     remove()
     assert current.exists()
@@ -59,10 +59,10 @@ def test_code_of_an_earlier_text_is_removed(place: Place, tmp_path: Path) -> Non
 
 
 def test_code_that_another_process_may_use_stays(place: Place) -> None:
-    recent = place(f"path.curve-{jit._TAG}-0123456789abcdef", 0.5 * HOUR)
+    recent = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 0.5 * HOUR)
     other_python = place("path.curve-cpython-399-0123456789abcdef", 2 * HOUR)
     # The folder is old, but code was written into it just now.
-    in_use = place(f"path.curve-{jit._TAG}-fedcba9876543210", 2 * HOUR)
+    in_use = place(f"path.curve-{code_cache._TAG}-fedcba9876543210", 2 * HOUR)
     (in_use / "inner" / "more.nbc").touch()
     remove()
     assert recent.exists()
@@ -73,15 +73,15 @@ def test_code_that_another_process_may_use_stays(place: Place) -> None:
 def test_nothing_is_removed_from_a_folder_that_the_user_has_named(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    earlier = place(f"path.curve-{jit._TAG}-0123456789abcdef", 2 * HOUR)
-    monkeypatch.setattr(jit, "_is_ours", False)
+    earlier = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
+    monkeypatch.setattr(code_cache, "_is_ours", False)
     remove()
     assert earlier.exists()
 
 
 def test_two_processes_may_remove_at_once(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    folders = [place(f"path.curve-{jit._TAG}-{k:016x}", 2 * HOUR) for k in range(3)]
-    last_written = jit._last_written
+    folders = [place(f"path.curve-{code_cache._TAG}-{k:016x}", 2 * HOUR) for k in range(3)]
+    last_written = code_cache._last_written
 
     def after_the_other(folder: Path) -> float:
         """Remove the folder between the decision and the removal, and another before its turn."""
@@ -90,6 +90,31 @@ def test_two_processes_may_remove_at_once(place: Place, monkeypatch: pytest.Monk
             shutil.rmtree(each, ignore_errors=True)
         return found
 
-    monkeypatch.setattr(jit, "_last_written", after_the_other)
+    monkeypatch.setattr(code_cache, "_last_written", after_the_other)
     remove()
     assert not any(folder.exists() for folder in folders)
+
+
+def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
+    # A called kernel may change without a change of the file of its caller.
+    texts = {
+        "caller.py": "from cnc.kernels.deep.callee import f",
+        "deep/callee.py": "one",
+        "other.py": "other",
+    }
+
+    def folders(changed):
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        for name, text in {**texts, **changed}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+        monkeypatch.setattr(code_cache, "_SOURCES", folder)
+        return [code_cache.folder_name(folder / name) for name in texts]
+
+    caller, callee, other = folders({})
+    assert len({caller, callee, other}) == 3
+    assert folders({}) == [caller, callee, other]
+    changed = folders({"deep/callee.py": "two"})
+    assert changed[0] != caller
+    assert changed[1] != callee
+    assert changed[2] == other

@@ -1,0 +1,29 @@
+"""Protocol of curves whose definition takes many lines."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from cnc.gcode.state.modal_groups import Codes
+from cnc.gcode.syntax.words import LineWords
+
+
+class Collector(Protocol):
+    """A curve whose definition takes many lines."""
+
+    def line(self, words: LineWords, codes: Codes) -> bool:
+        """Take a line. The last one sets ``motion.collector = None``.
+
+        Returns:
+            Whether the line belongs to the curve, and must not be executed otherwise.
+        """
+
+    def end(self, what: str) -> None:
+        """Complete the curve at the program end.
+
+        Args:
+            what: Description of the error.
+
+        Raises:
+            GcodeError: The curve is not complete.
+        """

@@ -1,0 +1,112 @@
+"""Feeds and units: F, G20, G21, G7 and G8.
+
+Source: LinuxCNC, "Other codes", F; "G-codes", G20 G21 and G7 G8.
+"""
+
+from __future__ import annotations
+
+from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, feed_of
+from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.unused_words import UnusedWords
+from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.words import LineWords, fault
+from cnc.model.units import MM_PER_INCH
+
+_NO_FEED = (None, G.G0)
+
+
+class FeedCodes:
+    """Execution of these words.
+
+    Attributes:
+        moving: Motion code of the line that is executed; None for a line without a move.
+    """
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        here: SourceLocation,
+        state: ModalState,
+        motion: Motion,
+        parameters: Parameters,
+        unused_words: UnusedWords,
+    ) -> None:
+        self.moving: G | None = None
+        self._dialect = dialect
+        self._here = here
+        self._state = state
+        self._motion = motion
+        self._parameters = parameters
+        self._unused_words = unused_words
+
+    def mode(self, codes: Codes) -> None:
+        """Execute G93, G94 or G95. Another mode than before needs a new F."""
+        if code := codes.get("feed-mode"):
+            mode = FEED_MODES[code.g]
+            if mode != self._state.feed_mode:
+                self._state.feed_mode, self._state.feed = mode, None
+                self._unused_words.mark_used("F")
+
+    def units(self, codes: Codes) -> None:
+        """Execute G20, G21, G7 and G8."""
+        state = self._state
+        if (code := codes.get("units")) or "diameter" in codes:
+            state.scale = _scale(code) if code else state.scale
+            self._parameters.increments = 1_000.0 if state.scale == 1.0 else 10_000.0
+            if diameter := codes.get("diameter"):
+                state.diameter = diameter.number == G.G7
+            self._motion.units_changed()
+
+    def feed(self, words: LineWords, codes: Codes) -> None:
+        """Execute F. In inverse time mode the move of the line uses it instead."""
+        if "F" not in words.rest or self._is_dwell_time(codes):
+            return
+        state = self._state
+        if state.feed_mode == "inverse-time":
+            self._inverse_time(words)
+            return
+        word = words.rest.pop("F")
+        scale = state.scale
+        if (
+            (code := codes.get("units"))
+            and scale != _scale(code)
+            and not self._dialect.units_before_feed
+        ):
+            message = f"F is read before {code.word.written} takes effect"
+            hint = "write F in the next line"
+            self._here.report_warning("feed-before-units", message, word, hint)
+        if word.number == 0 and self.moving in _NO_FEED and self._dialect.lenient:
+            state.feed = None
+            self._unused_words.mark_used("F")
+            return
+        if word.number <= 0:
+            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+        feed = feed_of(word.number, scale)
+        if state.feed_mode == "per-revolution":
+            feed = type(feed)(word.number * scale, word.number)
+        if feed.rotary < MIN_FEED:
+            message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
+            raise fault("feed-too-slow", message, word)
+        state.feed = feed
+        self._unused_words.note(word)
+
+    def _inverse_time(self, words: LineWords) -> None:
+        """Take an F of a line without a feed move, as LinuxCNC does."""
+        if self.moving in _NO_FEED:
+            word = words.rest.pop("F")
+            message = f"{word.written} has no effect: under G93 it belongs to the move of its line"
+            self._here.report_note("word-without-effect", message, word)
+
+    def _is_dwell_time(self, codes: Codes) -> bool:
+        """Whether F is the time of a dwell in its line."""
+        code = codes.get("non-modal")
+        return code is not None and code.number == G.G4 and "F" in self._dialect.dwell
+
+
+def _scale(code: Code) -> float:
+    """Return the millimetres of a program unit under G20 or G21."""
+    return MM_PER_INCH if code.number == G.G20 else 1.0

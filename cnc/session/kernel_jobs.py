@@ -1,0 +1,232 @@
+"""Small examples whose kernels are compiled together; see :mod:`cnc.session.kernel_cache`.
+
+The kernels of a job are those that the example calls in the named modules, and all that these call.
+A job of more than about ten seconds is divided, so that two processors share the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cnc import kernels
+from cnc.model.blocks import ArcFeed, AxisLetter, Block, NurbsFeed, PathMode, Polyline
+from cnc.model.diagnostics import MotionLimitError
+
+if TYPE_CHECKING:
+    from cnc.machine.models import Machine
+    from cnc.path.chunk import PathChunk
+    from cnc.planner.plan import PlanChunk
+
+AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
+
+
+class Job(NamedTuple):
+    """A part of the kernels.
+
+    Attributes:
+        modules: modules whose kernels the example compiles.
+        example: calls the kernels.
+    """
+
+    modules: frozenset[str]
+    example: Callable[[], None]
+
+
+def read() -> None:
+    """Read straight moves, and lines with expressions."""
+    from cnc.gcode.program.line_steps import MANY_LINES
+    from cnc.gcode.program.plain_lines import SHORTEST
+    from cnc.gcode.program.program import interpret
+    from cnc.gcode.syntax.source_text import Text
+
+    for _ in interpret(Text.of_lines(["G0 X1"] * SHORTEST, "")):
+        pass
+    for _ in interpret(Text.of_lines(["#1=1", "G0 X#1"] * MANY_LINES, "")):
+        pass
+
+
+def build_simple() -> None:
+    """Build a path of a line and an arc, and find its travel."""
+    for path in _path([_line(), _arc()]):
+        _travel(path)
+
+
+def build_nurbs() -> None:
+    """Build a path of a NURBS."""
+    points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
+    knots = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    curve = NurbsFeed("", 3, 3, knots, points, np.ones(4), 1.0)
+    for path in _path([_line(), _arc(), curve]):
+        _travel(path)
+
+
+def fit() -> None:
+    """Fit a spline to straight moves."""
+    for _ in _path([PathMode("", 1, "blend", 0.01), _line(), _arc()]):
+        pass
+
+
+def plan() -> None:
+    """Plan two traverses, in slices."""
+    for _ in _plans([_traverses()]):
+        pass
+
+
+def plan_corner() -> None:
+    """Plan a corner blend."""
+    for _ in _plans([PathMode("", 1, "blend", 0.01), _traverses()]):
+        pass
+
+
+def audit() -> None:
+    """Audit a motion. It is rejected, because it begins at speed."""
+    from cnc.planner.audit import Audit
+    from cnc.planner.limits import Limits
+
+    with suppress(MotionLimitError):
+        Audit(Limits.of(_machine())).check(_steady())
+
+
+def step() -> None:
+    """Make reference pulses."""
+    from cnc.pulses.reference_pulse import ReferencePulse
+
+    for _ in ReferencePulse([10.0, 10.0, 10.0], np.zeros(3)).pulses(_steady()):
+        pass
+
+
+def sample() -> None:
+    """Make samples."""
+    from cnc.pulses.sampled import Sampled
+
+    for _ in Sampled(0.1, np.zeros(3)).samples(_steady()):
+        pass
+
+
+def write_lines() -> None:
+    """Write lines for a GRBL board."""
+    from cnc.grbl_lines.translator import Translator
+
+    translator = Translator(_machine())
+    for _ in translator.lines(_steady()):
+        pass
+    for _ in translator.end():
+        pass
+
+
+def encode() -> None:
+    """Encode grid moves as segments of the stepper board."""
+    from cnc.boards.stepper.segments import SegmentEncoder
+    from cnc.model.streams import PulseChunk
+
+    moves = np.arange(1, 5, dtype=np.int64)
+    encoder = SegmentEncoder(len(AXES))
+    encoder.push(
+        PulseChunk(moves * 100_000, np.ones((4, len(AXES)), np.int8), moves.astype(np.int32))
+    )
+    encoder.flush()
+
+
+def draw() -> None:
+    """Draw a motion."""
+    from cnc.view.collect import Collector, Sizes
+
+    picture = Collector(_machine(), Sizes(2, 2, 2), "", np.zeros(len(AXES)))
+    picture.add(_steady())
+    picture.picture()
+
+
+def _kernels(*names: str) -> frozenset[str]:
+    return frozenset(f"cnc.kernels.{name}" for name in names)
+
+
+def _package(name: str) -> frozenset[str]:
+    folder = Path(kernels.__file__).parent / name
+    return _kernels(*(f"{name}.{each.name}" for each in iter_modules([str(folder)])))
+
+
+JOBS = {
+    "reading": Job(_package("gcode"), read),
+    "paths": Job(_kernels("path.curve", "path.arclength"), build_simple),
+    "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
+    "refinement": Job(_kernels("planner.refine"), plan),
+    "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
+    "pulses": Job(_kernels("pulses.reference_pulse", "path.curve"), step),
+    "audit": Job(_kernels("planner.audit", "planner.audit_samples"), audit),
+    "NURBS": Job(
+        _kernels("path.bspline", "path.bernstein", "path.curve", "path.arclength"), build_nurbs
+    ),
+    "fits": Job(_kernels("path.fit", "path.fit_records"), fit),
+    "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
+    "overlaps": Job(_kernels("planner.overlap_stops", "planner.overlap"), plan_corner),
+    "overshoots": Job(_kernels("planner.overshoot"), plan_corner),
+    "samples": Job(_kernels("pulses.sampled"), sample),
+    "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
+    "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
+    "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
+}
+"""All jobs; the longest and those of which others need much come first."""
+
+BLENDS = ("corner blends", "overlaps", "overshoots")
+PLANNING = ("intervals", "refinement", "planning", "audit")
+CHECKING = ("reading", "paths", *PLANNING, "pulses")
+"""What nearly every program needs."""
+
+
+def _line() -> Polyline:
+    points = np.array([[1.0, 0.0, 0.0]])
+    return Polyline("", 1, points, np.array([1.0]), np.array([1], np.int32))
+
+
+def _arc() -> ArcFeed:
+    return ArcFeed("", 2, "XY", (1.0, 1.0), np.array([1.0, 2.0, 0.0]), 1.0, 0.5, 1.0)
+
+
+def _traverses() -> Polyline:
+    ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    return Polyline("", 1, ends, np.full(2, np.nan), np.array([1, 2], np.int32))
+
+
+def _path(blocks: list[Block]) -> Iterator[PathChunk]:
+    from cnc.path.build import build
+    from cnc.path.chunk import PathChunk
+
+    for item in build(blocks, axes=AXES, start=np.zeros(3)):
+        assert isinstance(item, PathChunk)
+        yield item
+
+
+def _travel(path: PathChunk) -> None:
+    from cnc.path.bounds import bounding_box
+
+    bounding_box(path)
+
+
+def _plans(blocks: list[Block]) -> Iterator[object]:
+    from cnc.model.operator_control import Control
+    from cnc.planner.lookahead import LookAhead
+
+    return LookAhead(_machine(), Control(), slice_s=0.01).plan(_path(blocks))
+
+
+def _steady() -> PlanChunk:
+    """Return a motion along a line and an arc, at a steady speed from the first moment."""
+    from cnc.planner.plan import PlanChunk
+
+    (path,) = _path([_line(), _arc()])
+    piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
+    span = np.array([0.0, float(piece_s[-1])])
+    return PlanChunk(path, piece_s, 0.0, 0.0, span, span, np.ones(2), np.zeros(2), np.zeros(1))
+
+
+def _machine() -> Machine:
+    from cnc.machine.models import Axis, Machine, PathLimits
+
+    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
+    return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))

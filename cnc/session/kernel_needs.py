@@ -1,0 +1,95 @@
+"""Kernels that one session needs, compiled before they are called.
+
+A program that is wrong should be refused at once, also on a computer without compiled kernels. So
+a small program is read, and its path built, by kernels that run as plain Python. Only then are the
+kernels of planning and interpolation compiled, and only those that this program needs. They are
+compiled before anything moves, because a compilation would starve the board.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
+from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
+from cnc.kernels.jit import as_python
+from cnc.model.blocks import Block, NurbsFeed, PathMode
+from cnc.path.chunk import PathChunk
+from cnc.session.context import SessionContext
+from cnc.session.kernel_cache import SMALL_BYTES, ensure_compiled, is_compiled
+from cnc.session.kernel_jobs import BLENDS, PLANNING
+
+READING = ("reading", "paths")
+
+
+class KernelNeeds:
+    """Notes what a program contains, and compiles accordingly."""
+
+    def __init__(self, context: SessionContext) -> None:
+        self._context = context
+        self._path_jobs = list(READING)
+        self._blends = self._interprets = self._announced = False
+
+    def reading(self, program: Path) -> AbstractContextManager[None]:
+        """Return the context in which the check pass reads the program."""
+        self._interprets = _is_small(program) and not all(map(is_compiled, READING))
+        if self._interprets:
+            return as_python()
+        self._compile(*READING)
+        return nullcontext()
+
+    def see_block(self, block: Block) -> None:
+        """Take note of a block of the check pass, before its path is built."""
+        job = ""
+        if isinstance(block, NurbsFeed):
+            job = "NURBS"
+        elif isinstance(block, PathMode) and block.control == "blend":
+            job = "fits"
+        if job and job not in self._path_jobs:
+            self._path_jobs.append(job)
+            if not self._interprets:
+                self._compile(job)
+
+    def see_path(self, path: PathChunk) -> None:
+        """Take note of a part of the path."""
+        self._blends = self._blends or bool(path.tolerance.any())
+
+    def before_motion(self, board: PulseSink | LineSink | None, *, reads_again: bool) -> None:
+        """Compile what planning, interpolation and the outputs need.
+
+        Args:
+            board: the board, if there is one.
+            reads_again: whether the path of the check pass is not kept.
+        """
+        options = self._context.options
+        lines = isinstance(board, LineSink) or options.outputs.lines is not None
+        jobs = list(PLANNING)
+        if reads_again or lines:
+            jobs += self._path_jobs
+        if self._blends or lines:
+            jobs += BLENDS
+        if not isinstance(board, LineSink):
+            jobs.append("pulses")
+        if options.sampled:
+            jobs.append("samples")
+        if lines:
+            jobs.append("GRBL lines")
+        if isinstance(board, ChecksFeasibility):
+            jobs.append("segments")
+        if options.outputs.picture is not None:
+            jobs.append("drawing")
+        self._compile(*jobs)
+
+    def _compile(self, *jobs: str) -> None:
+        callbacks = self._context.observer.callbacks
+        ensure_compiled(None if self._announced else self._announce, callbacks.on_kernel, jobs)
+
+    def _announce(self) -> None:
+        self._announced = True
+        if (on_compiling := self._context.observer.callbacks.on_compiling) is not None:
+            on_compiling()
+
+
+def _is_small(program: Path) -> bool:
+    """Return whether a program is read quickly without compiled kernels."""
+    return program.is_file() and program.stat().st_size <= SMALL_BYTES

@@ -1,0 +1,278 @@
+"""Compiled code on disk: shared by processes, whole or not there, loaded without a compiler."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cnc.kernels import code_cache, jit
+from tests.support.paths import ROOT
+from tests.support.waiting import HANG, wait_until
+
+pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+
+KERNELS = '''
+from cnc.kernels.jit import njit
+
+
+@njit
+def small(x: float) -> float:
+    return x + 1.0
+
+
+@njit
+def large(x: float, n: int) -> float:
+    """Return a sum; longer than what callers contain."""
+    total = 0.0
+    for k in range(n):
+        if k % 3 == 0:
+            total += small(x) * k
+        elif k % 3 == 1:
+            total -= x / (k + 1.0)
+        else:
+            total *= 0.5
+        if total > 100.0 * k:
+            total -= 7.0 * x
+        if total < -100.0 * k:
+            total += 11.0 * x
+    return total
+
+
+@njit
+def top(x: float, n: int) -> float:
+    return large(x, n) + large(2.0 * x, n)
+'''
+EXPECTED = (1.5, 10)
+CALL = """
+import json, sys
+from cnc.kernels import jit
+import example
+sys.stdout.write("ready\\n"); sys.stdout.flush()
+sys.stdin.readline()
+from cnc.kernels import compiler
+compiled = []
+compiler.watchers.append(lambda kernel: compiled.append(kernel.name))
+value = example.top(1.5, 10)
+print(json.dumps([value, compiled]))
+"""
+
+
+class Place:
+    """A folder with a file of kernels and a cache, and processes that call them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.source, self.cache = folder / "example.py", folder / "cache"
+        self.source.write_text(KERNELS)
+        self._path = os.pathsep.join((str(ROOT), str(folder)))
+
+    def start(self, code: str = CALL, **environment: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ
+            | {"PYTHONPATH": self._path, "NUMBA_CACHE_DIR": str(self.cache)}
+            | environment,
+        )
+
+    def call(self, **environment: str) -> tuple[float, list[str]]:
+        """Return the value, and the kernels that were compiled for it."""
+        return answer(self.start(**environment))
+
+    def files(self, name: str = "*") -> list[Path]:
+        return sorted(self.cache.glob(f"example-*/{name}"))
+
+
+def answer(process: subprocess.Popen[str]) -> tuple[float, list[str]]:
+    out, _ = process.communicate("go\n", timeout=HANG)
+    assert process.returncode == 0
+    value, compiled = json.loads(out.splitlines()[-1])
+    return value, compiled
+
+
+def in_python() -> float:
+    names: dict[str, Any] = {}
+    exec(KERNELS.replace("from cnc.kernels.jit import njit", "njit = lambda f: f"), names)
+    return float(names["top"](*EXPECTED))
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    return Place(tmp_path)
+
+
+def test_a_kernel_is_compiled_once_and_then_loaded(place: Place) -> None:
+    value, compiled = place.call()
+    assert value == in_python()
+    assert compiled == ["top", "large", "small"]
+    assert place.call() == (value, [])
+
+
+def test_a_caller_contains_small_kernels_only(place: Place) -> None:
+    place.call()
+    code = {path.name.partition("-")[0]: path.read_bytes() for path in place.files("*.code")}
+    assert code.keys() == {"small", "large", "top"}
+    (each,) = place.files("large-*.code")
+    each.unlink()
+    # The caller's code is loaded; what it refers to is made anew, under the same name.
+    assert place.call() == (in_python(), ["large"])
+    (small,) = place.files("small-*.code")
+    small.unlink()
+    assert place.call() == (in_python(), [])
+
+
+def test_two_processes_compile_each_kernel_once(place: Place) -> None:
+    processes = [place.start() for _ in range(2)]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    results = [answer(process) for process in processes]
+    assert [value for value, _ in results] == [in_python()] * 2
+    assert sorted(results[0][1] + results[1][1]) == ["large", "small", "top"]
+
+
+def test_a_killed_process_leaves_no_lock(place: Place) -> None:
+    hold = """
+import sys
+from cnc.kernels import code_cache
+with code_cache.locked("a kernel"):
+    print("held", flush=True)
+    sys.stdin.readline()
+"""
+    holder = place.start(hold)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    waiting = place.start(hold)
+    assert waiting.stdout is not None
+    holder.kill()
+    holder.communicate()
+    assert waiting.stdout.readline() == "held\n"
+    waiting.communicate("\n", timeout=HANG)
+    assert waiting.returncode == 0
+
+
+def test_a_lock_is_waited_for(place: Place) -> None:
+    hold = """
+import sys
+from pathlib import Path
+from cnc.kernels import code_cache
+mine = sys.argv[1:] or ["second"]
+with code_cache.locked("a kernel"):
+    print("held", flush=True)
+    sys.stdin.readline()
+    Path(code_cache.cache_folder(), "released").touch()
+"""
+    look = """
+from pathlib import Path
+from cnc.kernels import code_cache
+print("asks", flush=True)
+with code_cache.locked("a kernel"):
+    print(Path(code_cache.cache_folder(), "released").exists(), flush=True)
+"""
+    holder = place.start(hold)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    second = place.start(look)
+    assert second.stdout is not None
+    assert second.stdout.readline() == "asks\n"
+    holder.communicate("\n", timeout=HANG)
+    assert second.stdout.readline() == "True\n"
+    second.communicate(timeout=HANG)
+
+
+@pytest.mark.parametrize("damage", [b"", b"half of a fi", None])
+def test_a_damaged_file_is_compiled_again(place: Place, damage: bytes | None) -> None:
+    place.call()
+    (file,) = place.files("top-*.code")
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]) if damage is None else damage)
+    assert place.call() == (in_python(), ["top"])
+    assert place.call() == (in_python(), [])
+
+
+def test_a_compiling_process_that_is_killed_leaves_whole_files(place: Place) -> None:
+    process = place.start()
+    assert process.stdin is not None
+    process.stdin.write("go\n")
+    process.stdin.flush()
+    wait_until(lambda: place.files("*.code") or process.poll() is not None)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=HANG)
+    assert all(code_cache.read(path) is not None for path in place.files("*.code"))
+    value, compiled = place.call()
+    assert value == in_python()
+    assert len(compiled) < 3
+
+
+def test_installed_code_serves_another_processor(place: Place, tmp_path: Path) -> None:
+    """Code for any processor is found beside the sources; nothing is compiled or written."""
+    place.call(NUMBA_CPU_NAME="generic")
+    installed = tmp_path / "installed"
+    place.cache.rename(installed)
+    elsewhere = CALL.replace(
+        "import example",
+        f"""
+from pathlib import Path
+from cnc.kernels import code_cache
+code_cache.SHIPPED = Path({str(installed)!r})
+import example""",
+    )
+    assert answer(place.start(elsewhere)) == (in_python(), [])
+    assert not place.files()
+    # Installed code of another text is not used.
+    place.source.write_text(KERNELS.replace("x + 1.0", "x + 2.0"))
+    value, compiled = answer(place.start(elsewhere))
+    assert value != in_python()
+    assert compiled == ["top", "large", "small"]
+
+
+def test_a_change_of_the_processor_compiles_again(place: Place) -> None:
+    place.call()
+    assert place.call(NUMBA_CPU_NAME="generic") == (in_python(), ["top", "large", "small"])
+    assert place.call() == (in_python(), [])
+
+
+def test_kernels_run_as_python_where_nothing_is_compiled(
+    kernel_of: Callable[[Mapping[str, Any]], Any],
+) -> None:
+    calls: list[str] = []
+    kernel = kernel_of({"calls": calls})
+    with jit.as_python():
+        assert kernel(1.0) == 2.0
+    assert calls == ["called"]
+    assert "dispatcher" not in vars(kernel)
+
+
+@pytest.fixture
+def kernel_of() -> Callable[[Mapping[str, Any]], Any]:
+    def make(names: Mapping[str, Any]) -> Any:
+        variables = dict(names)
+        exec("def f(x):\n    calls.append('called')\n    return x + 1.0\n", variables)
+        variables["f"].__module__ = "example"
+        return jit.Kernel(variables["f"])
+
+    return make
+
+
+def test_modules_can_be_excepted_from_running_as_python() -> None:
+    source = "def f(x):\n    return x + 1.0\n"
+    variables: dict[str, Any] = {}
+    exec(source, variables)
+    variables["f"].__module__ = "example"
+    kernel = jit.Kernel(variables["f"])
+    with jit.as_python(except_in=frozenset({"example"})):
+        assert kernel(1.0) == 2.0
+    assert "dispatcher" in vars(kernel)

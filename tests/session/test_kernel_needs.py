@@ -1,0 +1,228 @@
+"""Kernels are compiled for the programs that need them, before anything moves."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cnc.api import Callbacks, Outputs
+from cnc.cli import progress
+from cnc.kernels import code_cache, jit
+from cnc.model.operator_control import Control
+from cnc.session import kernel_cache, kernel_needs
+from cnc.session.kernel_jobs import BLENDS, JOBS, PLANNING
+from tests.support.paths import ROOT
+from tests.support.session.runs import check_with, run_with
+from tests.support.waiting import HANG, wait_until
+
+compiled = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+MOTION = {*PLANNING, "pulses"}
+CORNER = "G21 G90 G17\nG1 X10 F600\nY10\nG2 X20 Y0 I5 J-5\nM2\n"
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the set to which each job is added that a session asks for; none is done."""
+    jobs: set[str] = set()
+    monkeypatch.setattr(
+        kernel_needs, "ensure_compiled", lambda on_compiling, on_kernel, names: jobs.update(names)
+    )
+    monkeypatch.setattr(kernel_needs, "is_compiled", lambda job: False)
+    return jobs
+
+
+def checked(folder: Path, text: str, **options: Any) -> None:
+    file = folder / "p.nc"
+    file.write_text(text)
+    assert check_with(file, **options).ok
+
+
+def test_a_small_program_without_blends_asks_for_motion_only(tmp_path: Path, asked) -> None:
+    checked(tmp_path, "G61\n" + CORNER)
+    assert asked == MOTION
+
+
+def test_a_blend_asks_for_corners(tmp_path: Path, asked) -> None:
+    checked(tmp_path, "G64 P0.05\n" + CORNER)
+    assert asked == MOTION | set(BLENDS)
+
+
+def test_outputs_ask_for_their_kernels(tmp_path: Path, asked) -> None:
+    outputs = Outputs(trace=str(tmp_path / "t.npz"), picture=str(tmp_path / "p.html"))
+    checked(tmp_path, "G61\n" + CORNER, outputs=outputs, interpolator="sampled")
+    assert asked == MOTION | {"samples", "drawing"}
+
+
+def test_lines_for_a_board_ask_for_their_kernels(tmp_path: Path, asked) -> None:
+    checked(tmp_path, "G61\n" + CORNER, outputs=Outputs(lines=str(tmp_path / "lines.gcode")))
+    assert asked == MOTION | {"reading", "paths", "GRBL lines", *BLENDS}
+
+
+def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatch) -> None:
+    monkeypatch.setattr(kernel_needs, "SMALL_BYTES", 0)
+    order: list[tuple[str, ...]] = []
+    monkeypatch.setattr(
+        kernel_needs, "ensure_compiled", lambda _, __, names: order.append(tuple(names))
+    )
+    checked(tmp_path, "G64 P0.05\n" + CORNER)
+    assert order[0] == ("reading", "paths")
+    assert order[1] == ("fits",)
+    assert set(order[-1]) == MOTION | set(BLENDS)
+
+
+def test_a_wrong_program_asks_for_nothing(tmp_path: Path, asked) -> None:
+    file = tmp_path / "p.nc"
+    file.write_text("G21 G90\nG1 X\n")
+    assert not check_with(file).ok
+    file.write_text("G21 G90\nG1 X9999 F100\n")
+    assert not check_with(file).ok
+    assert asked == set()
+
+
+@pytest.fixture
+def called(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the set to which the module of each kernel is added that Python calls compiled."""
+    modules: set[str] = set()
+    call = jit.Kernel.__call__
+
+    def recorded(self: jit.Kernel, *arguments: Any) -> Any:
+        if jit._compiled.get() is None:
+            modules.add(self.__module__)
+        return call(self, *arguments)
+
+    monkeypatch.setattr(jit.Kernel, "__call__", recorded)
+    return modules
+
+
+@compiled
+@pytest.mark.parametrize("name", ["trident", "pocket", "engraving", "siemens-bspline"])
+def test_what_a_program_calls_it_has_asked_for(name: str, asked, called) -> None:
+    run_with(ROOT / "programs" / f"{name}.nc")
+    known = frozenset().union(*(JOBS[job].modules for job in asked))
+    assert called
+    assert called <= known
+
+
+@compiled
+def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
+    """The examples of the jobs call the kernels with the types with which programs call them."""
+    code = """
+from cnc.kernels import jit
+from cnc.session.kernel_jobs import JOBS
+from cnc.api import check
+for job in JOBS.values():
+    job.example()
+for name in ("trident", "engraving"):
+    check(f"programs/{name}.nc")
+several = [k.label for k in jit.kernels.values()
+           if "dispatcher" in vars(k) and len(k.dispatcher.overloads) > 1
+           and not k.label.startswith("gcode.")]  # text comes in two kinds of arrays
+assert not several, several
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
+
+
+def fresh(folder: Path) -> dict[str, str]:
+    return os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
+
+
+@compiled
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["schema", "machine"], ["check", "p.nc"]]
+)
+def test_a_new_installation_answers_without_the_compiler(
+    tmp_path: Path, arguments: list[str]
+) -> None:
+    (tmp_path / "p.nc").write_text("G1 X\n")
+    code = f"""
+import sys
+from cnc.cli import exit_code
+code = exit_code({arguments})
+assert "numba" not in sys.modules
+sys.exit(code)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=fresh(tmp_path),
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert done.returncode == (1 if "check" in arguments else 0), done.stderr
+    assert ("number-missing" in done.stderr) == ("check" in arguments)
+    assert not list((tmp_path / "cache").glob("*/*"))
+
+
+@compiled
+def test_ctrl_c_leaves_whole_files_and_no_process(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cnc.cli", "warm"],
+        env=fresh(tmp_path),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    cache = tmp_path / "cache"
+    wait_until(lambda: list(cache.glob("*/*.code")) or process.poll() is not None)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=HANG)
+    assert process.returncode == 130, err
+    assert "stopped by the operator" in err
+    assert "\r" not in err  # no progress bar in a pipe
+    assert err.startswith("compiling the kernels")
+    files = list(cache.glob("*/*.code"))
+    assert files
+    assert all(code_cache.read(path) is not None for path in files)
+    assert not list(cache.glob("*.done"))
+
+
+def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel_cache, "compiling", lambda: True)
+    monkeypatch.setattr(kernel_cache, "_marks", lambda job: [tmp_path / f"{job}-x.done"])
+    monkeypatch.setattr(code_cache, "cache_folder", lambda: tmp_path)
+    done: list[str] = []
+
+    def compiled_now(jobs: list[str]) -> Iterator[str]:
+        for job in jobs:
+            done.append(job)
+            (tmp_path / f"{job}-x.done").touch()
+            yield f"kernel of {job}"
+
+    monkeypatch.setattr(kernel_cache, "_compiled_by_workers", compiled_now)
+    monkeypatch.setattr(kernel_cache, "_missing_kernels", lambda jobs: [None] * 5)
+    told: list[Any] = []
+    for _ in range(2):
+        kernel_cache.ensure_compiled(
+            lambda: told.append("begin"), lambda *what: told.append(what), ["paths", "pulses"]
+        )
+    assert done == ["paths", "pulses"]
+    assert told == ["begin", (0, 5, "kernel of paths"), (1, 5, "kernel of pulses")]
+
+
+def test_the_bar_counts_kernels_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True  # type: ignore[method-assign]
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress.ProgressDisplay(Control(), quiet=False) as display:
+        callbacks: Callbacks = display.callbacks()
+        assert callbacks.on_compiling is None
+        assert callbacks.on_kernel is not None
+        callbacks.on_kernel(3, 40, "path.curve.curve_eval")
+    assert "3 of 40 kernels" in terminal.getvalue()
+    assert "path.curve.curve_eval" in terminal.getvalue()
+
+
+def test_no_bar_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.ProgressDisplay(Control(), quiet=False) as display:
+        assert display.callbacks().on_kernel is None

@@ -1,0 +1,89 @@
+"""Choices of the user in a session: tool lengths, the dialect in reports, builders' codes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cnc.api import check, load_machine
+from cnc.boards.protocols import BoardTraits
+from cnc.session.options import Outputs, RunOptions
+from cnc.session.session import Session
+
+PROGRAM = "%\nO1000\nT1 M6\nG0 X1.\nG43 H1 Z5.\nM30\n%\n"
+
+
+class RealBoard:
+    """A board that moves a machine; the session must not get to it."""
+
+    traits = BoardTraits()
+    capabilities: Any = None
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "part.nc"
+    path.write_text(PROGRAM)
+    return path
+
+
+def test_a_check_takes_lengths_as_zero_and_names_the_dialect(program: Path) -> None:
+    report = check(program)
+    assert report.ok
+    assert [each.code for each in report.warnings] == ["tool-length-zero", "decimal-point-missing"][
+        :1
+    ]
+    assert report.as_json()["dialect"] == "fanuc"
+    assert "O1000 in line 2" in report.recognition
+
+
+def test_lengths_of_zero_are_refused_where_a_machine_moves(program: Path) -> None:
+    session = Session(program, load_machine())
+    assert session._policy(None).tool_lengths == "zero"
+    assert session._policy(RealBoard()).tool_lengths == "table"  # type: ignore[arg-type]
+    options = RunOptions(tool_lengths="zero")
+    session = Session(program, load_machine(), options)
+    assert session._policy(RealBoard()).tool_lengths == "zero"  # type: ignore[arg-type]
+
+
+def test_lines_for_a_board_need_a_tool_table(program: Path, tmp_path: Path) -> None:
+    options = RunOptions(outputs=Outputs(lines=str(tmp_path / "out.nc")))
+    (fault,) = check(program, "grbl-uno", options).faults
+    assert fault.diagnostic.code == "tool-table-missing"
+
+
+def test_a_chosen_dialect_is_not_recognised(program: Path) -> None:
+    report = check(program, options=RunOptions(dialect="haas"))
+    assert (report.dialect, report.recognition) == ("haas", "")
+
+
+def test_a_foreign_file_has_one_error(tmp_path: Path) -> None:
+    path = tmp_path / "part.h"
+    path.write_text("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000\n2 L X+10 R0 FMAX\n")
+    report = check(path)
+    assert [fault.diagnostic.code for fault in report.faults] == ["not-gcode"]
+
+
+def test_codes_of_the_machine_file(tmp_path: Path) -> None:
+    default = Path(__file__).parents[2] / "config" / "default.toml"
+    (tmp_path / "m131.ngc").write_text("G4 P2\n")
+    machine = tmp_path / "machine.toml"
+    machine.write_text(
+        default.read_text() + '\n[program.codes]\nM131 = { file = "m131.ngc" }\nM31 = "ignore"\n'
+    )
+    path = tmp_path / "part.nc"
+    path.write_text("M31\nM131\nG0 X1\n")
+    report = check(path, machine)
+    assert report.ok
+    assert report.duration_s > 2.0
+    assert [fault.diagnostic.code for fault in check(path).faults] == ["code-unknown"]
+
+
+def test_commands_of_grbl_are_warnings_in_a_check(tmp_path: Path) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("$32=1\nG21 G90\nG0 X1\n")
+    report = check(path)
+    assert report.ok
+    assert "board-command-skipped" in [each.code for each in report.warnings]
