@@ -79,10 +79,10 @@ def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
 
 
 def _cut(chain: Chain, spline: Spline, cut: Flags, state: Floats) -> tuple[Spline, Flags]:
-    """Cut spans without a change of the curve.
+    """Cut spans.
 
     Returns:
-        The spline, and the control points near the cuts.
+        The spline, and the control points near the cuts, which are to be placed.
     """
     finer = new_spline(chain, with_cuts(chain, spline.knots, cut), state)
     transfer(spline, finer)

@@ -220,24 +220,19 @@ def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
 
 @njit
 def transfer(old: Spline, new: Spline) -> None:
-    """Place the control points of a spline with more knots so that the curve is the same.
+    """Place the control points of a spline whose five knots another one has as well.
 
-    Each is the polar form of the span in which its first knot lies, at its five knots (the Oslo
-    algorithm: E. Cohen, T. Lyche, R. Riesenfeld 1980). Those that are fixed keep their places.
+    Those that are fixed keep their places. Others, near new knots, are left to be placed.
     """
-    last = old.first.shape[0] - 1
-    k = 0
+    i = 0
+    last = old.points.shape[0] - 1
     for j in range(new.points.shape[0]):
-        while k < last and old.knots[k + 1]["t"] <= new.t[j]:
-            k += 1
-        if not new.fixed[j]:
-            at = old.first[k]
-            polar(
-                old.t,
-                at,
-                old.points[at : at + ORDER],
-                new.t[j + 1 : j + ORDER],
-                new.points[j],
-            )
-    for i in range(new.first.shape[0]):
-        set_bezier(new, i)
+        while i < last and np.sum(old.t[i + 1 : i + ORDER]) < np.sum(new.t[j + 1 : j + ORDER]):
+            i += 1
+        same = not new.fixed[j]
+        for k in range(1, ORDER):
+            same = same and old.t[i + k] == new.t[j + k]
+        if same:
+            new.points[j] = old.points[i]
+    for k in range(new.first.shape[0]):
+        set_bezier(new, k)
