@@ -76,7 +76,9 @@ def _center(stroke: Stroke, decimals: int = 4) -> str:
 def _short(value: float) -> str:
     """Return a number without its leading 0, as Mastercam writes it."""
     text = f"{value:.4f}".rstrip("0")
-    return text.replace("-0.", "-.") if text.startswith("-0.") else text.removeprefix("0") or "0."
+    if text in ("0.", "-0."):
+        return "0."
+    return text.replace("-0.", "-.") if text.startswith("-0.") else text.removeprefix("0")
 
 
 def fusion(rng: random.Random) -> Iterator[str]:
@@ -129,14 +131,18 @@ def mastercam(rng: random.Random) -> Iterator[str]:
     yield from ["%", "O0000(PART)", "(MATERIAL - ALUMINUM MM - 2024)", "N100 G21"]
     yield "N110 G0 G17 G40 G49 G80 G90"
     strokes = toolpath(rng, 0.25)
+    here = 0.0, 0.0, 5.0
     number = 110
     for tool in range(1, 1_000_000):
         yield f"N{number} T{tool % 90 + 1} M6"
         yield f"N{number} G0 G90 G54 X0. Y0. S4000 M3"
         yield f"G43 H{tool % 90 + 1} Z50."
         yield f"N{number} Z10. M8"
+        x, y, z = (_short(value) for value in here)
+        yield from [f"X{x} Y{y}", f"G1 Z{z} F500."]
         for _ in range(3000):
             stroke = next(strokes)
+            here = stroke.end
             number += 2
             x, y, z = (_short(value) for value in stroke.end)
             if stroke.code < 2:
@@ -166,7 +172,7 @@ def freecad(rng: random.Random) -> Iterator[str]:
             feed = " F900.000" if stroke.code else ""
             yield f"G{stroke.code} X{x:.3f} Y{y:.3f} Z{z:.3f}{feed}"
         else:
-            yield f"G{stroke.code} {_center(stroke)} K0.000 X{x:.4f} Y{y:.4f} Z{z:.3f} F900.000"
+            yield f"G{stroke.code} {_center(stroke)} X{x:.4f} Y{y:.4f} Z{z:.3f} F900.000"
 
 
 def estlcam(rng: random.Random) -> Iterator[str]:

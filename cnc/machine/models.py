@@ -21,7 +21,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat
 from cnc.machine.program_codes import Codes, RunFile
 from cnc.machine.section import FilePath, Section
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import DialectName, MachineKind
+from cnc.model.choices import DialectName, GcodeSystem, MachineKind
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -223,6 +223,13 @@ class Program(Section):
 
     dialect: DialectName = Field(
         default="auto", description="Dialect of G-code; auto recognises it in the program."
+    )
+    g_code_system: GcodeSystem = Field(
+        default="A",
+        description=(
+            "System of the G-codes of a FANUC or Haas lathe: in A G98 and G99 are the feed modes "
+            "and G90, G92 and G94 cycles; in B and C G94 and G95 are the feed modes."
+        ),
     )
     tool_table: FilePath | None = Field(
         default=None,

@@ -8,6 +8,8 @@ DialectName = Literal[
     "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "paper"
 ]
 """How a program is read. ``auto`` recognises the controller by the program's first lines."""
+GcodeSystem = Literal["A", "B", "C"]
+"""System of the G-codes of a FANUC or Haas lathe."""
 MachineKind = Literal["mill", "lathe", "laser", "printer"]
 """Kind of machine."""
 ToolLengths = Literal["table", "zero"]

@@ -31,12 +31,7 @@ from cnc.kernels.planner.overlap_stops import (
     overlap_size,
     overlap_stops,
 )
-from cnc.kernels.planner.overshoot import (
-    PHASES_OF_MOVE,
-    choose_overshoots,
-    find_moves,
-    write_overshoots,
-)
+from cnc.kernels.planner.overshoot import PHASES_OF_MOVE, Ends, choose_ends, find_moves, write_ends
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
@@ -67,6 +62,8 @@ class CornerBlending:
         self._limits = limits
         self._taken = 0.0
         """Length that the last blend takes off the next chunk, mm."""
+        self._at_rest = True
+        """Whether the motion rests before the next chunk."""
 
     def blended(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield the stream with blends in its path.
@@ -93,6 +90,7 @@ class CornerBlending:
     def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
         """Return the chunk with its corners decided; ``following`` continues the motion."""
         taken, self._taken = self._taken, 0.0
+        at_rest, self._at_rest = self._at_rest, following is None
         if not taken and not path.tolerance.any():
             return path
         limits, own = self._limits, len(path)
@@ -104,7 +102,7 @@ class CornerBlending:
         while True:
             out = _empty_path(2 * own, size)
             count, numbers, self._taken = round_corners(
-                own, arrays, bound, taken, limits.arrays, ACCURACY, out
+                own, arrays, bound, taken, at_rest, limits.arrays, ACCURACY, out
             )
             if count >= 0:
                 break
@@ -160,20 +158,20 @@ class Overlaps:
         """Return the plan with overlaps at its corners."""
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
-        changed, past = self._with_overshoots(plan, path)
-        found, cuts = find_cuts(path, changed, past, limits.arrays)
+        changed, ends = self._with_other_ends(plan, path)
+        found, cuts = find_cuts(path, changed, ends, limits.arrays)
         if found < 0:
-            # Neighbours can make an overshoot impossible. That is rare; then there is none.
+            # Neighbours can make a changed ramp impossible. That is rare; then none is changed.
             changed = plan.arrays
-            past[:] = 0.0
-            found, cuts = find_cuts(path, changed, past, limits.arrays)
+            ends.t[:], ends.part[:] = 0.0, 1.0
+            found, cuts = find_cuts(path, changed, ends, limits.arrays)
         cut = self._moved(plan)
         if found:
             most = (1 + PIECES_OF_CORNER) * pieces + 1
             phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
             out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
             out_plan = _empty_plan(most, phases)
-            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
+            count, spans, numbers = overlap_stops(path, changed, ends, cuts, out, out_plan)
             cut = PlanChunk(
                 path=_chunk(plan.path, out, count, numbers),
                 piece_s=out_plan.piece_s[: count + 1],
@@ -189,21 +187,20 @@ class Overlaps:
             self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
         return cut
 
-    def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
-        """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
+    def _with_other_ends(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Ends]:
+        """Return the phases with ramps changed for their overlaps, and the changed ends."""
         limits, pieces = self._limits, len(plan.path)
-        past = np.zeros(pieces)
-        if limits.along_path:
-            return plan.arrays, past
+        ends = Ends(np.zeros(pieces), np.ones(pieces))
         moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
-        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
+        choose_ends(path, plan.arrays, moves, limits.arrays, ends)
         out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
-        count = write_overshoots(plan.arrays, moves, past, out)
+        count = write_ends(plan.arrays, moves, ends, out)
+        if count < 0:
+            ends.t[:], ends.part[:] = 0.0, 1.0
+            return plan.arrays, ends
         here = slice(count + 1)
-        changed = PlanArrays(
-            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
-        )
-        return changed, past
+        states = (column[here] for column in (out.t, out.s, out.v, out.a))
+        return PlanArrays(plan.piece_s, *states, out.j[:count]), ends
 
 
 def path_arrays(path: PathChunk) -> PathArrays:

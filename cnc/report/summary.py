@@ -71,6 +71,8 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
     )
     facts.add_row("machine", escape(report.machine.name))
     facts.add_row("dialect", escape(_dialect(report, verbose)))
+    if report.assumed:
+        facts.add_row("assumed", escape(report.assumed))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
     if report.offset is not None:
         facts.add_row("offset", _offset(report.offset))

@@ -18,7 +18,6 @@ from cnc.planner.run_clock import RunClock
 from cnc.pulses.sampled import Sampled
 from cnc.session.context import SessionContext
 from cnc.session.stopwatch import Stopwatch
-from cnc.view.writer import picture_writer
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
@@ -102,6 +101,8 @@ class PlannedMotion:
         context = self._context
         report, reader, picture = context.report, context.reader, None
         if context.options.outputs.picture is not None:
+            from cnc.view.writer import picture_writer
+
             picture = context.files.opened(
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.recognition import Recognition, recognise, refuse
+from cnc.gcode.dialects.recognition import (
+    Recognition,
+    lathe_dialect,
+    recognise,
+    refuse,
+    refuse_lathe,
+)
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
@@ -63,6 +69,7 @@ class ProgramReader:
         block_delete: Switches of block delete that are on.
         restart: Where to begin; None for the first line.
         recognition: The language that was recognised; None before the first reading.
+        evidence: The evidence of the first lines; None before it was searched.
         homed: Position after a homing command of the program (axes,), mm; None if it is not known.
         ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
@@ -79,6 +86,7 @@ class ProgramReader:
     block_delete: frozenset[int] = frozenset()
     restart: RestartPoint | None = None
     recognition: Recognition | None = None
+    evidence: Recognition | None = None
     homed: tuple[float, ...] | None = None
     ceiling: float | None = None
     state: InterpreterState | None = None
@@ -112,19 +120,42 @@ class ProgramReader:
         Raises:
             GcodeError: The program is in a language that is not read, or for another machine.
         """
+        is_lathe = self.machine.kind == "lathe"
+        system = self.machine.program.g_code_system if is_lathe else None
         if self.dialect != "auto":
-            return dialects.load(self.dialect)
+            if self.dialect in dialects.LATHES and not is_lathe:
+                refuse_lathe(self._evidence(), self.machine.kind, self.name)
+            return dialects.load(self.dialect, lathe=system)
         if self.recognition is None:
-            text = Text.of_file(self.path, self.name)
-            self.recognition = recognise(text.first_lines())
+            self.recognition = self._evidence()
             log.info("%s is read as %s", self.name, self.recognition.described())
         refuse(self.recognition, self.machine.kind, self.name)
-        return dialects.load(self.recognition.dialect, lenient=True)
+        if is_lathe:
+            name = lathe_dialect(self.recognition, self.name)
+            self.recognition = self.recognition._replace(dialect=name)
+        return dialects.load(self.recognition.dialect, lenient=True, lathe=system)
+
+    def _evidence(self) -> Recognition:
+        """Search the first lines for evidence of a controller and of a lathe, once."""
+        if self.evidence is None:
+            self.evidence = recognise(Text.of_file(self.path, self.name).first_lines())
+        return self.evidence
 
     @property
     def dialect_in_use(self) -> DialectName:
         """The dialect that was recognised, or the one that was asked for."""
         return self.dialect if self.recognition is None else self.recognition.dialect
+
+    @property
+    def assumed(self) -> str:
+        """What the reading of a lathe's program assumes; empty for other programs."""
+        if self.machine.kind != "lathe" or self.dialect_in_use not in dialects.LATHES:
+            return ""
+        system = self.machine.program.g_code_system
+        return (
+            f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
+            "revolution; offsets of T words act with the next move; threads without a chamfer"
+        )
 
     def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""

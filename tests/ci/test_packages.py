@@ -32,6 +32,22 @@ def _built(target: str, folder: Path) -> Path:
     return file
 
 
+def test_a_wheel_with_compiled_kernels_is_for_one_platform(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "compiled" / "path.curve-x"
+    folder.mkdir(parents=True)
+    (folder / "curve_eval-0.code").write_bytes(b"code")
+    monkeypatch.setenv("CNC_COMPILED", str(folder.parent))
+    file = _built("wheel", tmp_path / "wheel")
+    assert f"cp{sys.version_info.major}{sys.version_info.minor}-" in file.name
+    assert not file.name.endswith("-any.whl")
+    with zipfile.ZipFile(file) as archive:
+        assert "cnc/kernels/compiled/path.curve-x/curve_eval-0.code" in archive.namelist()
+        (tags,) = [name for name in archive.namelist() if name.endswith("/WHEEL")]
+        assert b"Root-Is-Purelib: false" in archive.read(tags)
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _built("wheel", tmp_path_factory.mktemp("wheel"))

@@ -32,11 +32,11 @@ def fault(tmp_path: Path, text: str) -> Diagnostic:
 
 
 def test_every_shipped_machine_loads():
-    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno"} <= set(shipped_machines())
+    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno", "lathe"} <= set(shipped_machines())
     for name, file in shipped_machines().items():
         machine = load_machine(file)
         assert machine == load_machine(name)
-        assert machine.axis_names == ("x", "y", "z")
+        assert machine.axis_names == (("x", "z") if machine.kind == "lathe" else ("x", "y", "z"))
         assert all(axis.travel for axis in machine.axes.values())
 
 

@@ -113,6 +113,8 @@ class AxisWords:
             word = words.take(letter, user)
             assert word is not None
             found[index] = word.number * self.scales[index]
+            if word.letter != letter and self._state.absolute:
+                found[index] += self.coordinates.to_program(self.position)[index]
         if not POLAR.isdisjoint(words.rest):
             self._polar(words, user, found)
         if user in _POLAR_USERS and found and not self._machine_words:

@@ -129,7 +129,9 @@ class CompensationCodes:
         """Radius and orientation of a tool of the table."""
         word = words.take("D", at.written)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
-        if self._dialect.offset_memory:
+        if self._dialect.lathe:
+            number = number or self._tools.turret_offset
+        elif self._dialect.offset_memory:
             self._offset = number if word else self._offset
             number = self._offset
             if word is None and number == 0:

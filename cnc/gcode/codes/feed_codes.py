@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.turning import THREADS
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, feed_of
 from cnc.gcode.state.source_location import SourceLocation
@@ -62,8 +63,13 @@ class FeedCodes:
             self._motion.units_changed()
 
     def feed(self, words: LineWords, codes: Codes) -> None:
-        """Execute F. In inverse time mode the move of the line uses it instead."""
+        """Execute F. In inverse time mode the move of the line uses it instead.
+
+        On a lathe F of a thread is its lead, which the thread takes.
+        """
         if "F" not in words.rest or self._is_dwell_time(codes):
+            return
+        if self._dialect.lathe and self.moving in THREADS:
             return
         state = self._state
         if state.feed_mode == "inverse-time":

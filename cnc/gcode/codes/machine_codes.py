@@ -81,6 +81,8 @@ class MachineCodes:
         state = self._state
         dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
         is_time = dwell and "S" in self._dialect.dwell
+        if self._dialect.lathe and code is not None and code.number == G.G92:
+            self._limit_speed(words, codes)
         if (
             "S" in words.rest
             and "spindle-mode" not in codes
@@ -92,6 +94,8 @@ class MachineCodes:
                 self._spindle(with_motion=self._laser)
             elif word.number:
                 self._unused_words.note(word)
+        if self._dialect.lathe:
+            return
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
             if M.M6 in self._dialect.m:
@@ -103,6 +107,16 @@ class MachineCodes:
         if not self._state.constant_surface:
             return number
         return number * (1000.0 if self._state.scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
+
+    def _limit_speed(self, words: LineWords, codes: Codes) -> None:
+        """S of a lathe's G50 (G92 in systems B and C): the highest speed under G96, rpm."""
+        word = words.take("S", "the limit of the spindle speed")
+        if word is None:
+            return
+        state = self._state
+        state.most_rpm = not_negative(word, "the highest speed")
+        if state.constant_surface and state.spindle != "off" and "spindle" not in codes:
+            self._spindle()
 
     def tool_change(self, words: LineWords, codes: Codes) -> None:
         """Execute M6 or M61."""
@@ -161,7 +175,8 @@ class MachineCodes:
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
-        state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
+        if most or not self._dialect.lathe:
+            state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
         if word is None and state.constant_surface:
             raise fault(

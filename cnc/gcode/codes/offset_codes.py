@@ -73,6 +73,10 @@ class OffsetCodes:
             coordinates.set_local(self._values(words, "G52", code.word))
         elif number == G.G53:
             self._check_machine_move(code.word)
+        elif number == G.G92 and self._dialect.lathe and "S" in words.users:
+            if words.has_axis():
+                message = f"{code.word.written} with S limits the speed, and sets no coordinates"
+                raise fault("axis-words-unused", message, words.first_axis(), "write two lines")
         elif number == G.G92:
             coordinates.set_shift_here(self._values(words, "G92", code.word), self._motion.position)
         elif number == G.G92_1:

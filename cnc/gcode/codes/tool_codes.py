@@ -19,7 +19,11 @@ from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
 
 class ToolCodes:
-    """Execution of the codes of tools."""
+    """Execution of the codes of tools.
+
+    Attributes:
+        turret_offset: Number of the offset in effect on a lathe; 0 for none.
+    """
 
     def __init__(
         self,
@@ -35,6 +39,7 @@ class ToolCodes:
         self._here = here
         self._zero_without_table = zero_without_table
         self._zero_reported = False
+        self.turret_offset = 0
         self._last_h = 0
         self._state = state
         self._motion = motion

@@ -31,6 +31,7 @@ from cnc.model.blocks import (
     Orient,
     Overrides,
     PathMode,
+    Plane,
     Spindle,
     SpindleSync,
     Stop,
@@ -73,7 +74,7 @@ def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
 
 
 class CyclePlane:
-    """The plane in effect at the start of a line with a cycle.
+    """The plane in effect at the start of a line with a cycle, or another one.
 
     Attributes:
         across: Letter of the axis across the plane.
@@ -82,12 +83,13 @@ class CyclePlane:
         start: The position as a point of the plane, mm in the coordinate system in use.
     """
 
-    def __init__(self, motion: Motion, state: ModalState) -> None:
-        first, second = PLANE_AXES[state.plane]
+    def __init__(self, motion: Motion, state: ModalState, plane: Plane | None = None) -> None:
+        plane = plane or state.plane
+        first, second = PLANE_AXES[plane]
         (across,) = {"x", "y", "z"} - {first, second}
         self.across = across.upper()
         self.columns = tuple(motion.column.get(axis.upper()) for axis in (first, second, across))
-        self._plane = state.plane
+        self._plane = plane
         self._axes = (first, second, across)
         self._coordinates = motion.coordinates
         self._machine = motion.position

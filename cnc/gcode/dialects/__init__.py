@@ -18,7 +18,7 @@ from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.blocks import PathControl
-from cnc.model.choices import DialectName
+from cnc.model.choices import DialectName, GcodeSystem
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 NAMES: tuple[str, ...] = get_args(DialectName)
@@ -143,6 +143,12 @@ class Dialect:
     corners: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
+    lathe: bool
+    increments: str
+    integer_unit: float
+    tap_side: frozenset[float]
+    retract_is_distance: bool
+    two_line_cycles: bool
     cycles: CycleRules
     arc_mm: ArcTolerance
     arc_inch: ArcTolerance
@@ -202,12 +208,17 @@ def _codes(text: str) -> list[float]:
     return [float(code) for code in text.split()]
 
 
-@lru_cache(maxsize=2 * len(NAMES))
-def load(name: str, *, lenient: bool = False) -> Dialect:
+LATHES = ("fanuc", "haas")
+"""Dialects with another language for lathes, in a file of their own."""
+
+
+@lru_cache(maxsize=2 * len(NAMES) + 12)
+def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) -> Dialect:
     """Return the dialect of a name.
 
     Args:
         name: The name.
+        lathe: On a lathe, the system of its G-codes (FANUC and Haas); None on another machine.
         lenient: Read as ``auto`` reads a program that it recognised as one of this dialect: the
             words mean what they mean here, but the codes of ``auto`` are legal too, and common
             slips are warnings.
@@ -223,6 +234,8 @@ def load(name: str, *, lenient: bool = False) -> Dialect:
                 hint=f"one of {', '.join(NAMES)}",
             )
         )
+    if lathe and name in LATHES:
+        return _lathe(name, lathe, lenient=lenient)
     table = _read(name)
     if lenient and name != "auto":
         auto = _read("auto")
@@ -241,6 +254,28 @@ _LENIENT = (
 """Keys in which ``auto`` is at least as tolerant as any dialect."""
 
 
+_LENIENT_ON_LATHES = (
+    "lenient",
+    "arc_idle_center",
+    "program_end",
+    "machine_in_incremental",
+    "dollar",
+)
+
+
+def _lathe(name: str, system: GcodeSystem, *, lenient: bool) -> Dialect:
+    """Return the language of FANUC's and Haas' lathes; the system gives numbers their meaning."""
+    table = _read(f"{name}-lathe")
+    if lenient:
+        auto = _read("auto")
+        table |= {key: auto[key] for key in _LENIENT_ON_LATHES}
+    numbers = table.pop("systems")[system]
+    table["aliases"] |= {code: {"is": other} for code, other in numbers.items()}
+    if system != "A":
+        table["increments"] = ""
+    return _dialect(name, table)
+
+
 def _dialect(name: str, table: dict[str, Any]) -> Dialect:
     arc = table["arc"]
     return Dialect(
@@ -251,6 +286,7 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
         nurbs=tuple(table["nurbs"]),
         motion=G(round(float(table["motion"]) * 10)) if table["motion"] else None,
         path_words=frozenset(table["path_words"]),
+        tap_side=frozenset(_codes(table["tap_side"])),
         offsets=tuple(table["offsets"]),
         cycles=CycleRules(**table["cycles"]),
         arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
@@ -270,6 +306,7 @@ _PLAIN = (
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
     "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
     "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
+    "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -19,9 +19,16 @@ LINES = 400
 """Lines in which evidence is searched."""
 LONGEST = 400
 """Characters of a line in which evidence is searched."""
+MOST_REASONS = 6
+"""Reasons for a lathe that are named, the strongest first."""
+STRONG = 2
+"""Points of evidence for a lathe that milling programs do not have."""
+_LATHES = ("auto", "fanuc", "haas")
+"""Languages that mean something else on a lathe; ``auto`` is no language."""
 
 _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
+_X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -65,18 +72,23 @@ class Recognition(NamedTuple):
         reasons: The evidence for it.
         refusal: A language that is not read, or a machine of another kind, in words; else empty.
         rival: Another dialect with evidence of its own; empty if there is none.
+        lathe: The evidence for a lathe in FANUC's or Haas' language.
+        turns: Whether that evidence is enough to refuse the program on another machine.
     """
 
     dialect: DialectName = "auto"
     reasons: tuple[Reason, ...] = ()
     refusal: str = ""
     rival: str = ""
+    lathe: tuple[Reason, ...] = ()
+    turns: bool = False
 
     def described(self) -> str:
         """Return the dialect and its reasons as one line."""
-        if not self.reasons:
+        reasons = self.reasons or (() if self.dialect == "auto" else self.lathe)
+        if not reasons:
             return "auto: nothing in the first lines points to a controller"
-        return f"{self.dialect}, by " + "; ".join(map(str, self.reasons))
+        return f"{self.dialect}, by " + "; ".join(map(str, reasons))
 
 
 class _Table(NamedTuple):
@@ -111,12 +123,14 @@ def recognise(lines: Iterable[str]) -> Recognition:
     """Return the language of a program, from its first lines."""
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
-    has_y = False
+    has_y, plane = False, None
     left = list(table.evidence)
     for number, line in _first(lines):
         code = _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
         comments = _COMMENT.findall(line)
         has_y = has_y or _Y_WORD.search(code) is not None
+        if plane is None and (both := _X_AND_Z.search(code)):
+            plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         for each in tuple(left):
             texts = {"code": [code], "comment": comments, "line": [line]}[each.place]
             for text in texts:
@@ -125,9 +139,16 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     reason = Reason(_shown(match[0]), each.what, number)
                     found.setdefault(each.language, []).append((each, reason))
                     break
-    if has_y:
-        found.pop("lathe", None)
-    return _choice(table, found)
+    lathe = found.pop("lathe", [])
+    choice = _choice(table, found)
+    if has_y or choice.refusal or choice.dialect not in _LATHES:
+        return choice
+    lathe.sort(key=lambda row: -row[0].points)
+    if not lathe or lathe[0][0].points < STRONG:
+        return choice
+    points = sum(evidence.points for evidence, _ in lathe) + (plane is not None)
+    reasons = [reason for _, reason in lathe] + ([plane] if plane else [])
+    return choice._replace(lathe=tuple(reasons[:MOST_REASONS]), turns=points > table.enough)
 
 
 def _first(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -157,9 +178,6 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
     rivals = [each for each in ranked[1:] if points[each] >= table.enough and _is_dialect(each)]
     if len(ranked) > 1 and points[ranked[1]] == points[best]:
         return Recognition(rival=" or ".join(sorted((best, ranked[1]))), reasons=())
-    if best == "lathe":
-        is_lathe = points[best] > table.enough
-        return Recognition(refusal="lathe", reasons=reasons) if is_lathe else Recognition()
     if not _is_dialect(best):
         return Recognition(refusal=found[best][0][0].kind, reasons=reasons)
     return Recognition(cast(DialectName, best), reasons, rival=rivals[0] if rivals else "")
@@ -180,14 +198,11 @@ def refuse(recognition: Recognition, kind: MachineKind, file: str) -> None:
     Raises:
         GcodeError: ``not-gcode``, ``program-for-lathe``, ``program-for-printer``.
     """
+    refuse_lathe(recognition, kind, file)
     if not recognition.reasons:
         return
     line, why = recognition.reasons[0].line, "; ".join(map(str, recognition.reasons))
-    if recognition.refusal == "lathe":
-        message = f"this is a lathe's program in FANUC's language, by {why}"
-        hint = "G99, U, W and T0101 have another meaning in the dialects that are read"
-        raise GcodeError(Diagnostic("program-for-lathe", message, file, line, hint=hint))
-    elif recognition.refusal:
+    if recognition.refusal:
         message = f"this looks like {recognition.refusal}, by {why}"
         hint = "cncrun reads G-code; let the CAM system write G-code, or name a --dialect"
         raise GcodeError(Diagnostic("not-gcode", message, file, line, hint=hint))
@@ -195,3 +210,40 @@ def refuse(recognition: Recognition, kind: MachineKind, file: str) -> None:
         message = f"this is a 3D printer's program, by {why}; the machine is a {kind}"
         hint = 'use a machine file with kind = "printer", or --dialect marlin'
         raise GcodeError(Diagnostic("program-for-printer", message, file, line, hint=hint))
+
+
+def refuse_lathe(recognition: Recognition, kind: MachineKind, file: str) -> None:
+    """Refuse a program for a lathe on another machine, where its words mean something else.
+
+    Args:
+        recognition: The evidence in the program.
+        kind: Kind of the machine.
+        file: The program, for messages.
+
+    Raises:
+        GcodeError: ``program-for-lathe``.
+    """
+    if not recognition.turns or kind == "lathe":
+        return
+    line, why = recognition.lathe[0].line, "; ".join(map(str, recognition.lathe))
+    message = f"this looks like a program for a lathe, by {why}; the machine is a {kind}"
+    hint = (
+        'set kind = "lathe" under [machine] of the machine file; on a mill G98, G99, U, W and '
+        "T0101 mean something else"
+    )
+    raise GcodeError(Diagnostic("program-for-lathe", message, file, line, hint=hint))
+
+
+def lathe_dialect(recognition: Recognition, file: str) -> DialectName:
+    """Return the dialect of a program on a lathe under ``auto``.
+
+    Raises:
+        GcodeError: ``lathe-dialect-unclear``: X may be a diameter or a radius.
+    """
+    if recognition.dialect != "auto":
+        return recognition.dialect
+    if recognition.lathe:
+        return "fanuc"
+    message = "nothing in the first lines says whether X is a diameter (FANUC, Haas) or a radius"
+    hint = 'name the dialect, such as --dialect fanuc, or dialect = "fanuc" under [program]'
+    raise GcodeError(Diagnostic("lathe-dialect-unclear", message, file, 1, hint=hint))

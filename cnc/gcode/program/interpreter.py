@@ -9,8 +9,17 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import fields, replace
+
 from cnc.gcode import dialects
-from cnc.gcode.codes import circular_pocket, macro_variables, probing, system_parameters
+from cnc.gcode.codes import (
+    circular_pocket,
+    macro_variables,
+    probing,
+    system_parameters,
+    turning,
+)
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.feed_codes import FeedCodes
@@ -22,8 +31,9 @@ from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
-from cnc.gcode.cycles import drilling, threading
+from cnc.gcode.cycles import drilling, threading, turning_cycles
 from cnc.gcode.cycles.cycle_runner import CycleRunner
+from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
@@ -47,7 +57,7 @@ from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
-from cnc.model.blocks import Abort, BoardCommand
+from cnc.model.blocks import Abort, ArcFeed, Block, BoardCommand, Polyline
 from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 
 MOST_PREPARED = 8192
@@ -85,6 +95,8 @@ class Interpreter:
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
         self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
+        if dialect.lathe:
+            turning.power_on(self.modal)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect = dialect
@@ -124,6 +136,11 @@ class Interpreter:
             ToolTable() if tools is None else tools,
             zero_without_table=policy.tool_lengths == "zero",
         )
+        self._turret: turning.Turret | None = None
+        if dialect.lathe:
+            self._turret = turning.Turret(
+                self.here, self.modal, self.motion, self.tool_codes, self.out
+            )
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
         self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
@@ -136,6 +153,11 @@ class Interpreter:
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
+        self.turning_cycles: TurningCycles | None = None
+        if dialect.lathe:
+            self.turning_cycles = turning_cycles.register(
+                self.motion, dialect, self.modal, self.here, self.out
+            )
         circular_pocket.register(self.motion, self.modal, self.here, self.tool_codes)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
@@ -235,6 +257,46 @@ class Interpreter:
         if self._saved_state.leave():
             self._update_plain()
 
+    def path_of(self, lines: Iterable[tuple[Statement, int]], line: int) -> list[Block]:
+        """Return the moves of lines without making them.
+
+        Position and modes are as before afterwards, and the current line is ``line``.
+        """
+        motion, modal, position = self.motion, replace(self.modal), self.motion.position
+        notes, self.unused_words.enabled = self.unused_words.enabled, False
+        with self.out.captured() as found:
+            for statement, number in lines:
+                self.execute(statement, number)
+        self.unused_words.enabled = notes
+        for each in fields(modal):
+            setattr(self.modal, each.name, getattr(modal, each.name))
+        motion.position, self.here.line = position, line
+        self._update_plain()
+        return [block for block in found if isinstance(block, Polyline | ArcFeed)]
+
+    def finish(self, lines: Iterable[tuple[int, Statement]], line: int) -> None:
+        """Execute the lines of a profile (G70), and return to the position before.
+
+        The axis that approaches the profile most leaves it first: a straight return could cross the
+        part.
+        """
+        start = self.motion.position
+        approach: int | None = None
+        for number, statement in lines:
+            self.execute(statement, number)
+            if approach is None and self.motion.position != start:
+                way = [abs(a - b) for a, b in zip(self.motion.position, start, strict=True)]
+                approach = way.index(max(way))
+        self.here.line = line
+        if self.motion.compensated:
+            self.compensation_codes.off()
+        if approach is not None:
+            clear = self.motion.position.copy()
+            clear[approach] = start[approach]
+            self.motion.traverse(clear)
+        self.motion.traverse(start)
+        self._update_plain()
+
     def _prepare(self, statement: Statement) -> PreparedLine:
         if len(self._prepared) >= MOST_PREPARED:
             self._prepared.clear()
@@ -256,6 +318,7 @@ class Interpreter:
         self.plain = (
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
+            and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned
             and self.motion.polar.plane is None
@@ -301,6 +364,8 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
+        if self.dialect.increments:
+            turning.take_increments(words, codes, self.dialect)
         collector = self.motion.collector
         if not (collector and collector.line(words, codes)) and (
             codes or not self._is_program_number(words)
@@ -326,6 +391,8 @@ class Interpreter:
         if not codes:
             self.feed_codes.feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)
+            if self._turret:
+                self._turret.turn(words)
             self.motion.move(words, moving)
             return
         self._execute_machine_codes(words, codes)
@@ -347,6 +414,8 @@ class Interpreter:
         self.feed_codes.feed(words, codes)
         self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
+        if self._turret:
+            self._turret.turn(words)
         self.input_output_codes.execute(words, codes)
         functions.tool_change(words, codes)
         if change := codes.get("tool-change"):

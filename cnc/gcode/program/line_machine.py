@@ -249,7 +249,11 @@ class LineMachine:
         for row, block in zip(others.tolist(), self._blocks(rows, others), strict=True):
             if row > begin:
                 out.moves(rows.points[begin:row], rows.feeds[begin:row], rows.lines[begin:row])
-            out.add(block)
+            if block.__class__ is ArcFeed:
+                out.flush()
+                out.ready.append(block)
+            else:
+                out.add(block)
             begin = row + 1
         if count > begin:
             out.moves(rows.points[begin:count], rows.feeds[begin:count], rows.lines[begin:count])

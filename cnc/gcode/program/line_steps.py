@@ -22,6 +22,7 @@ from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
+from cnc.gcode.program.turning_profiles import profile_cycle
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
@@ -187,6 +188,8 @@ class StepMaker:
                 else:
                     self._dialect.check_g(word)
                 return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+        if self._dialect.lathe and (cycle := profile_cycle(line, statement, self._dialect)):
+            return cycle
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:

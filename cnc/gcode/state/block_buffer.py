@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +143,20 @@ class BlockBuffer:
             self.assumed = self.assumed or values is None
             take(block.expected if values is None else values)
         self.unanswered.clear()
+
+    @contextmanager
+    def captured(self) -> Iterator[list[Block]]:
+        """Take the blocks that are added meanwhile; the list has them at the end."""
+        self.flush()
+        found: list[Block] = []
+        begin, in_effect = len(self.ready), self._in_effect.copy()
+        try:
+            yield found
+        finally:
+            self.flush()
+            found += self.ready[begin:]
+            del self.ready[begin:]
+            self._in_effect = in_effect
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""

@@ -52,6 +52,7 @@ class Window:
         label: N numbers.
         plain: Numbers of consecutive plain lines.
         simple: Numbers of consecutive lines in which no word is repeated.
+        has_expressions: Whether a line may have parameters or expressions.
     """
 
     def __init__(
@@ -73,11 +74,7 @@ class Window:
         self.simple: NDArray[np.int32] = found.lines.simple[:count]
         self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
-
-    @property
-    def has_expressions(self) -> bool:
-        """Whether a line may have parameters or expressions."""
-        return b"#" in self._data or b"[" in self._data
+        self.has_expressions = b"#" in data or b"[" in data
 
     def code(self) -> Coded:
         """Return the lines as instructions."""

@@ -14,7 +14,7 @@ from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Unplug
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.status import Status
@@ -38,6 +38,11 @@ class TestGrblBoard(LineBoardConformance):
 class TestGrblHal(LineBoardConformance):
     def make(self) -> LineSink:
         return connected(GrblSimulator(GRBLHAL))
+
+
+class TestFluidNc(LineBoardConformance):
+    def make(self) -> LineSink:
+        return connected(GrblSimulator(FLUIDNC))
 
 
 class TestGrblSimulator(LineBoardConformance):

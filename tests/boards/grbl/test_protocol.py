@@ -40,6 +40,10 @@ DOCUMENTED: list[tuple[str, Message]] = [
     ("error:9", Reply(9)),
     ("ALARM:2", Alarm(2)),
     ("Grbl 1.1h ['$' for help]", Welcome("1.1h", hal=False)),
+    (
+        "Grbl 3.7 [FluidNC v3.7.17 (wifi) '$' for help]",
+        Welcome("3.7", hal=False, fluid=True),
+    ),
     ("GrblHAL 1.1f ['$' or '$HELP' for help]", Welcome("1.1f", hal=True)),
     ("<Idle|MPos:0.000,0.000,0.000|FS:0,0>", Report("Idle|MPos:0.000,0.000,0.000|FS:0,0")),
     ("$110=500.000", Setting(110, "500.000")),

@@ -108,6 +108,8 @@ def outcome(
             found += bits([block])
     except CncError as error:
         found.append(error.diagnostic)
+        # Progress is reported from time to time; only the last report of a whole program is fixed.
+        executed.clear()
     return [*found, repr(known.stored()), executed[-1:]]
 
 

@@ -285,6 +285,9 @@ not-needed
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
 abort-possible axis-idle code-not-needed code-skipped code-without-effect comment-mended
+allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
+profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
+thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-unopened program-for-lathe program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
 feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file

@@ -1,8 +1,8 @@
-"""The two firmwares that the GRBL simulator models, and their differences."""
+"""The firmwares that the GRBL simulator models, and their differences."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; Y and Z follow. Steps/mm, mm/min, mm/s^2, mm."""
@@ -103,4 +103,14 @@ GRBLHAL = FirmwareProfile(
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
 
-FIRMWARES = {profile.name: profile for profile in (GRBL, GRBLHAL)}
+FLUIDNC = replace(
+    GRBL,
+    name="fluidnc",
+    banner="Grbl 3.7 [FluidNC v3.7.17 (wifi) '$' for help]",
+    version="3.7 FluidNC v3.7.17",
+    eeprom_blinds=False,
+    alarm_s=0.0,
+)
+"""The welcome of FluidNC. Its settings in YAML are not modelled."""
+
+FIRMWARES = {profile.name: profile for profile in (GRBL, GRBLHAL, FLUIDNC)}

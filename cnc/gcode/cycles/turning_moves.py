@@ -1,0 +1,147 @@
+"""Moves of the cycles of lathes: points of the ZX plane in program coordinates to blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.cycles.cycle_runner import refuse_modes
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.model.blocks import PathMode, SpindleSync
+
+
+class TurningMoves:
+    """Moves to points (z, x), mm in the coordinate system in use; x is a radius."""
+
+    def __init__(
+        self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
+    ) -> None:
+        self.motion = motion
+        self.state = state
+        self.here = here
+        self.out = out
+        self._z = motion.column.get("Z")
+        self._x = motion.column.get("X")
+
+    def check(self, at: Word) -> None:
+        """Check that the cycle at a word is possible.
+
+        Raises:
+            GcodeError: ``axis-missing``, ``turning-plane``, ``figure-active``, and those of
+                :func:`refuse_modes`.
+        """
+        name = at.written
+        if self._z is None or self._x is None:
+            raise fault("axis-missing", f"{name} needs the axes X and Z", at)
+        if self.state.plane != "ZX":
+            message = f"{name} in the {self.state.plane} plane"
+            raise fault("turning-plane", message, at, "give G18 before")
+        if self.motion.coordinates.turned:
+            message = f"{name} in a rotated or mirrored coordinate system"
+            raise fault("figure-active", message, at)
+        refuse_modes(self.motion, self.state, name, at)
+
+    def length(self, word: Word, unit: float) -> float:
+        """Return the length of a word of a cycle in mm.
+
+        Args:
+            word: The word, such as P, Q or D.
+            unit: mm of 1 without a decimal point under G21, ten times that of G20; 0 for a word
+                that must have one.
+
+        Raises:
+            GcodeError: ``value-out-of-range``, ``decimal-point-needed``.
+        """
+        if word.number <= 0.0:
+            raise fault(
+                "value-out-of-range", f"{word.written}: the length must be more than 0", word
+            )
+        scale = self.state.scale
+        if "." in word.written:
+            return word.number * scale
+        if not unit:
+            message = f"{word.written} has no decimal point: controllers differ on its unit"
+            hint = f"write {word.written}. if that is meant"
+            raise fault("decimal-point-needed", message, word, hint)
+        # The least increment is 0.001 mm, or 0.0001 inch.
+        return word.number * unit * (1.0 if scale == 1.0 else 0.1 * scale)
+
+    @property
+    def columns(self) -> tuple[int, int]:
+        """Columns of Z and X. Call :meth:`check` first."""
+        assert self._z is not None
+        assert self._x is not None
+        return self._z, self._x
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """The position, z and x."""
+        program = self.motion.coordinates.to_program(self.motion.position)
+        z, x = self.columns
+        return program[z], program[x]
+
+    def given(self, words: LineWords, user: str) -> dict[str, float]:
+        """Take the axis words of a line: positions by letter X and Z, increments added.
+
+        Raises:
+            GcodeError: ``axis-not-allowed``.
+        """
+        motion = self.motion
+        end = motion.coordinates.to_program(
+            motion.reached(values := motion.axis_values(words, user), motion.position)
+        )
+        letters = {column: letter for letter, column in motion.column.items()}
+        for column in values:
+            if letters[column] not in "XZ":
+                word = words.users[letters[column]][1]
+                raise fault("axis-not-allowed", f"{user} does not move {word.letter}", word)
+        return {letters[column]: end[column] for column in values}
+
+    def rapid(self, z: float, x: float) -> None:
+        """Traverse to a point."""
+        end = self.end(z, x)
+        if end != self.motion.position:
+            self.motion.traverse(end)
+
+    def cut(self, z: float, x: float, at: Word) -> None:
+        """Cut straight to a point at the feed in effect; errors are reported at a word."""
+        end = self.end(z, x)
+        if end != self.motion.position:
+            motion = self.motion
+            motion.feed_to(end, motion.feed(LineWords(), end, motion.distance(end), at))
+
+    def follow(self, z: float, x: float, pitch: float, turns_per_second: float) -> None:
+        """Cut straight to a point with ``pitch`` mm a turn of the spindle along the move."""
+        end = self.end(z, x)
+        if end != self.motion.position:
+            self.out.add(SpindleSync(self.here.file, self.here.line, pitch))
+            self.motion.feed_to(end, pitch * turns_per_second)
+
+    def end_follow(self) -> None:
+        """End the motion that follows the spindle."""
+        self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
+
+    def end(self, z: float, x: float) -> list[float]:
+        """Return the machine position of a point. An axis that stays keeps its exact value."""
+        position = self.motion.position
+        zero, found = self.motion.coordinates.zero, position.copy()
+        program = self.motion.coordinates.to_program(position)
+        for column, value in zip(self.columns, (z, x), strict=True):
+            if value != program[column]:
+                found[column] = value + zero[column]
+        return found
+
+    @contextmanager
+    def exact_path(self) -> Iterator[None]:
+        """Suspend G64: cycles need the exact path."""
+        file, line, state = self.here.file, self.here.line, self.state
+        blending = state.path == "blend"
+        if blending:
+            self.out.add(PathMode(file, line, "exact-path"))
+        yield
+        if blending:
+            self.out.add(PathMode(file, line, "blend", state.tolerance))

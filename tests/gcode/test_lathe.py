@@ -1,0 +1,369 @@
+"""Programs for lathes in FANUC's and Haas' language: blocks computed by hand, errors, evidence."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.dialects.recognition import lathe_dialect, recognise, refuse, refuse_lathe
+from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.machine.load import load_machine
+from cnc.model.blocks import End, Polyline, Spindle
+from cnc.model.diagnostics import GcodeError
+from tests.support.corpus import programs
+from tests.support.gcode.gcode_cases import block_summaries, run
+from tests.support.gcode.turning_cases import lathe_blocks
+from tests.support.paths import ROOT
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
+
+TOOLS = (
+    ToolEntry(1, 1, {"X": -20.0, "Z": -5.0}, 0.8, orientation=2),
+    ToolEntry(2, 2, {"Z": 1.0}),
+)
+START = "G21 G97 S600 M3\nG0 X40. Z2.\n"
+"""The spindle turns ten times a second; the tool stands at x 20 (radius), z 2."""
+STARTED = ["spindle cw 600", "rapid 20 2"]
+
+
+def summaries(source: str, dialect: str = "fanuc", system: str = "A") -> list[str]:
+    """The blocks of a program on a lathe with the axes X and Z, as text."""
+    rules = dialects.load(dialect, lathe=system)  # type: ignore[arg-type]
+    return block_summaries(
+        f"{source}\nM30", dialect=rules, axes=("x", "z"), tools=ToolTable(TOOLS)
+    )[: -2 if "M3" in source and not source.endswith("M5") else -1]
+
+
+# F0.2 at 600 rpm is 120 mm/min.
+PROGRAMS: dict[str, tuple[str, list[str]]] = {
+    "X is a diameter and F per revolution": ("G1 Z-10. F0.2", ["line 20 -10 F120"]),
+    "U and W are increments": ("G1 U-4. W-3. F0.2\nU1.", ["line 18 -1 F120", "line 18.5 -1 F120"]),
+    "one coordinate and one increment": ("G1 X30. W-3. F0.2", ["line 15 -1 F120"]),
+    "G98 is feed per minute": ("G98 G1 Z-10. F100", ["line 20 -10 F100"]),
+    "G99 again": ("G98\nG99 G1 Z-10. F0.1", ["line 20 -10 F60"]),
+    "an arc with R and with I and K": (
+        "G1 Z0 F0.2\nG3 X50. Z-5. R5.\nG2 U10. W-5. I5. K0",
+        ["line 20 0 F120", "arc zx -5 20 25 -5 5 0.25 120", "arc zx -5 30 30 -10 5 -0.25 120"],
+    ),
+    "G28 by increments": ("G28 U0 W0", ["rapid 20 2", "rapid 0 0"]),
+    "G28 of one axis": ("G28 U0", ["rapid 20 2", "rapid 0 2"]),
+    "a dwell by U": ("G4 U1.5", ["dwell 1.5"]),
+    "a dwell by P": ("G4 P500", ["dwell 0.5"]),
+    "G50 sets coordinates": ("G50 X100. Z50.\nG0 X90.", ["rapid 15 2"]),
+    "G90": (
+        "G90 X36. Z-10. F0.2\nX32.",
+        ["rapid 18 2", "line 18 -10 F120", "line 20 -10 F120", "rapid 20 2"]
+        + ["rapid 16 2", "line 16 -10 F120", "line 20 -10 F120", "rapid 20 2"],
+    ),
+    "G90 with a taper by increments": (
+        "G90 U-4. W-12. R-1. F0.2",
+        ["rapid 17 2", "line 18 -10 F120", "line 20 -10 F120", "rapid 20 2"],
+    ),
+    "G94": (
+        "G94 X10. Z0 F0.2",
+        ["rapid 20 0", "line 5 0 F120", "line 5 2 F120", "rapid 20 2"],
+    ),
+    "G92 is a thread with the lead F": (
+        "G92 X38. Z-20. F1.5",
+        ["rapid 19 2", "sync 1.5", "line 19 -20 F900", "sync 0", "rapid 20 -20", "rapid 20 2"],
+    ),
+    "G32": ("G32 Z-20. F2.", ["sync 2", "line 20 -20 F1200", "sync 0"]),
+    "G32 on a cone: the lead is along Z": (
+        "G32 X48. Z-18. F2.",
+        [f"sync {round(2 * math.hypot(20, 4) / 20, 6)}", "line 24 -18 F1223.764683", "sync 0"],
+    ),
+    "a one-shot cycle leaves G1 in effect": (
+        "G1 Z1. F0.2\nG74 R1.\nG74 Z-5. Q3000\nZ0.",
+        ["line 20 1 F120", "line 20 -2 F120", "rapid 20 -1", "line 20 -5 F120", "rapid 20 1"]
+        + ["line 20 0 F120"],
+    ),
+    "G75 grooves side by side": (
+        "G75 R0.5\nG75 X30. Z-1. P3000 Q2000 F0.2",
+        ["line 17 2 F120", "rapid 17.5 2", "line 15 2 F120", "rapid 20 2"]
+        + ["rapid 20 0", "line 17 0 F120", "rapid 17.5 0", "line 15 0 F120", "rapid 20 0"]
+        + ["rapid 20 -1", "line 17 -1 F120", "rapid 17.5 -1", "line 15 -1 F120", "rapid 20 -1"]
+        + ["rapid 20 2"],
+    ),
+    "G83 on the axis": (
+        "G0 X0\nG83 Z-10. R1. Q4000 F0.2\nG80",
+        ["rapid 0 2", "rapid 0 1", "line 0 -3 F120", "rapid 0 1", "rapid 0 -2.5"]
+        + ["line 0 -7 F120", "rapid 0 1", "rapid 0 -6.5", "line 0 -10 F120", "rapid 0 2"],
+    ),
+    "G73 repeats the profile": (
+        "G73 U2. W1. R2\nG73 P1 Q2 U1. W0.5 F0.2\nN1 G0 X20.\nN2 G1 Z-5. F0.1",
+        ["rapid 22.5 3.5", "rapid 12.5 3.5", "line 12.5 -3.5 F120"]
+        + ["rapid 22.5 -3.5", "rapid 22.5 3.5", "rapid 20.5 2.5"]
+        + ["rapid 10.5 2.5", "line 10.5 -4.5 F120", "rapid 20.5 -4.5", "rapid 20.5 2.5"]
+        + ["rapid 20 2"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_programs_of_a_lathe(name: str) -> None:
+    source, expected = PROGRAMS[name]
+    assert summaries(START + source) == STARTED + expected
+
+
+SYSTEMS = {
+    "A": "G99 G1 Z-10. F0.2\nG90 X36. Z-20.\nG0 U2.",
+    "B": "G95 G1 Z-10. F0.2\nG77 X36. Z-20.\nG91 G0 X2.",
+    "C": "G95 G1 Z-10. F0.2\nG20 X36. Z-20.\nG91 G0 X2.",
+}
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_the_systems_say_the_same_with_other_codes(system: str) -> None:
+    start = START if system != "C" else START.replace("G21", "G71")
+    expected = ["line 20 -10 F120", "rapid 18 -10", "line 18 -20 F120", "line 20 -20 F120"]
+    assert summaries(start + SYSTEMS[system], system=system) == [
+        *STARTED, *expected, "rapid 20 -10", "rapid 21 -10"
+    ]  # fmt: skip
+
+
+def test_a_tool_word_turns_the_turret_and_sets_its_offset() -> None:
+    source = "G0 X40. Z2.\nT0102\nX40. Z2.\nT0100\nX40. Z2."
+    assert summaries(source)[:5] == ["rapid 20 2", "tool 1", "rapid 20 3", "rapid 20 2", "end"][:4]
+
+
+def test_the_limit_of_the_speed_stays_for_each_g96() -> None:
+    blocks = lathe_blocks("G50 S1500\nG96 S120 M3\nG97 S300\nG96 S90\nM5\nM30")
+    spindles = [block for block in blocks if isinstance(block, Spindle)]
+    assert [(each.rpm, round(each.surface_speed * 60)) for each in spindles[:3]] == [
+        (1500, 120_000), (300, 0), (1500, 90_000)
+    ]  # fmt: skip
+
+
+def test_a_facing_cut_to_the_axis_needs_the_limit() -> None:
+    source = "G96 S100 M3\nG0 X40. Z0\nG1 X0 F0.1\nM30"
+    assert lathe_blocks(f"G50 S1500\n{source}")
+    rules = dialects.load("fanuc", lathe="A")
+    with pytest.raises(GcodeError) as caught:
+        run("G96 S100 M3\nG0 X0 Z0\nG1 Z-1. F0.1", dialect=rules, axes=("x", "z"))
+    assert caught.value.diagnostic.code == "spindle-speed-unlimited"
+
+
+def test_nose_compensation_takes_the_offset_of_the_tool_word() -> None:
+    """Orientation 2 of the table: the control point is a radius below and before the centre."""
+    source = "T0101\nG0 X40. Z2.\nS600 M3\nG42 G1 X30. F0.2\nZ-10.\nX40.\nG40 G0 X60."
+    found = summaries(source)
+    # On a cylinder and a face the control point lies on the programmed line.
+    entry, cylinder, face = [row.split() for row in found if row.startswith("line")]
+    assert entry[1] == "-5"
+    assert cylinder[1:3] == ["-5", "-15"]
+    assert face[2] == "-15"
+
+
+def test_g76_takes_less_from_pass_to_pass_and_the_allowance_at_the_end() -> None:
+    source = START + "G76 P020060 Q100 R0.05\nG76 X36. Z-20. P1000 Q400 F1.5"
+    blocks = summaries(source)
+    cuts = [row.split() for row in blocks if row.startswith("line")]
+    depths = [19.0 - float(row[1]) for row in cuts]
+    # 0.4 times the root of the number, at least 0.1 more each, 0.05 left for two passes.
+    expected, depth = [], 0.0
+    for number in range(1, 50):
+        depth = min(max(0.4 * math.sqrt(number), depth + 0.1), 0.95)
+        expected.append(depth)
+        if depth == 0.95:
+            break
+    assert depths == pytest.approx([*expected, 1.0, 1.0], abs=1e-6)
+    starts = [
+        float(row.split()[2])
+        for row in blocks
+        if row.startswith("rapid") and row.split()[1] != "20"
+    ]
+    assert starts == pytest.approx(
+        [2.0 - each * math.tan(math.radians(30)) for each in (*expected, 1.0, 1.0)], abs=1e-6
+    )
+    assert {row.split()[2] for row in map(" ".join, cuts)} == {"-20"}
+
+
+def test_haas_has_its_cycles_in_one_line() -> None:
+    profile = "N1 G0 X30.\nN2 G1 Z-5. F0.1"
+    two = START + f"G71 U2. R0.5\nG71 P1 Q2 U0.4 W0.1 F0.2\n{profile}"
+    one = START + f"G71 P1 Q2 U0.4 W0.1 D2. F0.2\n{profile}"
+    assert summaries(one, "haas") == summaries(two) == summaries(one)
+
+
+ERRORS = [
+    ("tool-word-form", "T1", "write the tool and its offset"),
+    ("tool-word-form", "T12345", "two digits"),
+    ("tool-unknown", "T0309", "tool 9"),
+    ("axis-words-wanted-twice", "G0 X10. U5.", "increment of X"),
+    ("compensation-active", "T0101\nG42 G1 X30. F0.2\nT0202", "nose compensation"),
+    ("axis-words-unused", "G50 S1500 X10.", "limits the speed"),
+    ("code-not-supported", "G33 Z-10. F1.", "another G-code system"),
+    ("turning-plane", "G17\nG90 X30. Z-5. F0.1", "give G18"),
+    ("cycle-word-missing", "G71 P1 Q2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "depth of a pass"),
+    ("cycle-word-missing", "G71 R1.", "P and Q"),
+    ("cycle-word-missing", "G90 X30. F0.1", "needs Z"),
+    ("profile-missing", "G71 U1. R1.\nG71 P7 Q9 F0.1", "no line N7"),
+    ("profile-place", "G71 P1 Q2 D1. F0.1\nM8\nN1 G0 X30.\nN2 G1 Z-5.", "between"),
+    ("profile-line", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nM98 P5\nN2 G1 Z-5.", "no move"),
+    ("profile-empty", "G71 P1 Q2 D1. F0.1\nN1 M8\nN2 M9", "no move"),
+    ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X50.", "beyond the start"),
+    ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nN2 G1 X32.", "along Z"),
+    ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-9.\nX32.\nN2 Z-5.", "back"),
+    ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X20. Z-9.", "type II"),
+    ("allowance-sign", "G71 P1 Q2 D1. U-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
+    ("allowance-sign", "G71 P1 Q2 D1. W-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
+    (
+        "allowance-in-pocket",
+        "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nN2 X20. Z-9.",
+        "give W0",
+    ),
+    ("cycle-too-long", "G71 P1 Q2 D0.0001 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "larger depth"),
+    ("word-unused", "G70 P1 Q2 D1.\nN1 G0 X30.\nN2 G1 Z-5. F0.1", "no use"),
+    ("thread-start", "G76 P010060 Q100 R0.\nG76 X39. Z-9. P1000 Q300 F1.", "clear"),
+    ("thread-length", "G76 P010060 Q100 R0.\nG76 X30. Z2. P1000 Q300 F1.", "no length"),
+    ("pitch-missing", "G98 G32 Z-10.", "give F"),
+    ("surface-speed-active", "G96 S100\nG32 Z-10. F1.", "G97"),
+    ("cycle-retract-below-bottom", "G83 Z10. R1. Q1000 F0.1", "smaller"),
+    ("axis-not-allowed", "G83 Z-10. C5. F0.1", "does not move"),
+]
+
+
+@pytest.mark.parametrize(("code", "source", "words"), ERRORS)
+def test_errors_of_a_lathe(code: str, source: str, words: str) -> None:
+    with pytest.raises(GcodeError) as caught:
+        summaries(START + source)
+    found = caught.value.diagnostic
+    assert found.code == code
+    assert words in f"{found.message} {found.hint}"
+    assert found.line > 0
+    assert found.column > 0
+
+
+def test_roughing_leaves_the_rounds_and_chamfers_of_the_profile() -> None:
+    profile = "N1 G0 X20.\nG1 Z-10.,R2. F0.1\nX30.,C1.\nN2 Z-20."
+    found = summaries(START + f"G71 P1 Q2 U0.4 D20. F0.3\n{profile}\nG70 P1 Q2")
+    # The finish is the profile; roughing follows it 0.2 mm away along X.
+    assert [row for row in found if row.startswith(("line", "arc"))] == [
+        "line 10.2 -8 F180", "arc zx -8 12.2 12.2 -10 2 -0.25 180", "line 14.2 -10 F180",
+        "line 15.2 -11 F180", "line 15.2 -20 F180",
+        "line 10 -8 F60", "arc zx -8 12 12 -10 2 -0.25 60", "line 14 -10 F60",
+        "line 15 -11 F60", "line 15 -20 F60",
+    ]  # fmt: skip
+
+
+def test_haas_needs_a_decimal_point_in_depths() -> None:
+    with pytest.raises(GcodeError) as caught:
+        summaries(START + "G71 P1 Q2 D2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "haas")
+    assert caught.value.diagnostic.code == "decimal-point-needed"
+
+
+def test_a_long_profile_is_refused() -> None:
+    lines = "\n".join(f"G1 Z-{number / 1000:.3f}" for number in range(1, 10_003))
+    with pytest.raises(GcodeError) as caught:
+        summaries(START + f"G71 P1 Q2 D1. F0.1\nN1 G0 X30.\n{lines}\nN2 X35.")
+    assert caught.value.diagnostic.code == "profile-too-long"
+
+
+# Evidence
+
+LATHE_PROGRAMS = [
+    "G99\nT0101\nG96 S150 M3\nG1 Z-10. F0.2",
+    "T0101\nM3 S800\nG0 X30. Z2.\nG1 Z-20. F0.2",
+    "O0001\nG28 U0 W0\nT0202\nG0 X50. Z2.",
+    "G50 S1500\nG0 X50. Z2.\nG1 Z-5. F0.1",
+    "G0 X50. Z2.\nG71 U2. R1.\nG71 P10 Q20 U0.5 W0.1 F0.3\nN10 G0 X20.\nN20 G1 Z-5.",
+    "(HAAS)\nG71 P10 Q20 U0.5 W0.1 D1.5 F0.3\nN10 G0 X20.\nN20 G1 Z-5.",
+    "T0505\nG97 S500 M3\nG0 X22. Z3.\nG76 P010060 Q100 R0.1\nG76 X18. Z-20. P1000 Q300 F1.5",
+]
+MILL_PROGRAMS = [
+    "G90 G94 G17\nT1 M6\nG0 X0 Z5.\nG99\nG1 Z-1. F0.5\nX10. F.5",
+    "G90 X10. Z5. F100\nG1 X20. F0.5\nG99 G81 Z-5. R1.",
+    "T101 M6\nG0 X0 Z5\nG96 S100 D2000\nG1 X5 F0.2",
+    "G28 G91 Z0\nG90\nT0101 M6\nG43 H1 Z50.\nG0 X10. Z5.\nG1 Z-1. F.2",
+    "G50 S1500\nT0101\nG96 S150\nG0 X0 Y0",
+    "G73 X0 Z-5. R1. Q2. F100\nX10.\nG76 X0 Z-5. R1. P500 Q0.2",
+    "G20\nG0 X1. Z.5\nG1 Z-.1 F.9\nX2.",
+]
+
+
+@pytest.mark.parametrize("source", LATHE_PROGRAMS)
+def test_a_lathe_program_is_refused_on_other_machines(source: str) -> None:
+    found = recognise(source.split("\n"))
+    for check in (refuse, refuse_lathe):
+        with pytest.raises(GcodeError) as caught:
+            check(found, "mill", "part.nc")
+        diagnostic = caught.value.diagnostic
+        assert diagnostic.code == "program-for-lathe"
+        assert 'kind = "lathe"' in diagnostic.hint
+        assert "in line" in diagnostic.message
+        check(found, "lathe", "part.nc")
+    assert lathe_dialect(found, "part.nc") in ("fanuc", "haas")
+
+
+@pytest.mark.parametrize("source", MILL_PROGRAMS)
+def test_a_milling_program_is_not_refused(source: str) -> None:
+    refuse(recognise(source.split("\n")), "mill", "part.nc")
+
+
+@pytest.mark.parametrize(
+    "file", sorted(Path(ROOT, "programs").rglob("*.nc")), ids=lambda file: file.name
+)
+def test_shipped_programs_are_for_the_machine_of_their_folder(file: Path) -> None:
+    found = recognise(file.read_text(encoding="utf-8").splitlines())
+    assert found.turns == (file.parent.name == "lathe")
+
+
+@pytest.mark.parametrize("seed", range(share(2000, 60)))
+def test_generated_milling_programs_are_no_lathe_programs(seed: int) -> None:
+    assert not recognise(random_program(seed).splitlines()).turns
+
+
+@pytest.mark.parametrize(("name", "seed", "text"), tuple(programs(share(50, 3))))
+def test_milling_programs_of_cam_systems_are_no_lathe_programs(
+    name: str, seed: int, text: str
+) -> None:
+    assert not recognise(text.splitlines()).turns, (name, seed)
+    # Without Y words too: a part that is milled along X only.
+    assert not recognise(re.sub(r"Y[-0-9.]+", "", text).splitlines()).turns, (name, seed)
+
+
+def test_the_shipped_program_turns_within_the_travel_of_the_shipped_lathe() -> None:
+    machine = load_machine("lathe")
+    file = ROOT / "programs" / "lathe" / "turning.nc"
+    found = recognise(file.read_text(encoding="utf-8").splitlines())
+    rules = dialects.load(lathe_dialect(found, ""), lenient=True, lathe="A")
+    blocks = run(
+        file.read_text(encoding="utf-8"),
+        dialect=rules,
+        axes=machine.axis_names,
+        policy=ReadingPolicy(tool_lengths="zero"),
+    )
+    assert isinstance(blocks[-1], End)
+    points = np.vstack([block.points for block in blocks if isinstance(block, Polyline)])
+    for column, axis in enumerate(machine.axes.values()):
+        assert axis.travel is not None
+        assert axis.travel[0] <= points[:, column].min() <= points[:, column].max()
+        assert points[:, column].max() <= axis.travel[1]
+    # The finished shaft: radii 10, 13, 16 and 23 mm, and the thread's root at 9.08 mm.
+    assert {10.0, 13.0, 16.0, 23.0, 9.08} <= set(np.round(points[:, 0], 6))
+
+
+def test_auto_does_not_guess_what_x_means_on_a_lathe() -> None:
+    with pytest.raises(GcodeError) as caught:
+        lathe_dialect(recognise(["G0 X10 Z5", "G1 Z-5 F100"]), "part.nc")
+    assert caught.value.diagnostic.code == "lathe-dialect-unclear"
+    assert lathe_dialect(recognise(["G7 G18", "G0 X10 Z5"]), "part.nc") == "linuxcnc"
+
+
+def test_a_policy_takes_offsets_of_zero() -> None:
+    rules = dialects.load("fanuc", lathe="A")
+    warnings: list[str] = []
+    run(
+        "T0101\nG0 X10. Z5.\nM30",
+        dialect=rules,
+        axes=("x", "z"),
+        policy=ReadingPolicy(tool_lengths="zero"),
+        warn=lambda found: warnings.append(found.code),
+    )
+    assert "tool-length-zero" in warnings
