@@ -17,20 +17,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.fit import Chain, find_corners, first_knots, refined
-from cnc.kernels.path.fit_records import Moves, Spline, Writer, Written, write_pieces
+from cnc.kernels.path.fit_chain import KNOT, Chain, Knots, find_corners
+from cnc.kernels.path.fit_pieces import Moves, Written, write_pieces
+from cnc.kernels.path.fit_records import new_writer
+from cnc.kernels.path.fit_spline import DEGREE, Spline
+from cnc.kernels.path.fit_stretches import first_knots
+from cnc.path.fit_window import fitted
 from cnc.path.records import Floats, Ints, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
 """mm. A smaller tolerance gives the exact path."""
 CORNER_COSINE = math.cos(math.radians(30.0))
 """A sharper turn is a corner, where the spline ends."""
-REACH = 3.0
-"""Parts of the tolerance: a corner turns as sharply over this distance."""
 WINDOW = 4096
 """Moves fitted at once."""
-SPANS_OPEN = 4
-"""Least number of spans that are fitted again when the chain goes on."""
+SPANS_OPEN = 16
+"""Spans that are fitted again when the chain goes on."""
+CARRIED = 8
+"""Most knots behind those that are issued which the next window keeps: with them the spline of this
+one goes on within the tolerance.
+"""
 NUMBERS = 1 << 18
 """Numbers in an array of records to begin with."""
 
@@ -81,7 +87,8 @@ class Fitter:
         self._feeds: list[Floats] = []
         self._lines: list[NDArray[np.int32]] = []
         self._moves = 0
-        self._state = np.full((3, len(position)), math.nan)
+        self._state = np.full((DEGREE, len(position)), math.nan)
+        self._carried = np.zeros(0, KNOT)
         self._at_corner = False
 
     def add(self, points: Floats, feeds: Floats, lines: NDArray[np.int32]) -> Iterator[Pieces]:
@@ -128,10 +135,10 @@ class Fitter:
         metrics = self._classes == self._class
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
-        find_corners(x, chain.metric, CORNER_COSINE, REACH * self._tolerance, corner)
+        find_corners(x, chain.metric, CORNER_COSINE, self._tolerance, corner)
         corner[0] = self._at_corner
-        knots = first_knots(chain, corner, self._tolerance)
-        spline = Spline(*refined(chain, knots, self._tolerance, self._state))
+        knots = first_knots(chain, corner, self._tolerance, self._carried)
+        spline = fitted(chain, knots, self._state, self._tolerance)
         spans = len(spline.knots) - 1
         last = self._final_spans(spline) if open_end else spans
         yield from self._write(chain, spline, moves, last)
@@ -141,23 +148,44 @@ class Fitter:
             self._go_on(chain, spline, moves, last)
 
     def _final_spans(self, spline: Spline) -> int:
-        """Return the number of spans that no later move will change."""
-        t = spline.knots["t"]
-        size = np.diff(t)
-        safe = t[-1] - t[1:] >= np.maximum(2.0 * size, 2.0 * REACH * self._tolerance)
-        safe[max(len(size) - SPANS_OPEN, 0) :] = False
-        last = int(np.argmin(safe))
-        return len(size) if last == 0 and self._moves >= 4 * WINDOW else last
+        """Return the number of spans that no later move will change.
+
+        The last one ends at a corner, between two straight spans, or near a vertex with another one
+        behind it.
+        """
+        knots = spline.knots
+        spans = len(knots) - 1
+        off = spline.bezier[:, 0] - spline.p[:-1]
+        metrics = self._classes == self._class
+        distance = np.linalg.norm(off[:, metrics], axis=1)
+        distance = np.maximum(distance, np.abs(off[:, ~metrics]).max(axis=1, initial=0.0))
+        whole = distance <= self._tolerance
+        whole &= (knots["on"] & ~knots["straight"] & ~knots["polyline"])[:-1]
+        for k in range(spans - SPANS_OPEN, 0, -1):
+            between_lines = knots["straight"][k - 1] and knots["straight"][k]
+            if knots["ends"][k] or between_lines or (whole[k] and self._kept(knots, k)):
+                return k
+        return spans if self._moves >= 4 * WINDOW else 0
+
+    def _kept(self, knots: Knots, last: int) -> int:
+        """Return the number of knots behind knot ``last`` that the next window keeps.
+
+        They end with a vertex, before the next straight or broken span.
+        """
+        behind = knots[last : last + CARRIED + 1]
+        barred = behind["straight"] | behind["polyline"] | behind["ends"]
+        reach = int(np.argmax(barred)) if barred.any() else len(behind) - 1
+        on = np.flatnonzero(behind["on"][1 : reach + 1])
+        return int(on[-1]) + 1 if len(on) else 0
 
     def _write(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> Iterator[Pieces]:
         """Yield the pieces of the first ``last`` spans."""
-        n = chain.x.shape[1]
-        here, work = self._here(), np.empty((4, n))
+        here = self._here()
         numbers = NUMBERS
         span = 0
         most = len(spline.knots) + len(chain.x)
         while span < last:
-            writer = Writer(np.empty(numbers), chain.metric, here, self._accuracy, work)
+            writer = new_writer(np.empty(numbers), chain.metric, here, self._accuracy)
             out = Written(
                 np.empty(most, np.int64),
                 np.empty(most, np.int64),
@@ -192,12 +220,19 @@ class Fitter:
         self._lines = [moves.line[first:].astype(np.int32)]
         self._moves = len(chain.x) - 1 - first
         self._at_corner = bool(knot["ends"])
-        self._state = np.full((3, chain.x.shape[1]), math.nan)
+        self._state = np.full((DEGREE, chain.x.shape[1]), math.nan)
+        self._carried = np.zeros(0, KNOT)
         if not self._at_corner:
-            h, b = knot["t"] - spline.knots[last - 1]["t"], spline.bezier[last - 1]
-            self._state = np.stack(
-                (b[3], 3.0 * (b[3] - b[2]) / h, 6.0 * (b[3] - 2.0 * b[2] + b[1]) / (h * h))
-            )
+            h = knot["t"] - spline.knots[last - 1]["t"]
+            difference, factor = spline.bezier[last - 1], 1.0
+            for k in range(DEGREE):
+                self._state[k] = factor * difference[-1]
+                difference, factor = np.diff(difference, axis=0), factor * (DEGREE - k) / h
+            if not knot["straight"]:
+                kept = self._kept(spline.knots, last)
+                self._carried = spline.knots[last + 1 : last + 1 + kept].copy()
+                self._carried["t"] -= chain.along[self._carried["vertex"]]
+                self._carried["vertex"] -= first
 
     def _here(self) -> Floats:
         """Return the end of the spans issued so far (n,)."""

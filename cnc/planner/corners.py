@@ -199,7 +199,7 @@ class Overlaps:
             ends.t[:], ends.part[:] = 0.0, 1.0
             return plan.arrays, ends
         here = slice(count + 1)
-        states = (column[here] for column in (out.t, out.s, out.v, out.a))
+        states = out.t[here], out.s[here], out.v[here], out.a[here]
         return PlanArrays(plan.piece_s, *states, out.j[:count]), ends
 
 

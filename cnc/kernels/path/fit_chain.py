@@ -1,0 +1,153 @@
+"""Chains of short straight moves, their corners, and the knots of a spline along them.
+
+The moves are a polyline; t is the length along it over its metric axes. Vertices nearer than LEAST
+to the one before do not count in t.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+from cnc.kernels.path.curve import Floats, Ints
+
+Flags = NDArray[np.bool_]
+Knots = NDArray[np.void]
+
+KNOT = np.dtype(
+    [
+        ("t", np.float64),
+        ("vertex", np.int64),
+        ("on", np.bool_),
+        ("ends", np.bool_),
+        ("straight", np.bool_),
+        ("polyline", np.bool_),
+    ],
+    align=True,
+)
+"""A knot: its parameter, the vertex at or before it, whether it is that vertex (on), and whether
+the spline is broken there (ends). Of the span behind it: whether it is a straight line, and whether
+it is left to the polyline.
+"""
+FAR = 256
+"""Most vertices that are searched on either side of a corner."""
+LEAST = 0.5
+"""Least spacing of knots in parts of the tolerance."""
+
+
+class Chain(NamedTuple):
+    """A polyline of straight moves.
+
+    Attributes:
+        x: (m, n): its vertices, mm.
+        along: (m,): parameter t of each vertex, mm.
+        metric: columns of the metric axes.
+        metrics: (n,): whether an axis is a metric one.
+    """
+
+    x: Floats
+    along: Floats
+    metric: Ints
+    metrics: Flags
+
+
+@njit
+def distance(x: Floats, metric: Ints, i: int, j: int) -> float:
+    """Return the distance of vertices i and j, mm."""
+    square = 0.0
+    for c in metric:
+        square += (x[j, c] - x[i, c]) ** 2
+    return math.sqrt(square)
+
+
+@njit
+def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corner: Flags) -> None:
+    """Mark the vertices where the direction turns by more than an angle.
+
+    The direction is taken over three tolerances at least. The first and the last vertex are no
+    corners, nor are vertices with no other at that distance. No corner either is a turn that
+    chords of a smooth curve within the tolerance have: by less than 8 tolerances over the length
+    of the shorter leg.
+
+    Args:
+        x: (m, n): vertices, mm.
+        metric: columns of the metric axes.
+        cosine: cosine of the angle.
+        tolerance: mm.
+        corner: (m,): takes the marks.
+    """
+    m = x.shape[0]
+    reach = 3.0 * tolerance
+    for i in range(m):
+        corner[i] = False
+    for i in range(1, m - 1):
+        dot = aa = bb = 0.0
+        for c in metric:
+            a = x[i, c] - x[i - 1, c]
+            b = x[i + 1, c] - x[i, c]
+            dot += a * b
+            aa += a * a
+            bb += b * b
+        if dot < cosine * math.sqrt(aa * bb):
+            # Moves shorter than the reach may turn by their rounding alone.
+            before = i - 1
+            while aa < reach * reach and before > 0 and i - before < FAR and not corner[before]:
+                before -= 1
+                aa = distance(x, metric, before, i) ** 2
+            after = i + 1
+            while bb < reach * reach and after < m - 1 and after - i < FAR:
+                after += 1
+                bb = distance(x, metric, i, after) ** 2
+            dot = 0.0
+            for c in metric:
+                dot += (x[i, c] - x[before, c]) * (x[after, c] - x[i, c])
+            shorter = math.sqrt(min(aa, bb))
+            if shorter >= reach and dot < cosine * math.sqrt(aa * bb):
+                angle = math.acos(max(dot / math.sqrt(aa * bb), -1.0))
+                corner[i] = shorter * angle > 8.0 * tolerance
+
+
+@njit
+def measured(chain: Chain, corner: Flags, tolerance: float) -> Ints:
+    """Fill ``chain.along``, and return the vertices that count.
+
+    They are the ends, the corners, and others LEAST apart.
+    """
+    x, along, metric, _ = chain
+    m = x.shape[0]
+    counted = np.empty(m, np.int64)
+    count = 1
+    counted[0] = 0
+    along[0] = 0.0
+    for i in range(1, m):
+        kept = counted[count - 1]
+        step = distance(x, metric, kept, i)
+        if i == m - 1 or corner[i] or step >= LEAST * tolerance:
+            along[i] = along[kept] + step
+            counted[count] = i
+            count += 1
+        else:
+            along[i] = along[kept]
+    return counted[:count]
+
+
+@njit
+def points_of(chain: Chain, knots: Knots, p: Floats) -> None:
+    """Write the points of the polyline at the knots into p (K, n)."""
+    x, along, _, _ = chain
+    for k in range(knots.shape[0]):
+        i = knots[k]["vertex"]
+        for c in range(x.shape[1]):
+            p[k, c] = x[i, c]
+        if not knots[k]["on"]:
+            part = (knots[k]["t"] - along[i]) / (along[i + 1] - along[i])
+            after = i + 1
+            # Vertices that do not count have the parameter of the one before them.
+            while i > 0 and along[i - 1] == along[i]:
+                i -= 1
+            for c in range(x.shape[1]):
+                p[k, c] = x[i, c] + part * (x[after, c] - x[i, c])

@@ -1,0 +1,232 @@
+"""Pieces of a fitted chain: lines where it is straight, and spans, cut where the feed changes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+from cnc.kernels.path.bspline import NUMBERS_PER_AXIS, RECORD_NUMBERS
+from cnc.kernels.path.curve import LENGTH, LINE, SPAN, START, Floats, Ints
+from cnc.kernels.path.fit_chain import Chain, Flags
+from cnc.kernels.path.fit_proof import span_distance
+from cnc.kernels.path.fit_records import Writer, span_point, write_line, write_span
+from cnc.kernels.path.fit_spline import DEGREE, Spline
+
+STRAIGHT = 1e-9
+"""mm. Control points this near to even spacing on a line make a line."""
+STATE = np.dtype([("pieces", np.int64), ("used", np.int64), ("pending", np.bool_)], align=True)
+"""Pieces written, numbers used of the data, and whether a straight stretch is pending."""
+
+
+class Moves(NamedTuple):
+    """The moves of a chain, one behind each vertex but the last.
+
+    Attributes:
+        feed: (m - 1,): mm/s.
+        line: (m - 1,) int64: source line.
+    """
+
+    feed: Floats
+    line: Ints
+
+
+class Written(NamedTuple):
+    """One entry for each piece.
+
+    Attributes:
+        kind: LINE or SPAN.
+        at: index of its record in ``data``.
+        length: mm.
+        feed: mm/s.
+        line: source line.
+        joint: whether the spline is broken behind it.
+    """
+
+    kind: Ints
+    at: Ints
+    length: Floats
+    feed: Floats
+    line: Ints
+    joint: Flags
+
+
+@njit
+def _even(b: Floats) -> bool:
+    """Return whether the control points (6, n) lie evenly spaced on a line."""
+    off = 0.0
+    for c in range(b.shape[1]):
+        for j in range(1, DEGREE):
+            even = ((DEGREE - j) * b[0, c] + j * b[DEGREE, c]) / DEGREE
+            off = max(off, abs(b[j, c] - even))
+    return off <= STRAIGHT
+
+
+@njit
+def _in_line(a: Floats, b: Floats, c: Floats, metric: Ints) -> bool:
+    """Return whether b (n,) lies on the line from a to c, evenly in all axes."""
+    ab = ac = 0.0
+    for k in metric:
+        ab += (b[k] - a[k]) ** 2
+        ac += (c[k] - a[k]) ** 2
+    part = math.sqrt(ab / ac) if ac > 0.0 else 2.0
+    off = 0.0
+    for k in range(a.shape[0]):
+        off = max(off, abs(b[k] - a[k] - part * (c[k] - a[k])))
+    return part < 1.0 and off <= STRAIGHT
+
+
+@njit
+def write_pieces(
+    chain: Chain,
+    spline: Spline,
+    moves: Moves,
+    first: int,
+    last: int,
+    writer: Writer,
+    out: Written,
+) -> tuple[int, int, int]:
+    """Write the spans from ``first`` to before ``last`` as records, until the arrays are full.
+
+    Returns:
+        The next span, the number of pieces, and the numbers used of ``writer.data``.
+    """
+    knots = spline.knots
+    n = chain.x.shape[1]
+    end = np.empty(n)
+    line_end = np.empty(n)
+    state = np.zeros(1, STATE)
+    longest = RECORD_NUMBERS + n * NUMBERS_PER_AXIS
+    k = first
+    while k < last:
+        inner = knots[k]["vertex"] + 1
+        behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
+        polyline = knots[k]["polyline"]
+        cuts = 0
+        for i in range(inner, behind + 1):
+            cuts += moves.feed[i] != moves.feed[i - 1]
+        parts = behind - inner + 2 if polyline else cuts + 1
+        need = 2 * longest + (parts * (START + 2 * n) if polyline else parts * longest)
+        if (
+            state[0]["used"] + need > writer.data.shape[0]
+            or state[0]["pieces"] + parts + 1 > out.at.shape[0]
+        ):
+            break
+        _write_span(chain, spline, moves, k, writer, out, state, end, line_end)
+        k += 1
+    if state[0]["pending"]:
+        _write_pending(writer, out, state, line_end, knots[k]["ends"])
+    return k, state[0]["pieces"], state[0]["used"]
+
+
+@njit
+def _write_span(
+    chain: Chain,
+    spline: Spline,
+    moves: Moves,
+    k: int,
+    writer: Writer,
+    out: Written,
+    state: NDArray[np.void],
+    end: Floats,
+    line_end: Floats,
+) -> None:
+    """Write span k. Its parts end where the feed changes, or at every vertex of a polyline.
+
+    Args:
+        chain: the moves' vertices.
+        spline: the spline.
+        moves: feed and line of the moves.
+        k: index of the span.
+        writer: takes the records.
+        out: takes the entries.
+        state: (1,) STATE.
+        end: (n,): work space.
+        line_end: (n,): end of the straight stretch that is pending; moved along.
+    """
+    knots, p, bezier = spline.knots, spline.p, spline.bezier
+    x = chain.x
+    feed = moves.feed
+    n = x.shape[1]
+    now = state[0]
+    inner = knots[k]["vertex"] + 1
+    behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
+    polyline = knots[k]["polyline"]
+    straight = not polyline and _even(bezier[k])
+    h = knots[k + 1]["t"] - knots[k]["t"]
+    ta = 0.0
+    tau = 0.0
+    move = inner - 1
+    line_kind, span_kind = LINE, SPAN  # variables: numba compiles a kernel anew for a constant
+    for i in range(inner, behind + 2):
+        whole = i > behind
+        if polyline:
+            for c in range(n):
+                end[c] = p[k + 1, c] if whole else x[i, c]
+        elif whole:
+            tau = 1.0
+            for c in range(n):
+                end[c] = bezier[k, DEGREE, c]
+        else:
+            if feed[i] == feed[move]:
+                continue
+            tau = min(max((chain.along[i] - knots[k]["t"]) / h, ta), 1.0)
+            for _n in range(3):
+                _, tau = span_distance(bezier[k], tau, x[i], chain.metrics, True)
+                tau = min(max(tau, ta), 1.0)
+            span_point(bezier[k], tau, writer.scratch, end)
+            if tau - ta < 1e-6 or 1.0 - tau < 1e-6:
+                move = i
+                continue
+        if now["pending"] and not (
+            straight
+            and out.feed[now["pieces"]] == feed[move]
+            and _in_line(writer.here, line_end, end, chain.metric)
+        ):
+            _write_pending(writer, out, state, line_end, ta == 0.0 and knots[k]["ends"])
+        if not now["pending"]:
+            out.feed[now["pieces"]] = feed[move]
+            out.line[now["pieces"]] = moves.line[move]
+        if straight:
+            now["pending"] = True
+            line_end[:] = end
+        else:
+            at = now["used"]
+            if polyline:
+                used = write_line(writer, at, end)
+                out.kind[now["pieces"]] = line_kind
+            else:
+                used = write_span(writer, span_kind, bezier[k], ta, tau, h, at, end)
+                out.kind[now["pieces"]] = span_kind
+            now["used"] = used
+            if used > at:
+                _note(writer, out, state, at, polyline or (whole and knots[k + 1]["ends"]))
+        ta = tau
+        move = i
+
+
+@njit
+def _write_pending(
+    writer: Writer, out: Written, state: NDArray[np.void], line_end: Floats, joint: bool
+) -> None:
+    """Write the straight stretch that is pending, up to ``line_end`` (n,)."""
+    now = state[0]
+    at = now["used"]
+    now["used"] = write_line(writer, at, line_end)
+    now["pending"] = False
+    if now["used"] > at:
+        out.kind[now["pieces"]] = LINE
+        _note(writer, out, state, at, joint)
+
+
+@njit
+def _note(writer: Writer, out: Written, state: NDArray[np.void], at: int, joint: bool) -> None:
+    """Write place, length and joint of the piece whose record is at ``at``."""
+    now = state[0]
+    out.at[now["pieces"]] = at
+    out.length[now["pieces"]] = writer.data[at + LENGTH]
+    out.joint[now["pieces"]] = joint
+    now["pieces"] += 1

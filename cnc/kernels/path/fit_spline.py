@@ -1,0 +1,238 @@
+"""Quintic B-splines over the knots of a fitted chain: control points, extraction, refinement.
+
+The spline is C4 at a knot inside, and broken where a knot ends a part. A knot counts once in the
+first case and six times in the second. Span k takes the control points first[k] to first[k] + 5.
+
+The extraction X of a span maps its six control points to its Bezier points: b = X c. Its rows are
+polar forms (M. J. Borden et al., Isogeometric finite element data structures based on Bezier
+extraction, 2011). With it values, derivatives and integrals are those of Bernstein polynomials.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cnc.kernels.jit import njit
+from cnc.kernels.path.curve import Floats, Ints
+from cnc.kernels.path.fit_chain import Chain, Flags, Knots, points_of
+
+DEGREE = 5
+ORDER = 6
+GRAM = (6.0, 3.0, 1.0, 3.0, 4.0, 3.0, 1.0, 3.0, 6.0)
+"""30 times the integrals over [0, 1] of products of the Bernstein polynomials of degree 2."""
+
+
+class Spline(NamedTuple):
+    """A spline along a chain.
+
+    Attributes:
+        knots: (K,): its knots.
+        t: (N + 6,): their parameters, as often as they count.
+        first: (K - 1,): first control point of each span.
+        p: (K, n): points of the polyline at the knots, mm.
+        extract: (K - 1, 6, 6): extractions of the spans.
+        points: (N, n): control points, mm.
+        fixed: (N,): whether a control point keeps its place.
+        bezier: (K - 1, 6, n): Bezier points of the spans, mm.
+    """
+
+    knots: Knots
+    t: Floats
+    first: Ints
+    p: Floats
+    extract: Floats
+    points: Floats
+    fixed: Flags
+    bezier: Floats
+
+
+@njit
+def polar(t: Floats, at: int, values: Floats, arguments: Floats, out: Floats) -> None:
+    """Write the polar form of a span at five arguments.
+
+    Args:
+        t: parameters of the knots.
+        at: first control point of the span.
+        values: (6, n): its control points.
+        arguments: (5,).
+        out: (n,): takes the result.
+    """
+    n = values.shape[1]
+    d = values.copy()
+    for r in range(1, ORDER):
+        x = arguments[r - 1]
+        for i in range(DEGREE, r - 1, -1):
+            low = t[at + i]
+            part = (x - low) / (t[at + i + ORDER - r] - low)
+            for c in range(n):
+                d[i, c] = (1.0 - part) * d[i - 1, c] + part * d[i, c]
+    for c in range(n):
+        out[c] = d[DEGREE, c]
+
+
+@njit
+def bernstein(x: float, weights: Floats) -> None:
+    """Write the Bernstein polynomials of degree 5 at x into weights (6,)."""
+    y = 1.0 - x
+    x2 = x * x
+    y2 = y * y
+    weights[0] = y2 * y2 * y
+    weights[1] = 5.0 * x * y2 * y2
+    weights[2] = 10.0 * x2 * y2 * y
+    weights[3] = 10.0 * x2 * x * y2
+    weights[4] = 5.0 * x2 * x2 * y
+    weights[5] = x2 * x2 * x
+
+
+@njit
+def add_energy(extract: Floats, h: float, weight: float, first: int, band: Floats) -> None:
+    """Add the integral of |r'''|^2 over a span to a band matrix.
+
+    Args:
+        extract: (6, 6): extraction of the span.
+        h: its length, mm.
+        weight: a factor.
+        first: its first control point.
+        band: (N, 6): see :mod:`cnc.kernels.path.fit_band`.
+    """
+    third = np.empty((3, ORDER))
+    for i in range(ORDER):
+        for j in range(3):
+            third[j, i] = (
+                extract[j + 3, i]
+                - 3.0 * extract[j + 2, i]
+                + 3.0 * extract[j + 1, i]
+                - extract[j, i]
+            )
+    # r''' = 60 / h^3 times the third differences, as a polynomial of degree 2.
+    factor = weight * 120.0 / (h * h * h * h * h)
+    for i in range(ORDER):
+        for j in range(i + 1):
+            total = 0.0
+            for a in range(3):
+                for b in range(3):
+                    total += GRAM[3 * a + b] * third[a, i] * third[b, j]
+            band[first + i, i - j] += factor * total
+
+
+@njit
+def _start_points(t: Floats, state: Floats, points: Floats, fixed: Flags) -> None:
+    """Place and fix the control points that position and derivatives at the start determine.
+
+    state: (5, n): position and derivatives 1 to 4 by t. The polar form at (t0, .., t0 + x_1, ..,
+    t0 + x_i) is the sum of e_k(x) r^(k) (5 - k)! / 5!, with e_k the symmetric polynomials.
+    """
+    e = np.zeros(DEGREE)
+    e[0] = 1.0
+    for i in range(DEGREE):
+        if i > 0:
+            x = t[DEGREE + i] - t[DEGREE]
+            for k in range(i, 0, -1):
+                e[k] += x * e[k - 1]
+        for c in range(state.shape[1]):
+            points[i, c] = 0.0
+            factor = 1.0
+            for k in range(i + 1):
+                points[i, c] += e[k] * factor * state[k, c]
+                factor /= DEGREE - k
+        fixed[i] = True
+
+
+@njit
+def set_bezier(spline: Spline, k: int) -> None:
+    """Compute the Bezier points of span k."""
+    first = spline.first[k]
+    for c in range(spline.points.shape[1]):
+        for j in range(ORDER):
+            total = 0.0
+            for i in range(ORDER):
+                total += spline.extract[k, j, i] * spline.points[first + i, c]
+            spline.bezier[k, j, c] = total
+        if k > 0 and not spline.knots[k]["ends"]:
+            spline.bezier[k - 1, DEGREE, c] = spline.bezier[k, 0, c]
+
+
+@njit
+def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
+    """Return a spline whose control points are not placed but for those that are fixed.
+
+    These are the ends of parts, those of straight spans and of spans left to the polyline, and
+    those that the state at the start determines.
+
+    state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+    """
+    spans = knots.shape[0] - 1
+    n = state.shape[1]
+    breaks = 2
+    for k in range(spans + 1):
+        breaks += int(knots[k]["ends"])
+    t = np.empty(DEGREE * breaks + spans + 1)
+    first = np.empty(spans, np.int64)
+    to = 0
+    for k in range(spans + 1):
+        for _ in range(ORDER if k == 0 or k == spans or knots[k]["ends"] else 1):
+            t[to] = knots[k]["t"]
+            to += 1
+        if k < spans:
+            first[k] = to - ORDER
+    size = to - ORDER
+    p = np.empty((spans + 1, n))
+    points_of(chain, knots, p)
+    extract = np.empty((spans, ORDER, ORDER))
+    points = np.zeros((size, n))
+    fixed = np.zeros(size, np.bool_)
+    unit = np.eye(ORDER)
+    arguments = np.empty(DEGREE)
+    for k in range(spans):
+        at = first[k]
+        for j in range(ORDER):
+            for i in range(DEGREE):
+                arguments[i] = t[at + ORDER] if i < j else t[at + DEGREE]
+            if knots[k + 1]["t"] > knots[k]["t"]:
+                polar(t, at, unit, arguments, extract[k, j])
+            else:
+                extract[k, j] = unit[j]
+        if knots[k]["straight"] or knots[k]["polyline"]:
+            h = knots[k + 1]["t"] - knots[k]["t"]
+            for j in range(at, at + ORDER):
+                mean = 0.0
+                for i in range(1, ORDER):
+                    mean += (t[j + i] - knots[k]["t"]) / DEGREE
+                part = mean / h if h > 0.0 else (j - at) / DEGREE
+                for c in range(n):
+                    points[j, c] = p[k, c] + part * (p[k + 1, c] - p[k, c])
+                fixed[j] = True
+        if k == 0 or knots[k]["ends"]:
+            points[at] = p[k]
+            fixed[at] = True
+        if k == spans - 1 or knots[k + 1]["ends"]:
+            points[at + DEGREE] = p[k + 1]
+            fixed[at + DEGREE] = True
+    if not np.isnan(state[0, 0]) and not knots[0]["polyline"]:
+        _start_points(t, state, points, fixed)
+    spline = Spline(knots, t[:to], first, p, extract, points, fixed, np.empty((spans, ORDER, n)))
+    for k in range(spans):
+        set_bezier(spline, k)
+    return spline
+
+
+@njit
+def transfer(old: Spline, new: Spline) -> None:
+    """Place the control points of a spline whose five knots another one has as well.
+
+    Those that are fixed keep their places. Others, near new knots, are left to be placed.
+    """
+    i = 0
+    last = old.points.shape[0] - 1
+    for j in range(new.points.shape[0]):
+        while i < last and np.sum(old.t[i + 1 : i + ORDER]) < np.sum(new.t[j + 1 : j + ORDER]):
+            i += 1
+        same = not new.fixed[j]
+        for k in range(1, ORDER):
+            same = same and old.t[i + k] == new.t[j + k]
+        if same:
+            new.points[j] = old.points[i]
+    for k in range(new.first.shape[0]):
+        set_bezier(new, k)

@@ -1,0 +1,202 @@
+"""Least-squares splines through the vertices of a chain, and cuts of spans.
+
+It shows how many knots a chain needs: a span that misses a vertex by more than a part of the
+tolerance is cut at a vertex, until none is missed or each span is one move.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cnc.kernels.jit import njit
+from cnc.kernels.path.curve import Floats
+from cnc.kernels.path.fit_band import factorise, solve
+from cnc.kernels.path.fit_chain import KNOT, Chain, Flags, Knots
+from cnc.kernels.path.fit_spline import (
+    DEGREE,
+    ORDER,
+    Spline,
+    add_energy,
+    bernstein,
+    set_bezier,
+)
+
+MISSES = 0.35
+"""Part of the tolerance by which a span may miss a vertex."""
+STIFF = 1e-6
+"""Weight of the energy in the least-squares spline: where vertices are few it decides."""
+
+
+@njit
+def _add_place(
+    spline: Spline,
+    k: int,
+    x: float,
+    ref: Floats,
+    keeps: Flags,
+    band: Floats,
+    right: Floats,
+    work: Floats,
+) -> None:
+    """Add the squared distance from ``ref`` (n,) at x of span k to the least-squares system.
+
+    keeps: (N,): control points that keep their places. work: (2, 6).
+    """
+    bernstein(x, work[0])
+    first = spline.first[k]
+    phi = work[1]
+    for i in range(ORDER):
+        phi[i] = 0.0
+        for j in range(ORDER):
+            phi[i] += work[0, j] * spline.extract[k, j, i]
+    for c in range(ref.shape[0]):
+        off = ref[c]
+        for i in range(ORDER):
+            if keeps[first + i]:
+                off -= phi[i] * spline.points[first + i, c]
+        for i in range(ORDER):
+            right[first + i, c] += phi[i] * off
+    for i in range(ORDER):
+        for j in range(i + 1):
+            band[first + i, i - j] += phi[i] * phi[j]
+
+
+@njit
+def least_squares(chain: Chain, spline: Spline, keeps: Flags) -> None:
+    """Lay the control points that do not keep their places so that vertices are passed closely.
+
+    Bezier points of all spans that change are set.
+    """
+    knots, _, first, p, extract, points, _, _ = spline
+    n = points.shape[1]
+    size = points.shape[0]
+    band = np.zeros((size, ORDER))
+    right = np.zeros((size, n))
+    work = np.empty((2, ORDER))
+    spans = knots.shape[0] - 1
+    changes = np.zeros(spans, np.bool_)
+    for k in range(spans):
+        for i in range(ORDER):
+            changes[k] = changes[k] or not keeps[first[k] + i]
+        if changes[k]:
+            h = knots[k + 1]["t"] - knots[k]["t"]
+            add_energy(extract[k], h, STIFF * h**DEGREE, first[k], band)
+    for j in range(size):
+        for i in range(1, min(j, DEGREE) + 1):
+            for c in range(n):
+                if keeps[j - i]:
+                    right[j, c] -= band[j, i] * points[j - i, c]
+                if keeps[j]:
+                    right[j - i, c] -= band[j, i] * points[j, c]
+    for k in range(spans):
+        if changes[k]:
+            low = knots[k]["t"]
+            h = knots[k + 1]["t"] - low
+            _add_place(spline, k, 0.0, p[k], keeps, band, right, work)
+            for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"]):
+                if chain.along[i] > chain.along[i - 1]:
+                    x = (chain.along[i] - low) / h
+                    _add_place(spline, k, x, chain.x[i], keeps, band, right, work)
+    for j in range(size):
+        for i in range(min(j, DEGREE) + 1):
+            if keeps[j] or keeps[j - i]:
+                band[j, i] = 1.0 if i == 0 else 0.0
+    factorise(band)
+    column = np.empty(size)
+    for c in range(n):
+        column[:] = right[:, c]
+        for j in range(size):
+            if keeps[j]:
+                column[j] = 0.0
+        solve(band, column)
+        for j in range(size):
+            if not keeps[j]:
+                points[j, c] = column[j]
+    for k in range(spans):
+        if changes[k]:
+            set_bezier(spline, k)
+
+
+@njit
+def _middle_vertex(chain: Chain, knots: Knots, k: int) -> int:
+    """Return the vertex inside span k nearest to its middle, or -1. It counts in t."""
+    along = chain.along
+    low = knots[k]["t"]
+    high = knots[k + 1]["t"]
+    found = -1
+    nearest = 0.5 * (high - low)
+    for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"] + 1):
+        off = abs(along[i] - 0.5 * (low + high))
+        if along[i] > along[i - 1] and off < nearest and low < along[i] < high:
+            nearest = off
+            found = i
+    return found
+
+
+@njit
+def _missed(chain: Chain, spline: Spline, k: int) -> float:
+    """Return the largest distance of span k from a vertex that counts, at its parameter, mm."""
+    knots = spline.knots
+    low = knots[k]["t"]
+    h = knots[k + 1]["t"] - low
+    weights = np.empty(ORDER)
+    worst = 0.0
+    for i in range(knots[k]["vertex"] + int(not knots[k]["on"]), knots[k + 1]["vertex"] + 1):
+        t = chain.along[i]
+        if (i == 0 or t > chain.along[i - 1]) and low <= t <= low + h:
+            bernstein((t - low) / h, weights)
+            square = 0.0
+            for c in range(spline.p.shape[1]):
+                off = -chain.x[i, c]
+                for j in range(ORDER):
+                    off += weights[j] * spline.bezier[k, j, c]
+                if chain.metrics[c]:
+                    square += off * off
+                else:
+                    worst = max(worst, off * off)
+            worst = max(worst, square)
+    return math.sqrt(worst)
+
+
+@njit
+def too_wide(chain: Chain, spline: Spline, changed: Flags, tolerance: float) -> Flags:
+    """Return which spans miss a vertex and have one inside, at which they may be cut.
+
+    changed: (K - 1,): spans to be looked at.
+    """
+    knots = spline.knots
+    wide = np.zeros(changed.shape[0], np.bool_)
+    for k in range(changed.shape[0]):
+        if changed[k] and not knots[k]["straight"] and not knots[k]["polyline"]:
+            wide[k] = (
+                knots[k + 1]["vertex"] - knots[k]["vertex"] > 1
+                and _missed(chain, spline, k) > MISSES * tolerance
+                and _middle_vertex(chain, knots, k) >= 0
+            )
+    return wide
+
+
+@njit
+def with_cuts(chain: Chain, knots: Knots, cut: Flags) -> Knots:
+    """Return the knots with a new one in each span that is to be cut.
+
+    It is the vertex nearest to the middle, or the middle where there is none.
+    """
+    finer = np.zeros(knots.shape[0] + np.count_nonzero(cut), KNOT)
+    to = 0
+    for k in range(knots.shape[0]):
+        finer[to] = knots[k]
+        to += 1
+        if k < cut.shape[0] and cut[k]:
+            i = _middle_vertex(chain, knots, k)
+            if i >= 0:
+                finer[to]["t"] = chain.along[i]
+                finer[to]["vertex"] = i
+                finer[to]["on"] = True
+            else:
+                finer[to]["t"] = 0.5 * (knots[k]["t"] + knots[k + 1]["t"])
+                finer[to]["vertex"] = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
+            to += 1
+    return finer

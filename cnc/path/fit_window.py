@@ -1,0 +1,125 @@
+"""The spline of a window of a chain: knots, control points, and the proof of the tolerance.
+
+    corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
+      ──► least squares; spans that miss a vertex are cut at one               fit_squares
+      ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
+      ──► proof; a span that fails is cut, and the spline near it made anew      fit_proof
+
+A span is cut at a vertex if it has one inside, else in the middle. A span too short to be cut is
+left to the polyline. There, and at corners, the spline is broken.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.path.fit_chain import LEAST, Chain, Flags, Knots
+from cnc.kernels.path.fit_proof import prove
+from cnc.kernels.path.fit_spline import ORDER, Spline, new_spline, transfer
+from cnc.kernels.path.fit_squares import least_squares, too_wide, with_cuts
+from cnc.kernels.path.fit_tube import improve
+from cnc.path.records import Floats
+
+ALLOWED = 0.999
+"""Part of the tolerance that is proved."""
+NEAR = 8
+"""Control points on either side that move again with those of a span that was cut."""
+ROUNDS = 16
+"""Rounds after which spans that still fail are left to the polyline."""
+
+
+def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Spline:
+    """Return the spline of a window, all of it within the tolerance.
+
+    Args:
+        chain: the chain.
+        knots: its first knots.
+        state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+        tolerance: mm.
+    """
+    feet = chain.along.copy()
+    speck = np.diff(knots["t"]) <= 0.0
+    knots["polyline"][:-1] |= speck
+    knots["ends"][:-1] |= speck
+    spline = new_spline(chain, knots, state)
+    spline = _with_knots(chain, spline, ~spline.fixed, state, tolerance)
+    free = ~spline.fixed
+    turn = 0
+    while True:
+        improve(chain, spline, free, tolerance)
+        wrong = prove(chain, spline, feet, _touched(spline, free), ALLOWED * tolerance)
+        if not wrong.any():
+            return spline
+        turn += 1
+        short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
+        left = wrong if turn > ROUNDS else short
+        if left.any():
+            spline, free = _broken(chain, spline, left, wrong, state, tolerance)
+        else:
+            spline, free = _cut(chain, spline, wrong, state)
+            least_squares(chain, spline, ~free)
+
+
+def _touched(spline: Spline, free: Flags) -> Flags:
+    """Return the spans that have a free control point."""
+    free_before = np.concatenate(([0], np.cumsum(free)))
+    touched: Flags = free_before[spline.first + ORDER] > free_before[spline.first]
+    return touched
+
+
+def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
+    """Return the control points of spans and ``reach`` others on either side, if not fixed."""
+    steps = np.zeros(len(spline.points) + 1, np.int64)
+    first = spline.first[spans]
+    np.add.at(steps, np.maximum(first - reach, 0), 1)
+    np.add.at(steps, np.minimum(first + ORDER + reach, len(spline.points)), -1)
+    near: Flags = (np.cumsum(steps[:-1]) > 0) & ~spline.fixed
+    return near
+
+
+def _cut(chain: Chain, spline: Spline, cut: Flags, state: Floats) -> tuple[Spline, Flags]:
+    """Cut spans.
+
+    Returns:
+        The spline, and the control points near the cuts, which are to be placed.
+    """
+    finer = new_spline(chain, with_cuts(chain, spline.knots, cut), state)
+    transfer(spline, finer)
+    spans = np.flatnonzero(cut)
+    spans += np.arange(len(spans))
+    return finer, _near(finer, np.concatenate((spans, spans + 1)), NEAR)
+
+
+def _with_knots(
+    chain: Chain, spline: Spline, free: Flags, state: Floats, tolerance: float
+) -> Spline:
+    """Return a spline whose free control points pass the vertices closely; it has more knots."""
+    while True:
+        least_squares(chain, spline, ~free)
+        wide = too_wide(chain, spline, _touched(spline, free), tolerance)
+        if not wide.any():
+            return spline
+        spline, free = _cut(chain, spline, wide, state)
+
+
+def _broken(
+    chain: Chain, spline: Spline, left: Flags, wrong: Flags, state: Floats, tolerance: float
+) -> tuple[Spline, Flags]:
+    """Leave spans to the polyline, and lay the parts with spans that are wrong anew.
+
+    Returns:
+        The spline, and the control points of these parts.
+    """
+    knots = spline.knots.copy()
+    part = np.cumsum(knots["ends"][:-1]) - 1
+    anew = np.isin(part, part[wrong])
+    knots["polyline"][:-1] |= left
+    knots["ends"][:-1] |= left
+    knots["ends"][1:] |= left
+    following = new_spline(chain, knots, state)
+    transfer(spline, following)
+    free = _near(following, np.flatnonzero(anew), 0)
+    following = _with_knots(chain, following, free, state, tolerance)
+    before = np.searchsorted(knots["t"], following.knots["t"][:-1], "right") - 1
+    return following, _near(following, np.flatnonzero(anew[before]), 0)

@@ -1,0 +1,48 @@
+"""Chains of chords as long as the tolerance permits, as CAM systems write them."""
+
+import numpy as np
+import pytest
+
+from benchmarks.chains import chain, distance, duration, moves, path, sampled, smooth
+from cnc.model.blocks import NurbsFeed
+from tests.path.test_fit import assert_sound
+from tests.support.soak import share
+
+SEEDS = range(500, 500 + share(400, 10))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_spline_keeps_within_the_tolerance_and_its_knots_do_not_collapse(seed):
+    case = chain(seed)
+    chunks = path(moves(case.points, case.tolerance), case.points[0])
+    assert_sound(chunks)
+    curve = sampled(chunks, 96)
+    assert distance(curve, case.points) <= case.tolerance
+    assert distance(case.points, curve) <= 1.02 * case.tolerance
+    assert sum(map(len, chunks)) <= 2 * (len(case.points) - 1)
+
+
+@pytest.mark.parametrize("seed", range(1500, 1500 + share(100, 3)))
+def test_the_motion_is_as_fast_as_along_the_smooth_curve(seed):
+    case = chain(seed)
+    chunks = path(moves(case.points, case.tolerance), case.points[0])
+    knots, control = smooth(case)
+    curve = path([NurbsFeed("", 1, 5, knots, control, np.ones(len(control)), 300.0)], control[0])
+    assert duration(chunks) <= 1.08 * duration(curve)
+
+
+def test_a_window_goes_on_from_the_one_before():
+    """Chords of a circle many windows long: C4 throughout, and no seam is seen."""
+    radius, tolerance, part = 40.0, 0.01, 0.9
+    step = 2.0 * np.arccos(1.0 - part * tolerance / radius)
+    angle = np.arange(0.0, 6000.0) * step
+    points = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), angle / 50.0)).round(
+        4
+    )
+    chunks = path(moves(points, tolerance), points[0])
+    assert_sound(chunks)
+    assert sum((chunk.tolerance > 0.0).sum() for chunk in chunks) <= 1
+    assert sum(map(len, chunks)) <= 1.02 * len(points)
+    some = sampled(chunks[:8], 24)
+    off = np.abs(np.hypot(some[:, 0], some[:, 1]) - radius * (1.0 - 0.5 * (step / 2.0) ** 2 / 2.0))
+    assert off.max() <= 1.5 * tolerance
