@@ -6,7 +6,7 @@ read-only, or else in a private folder under the system's temporary folder.
     kernels/__pycache__/compiled/
         path.curve-cpython-312-1f0c.../     kernels of path/curve.py
             curve_eval-7b12....code         one kernel for one set of argument types
-        path.fit-cpython-312-77ab.../       kernels of path/fit.py, which call path/curve.py
+        path.records-cpython-312-77ab.../   kernels of path/fit_records.py, which call others
 
 The code of a kernel depends on all kernels that it calls. So each source file has a folder of its
 own, named by a digest of its text and of the texts of all kernel files that it imports. A change

@@ -68,7 +68,7 @@ def build_nurbs() -> None:
 
 def fit() -> None:
     """Fit a spline to straight moves."""
-    for _ in _path([PathMode("", 1, "blend", 0.01), _line(), _arc()]):
+    for _ in _path([PathMode("", 1, "blend", 0.01), _short_moves(), _arc()]):
         pass
 
 
@@ -162,7 +162,11 @@ JOBS = {
     "NURBS": Job(
         _kernels("path.bspline", "path.bernstein", "path.curve", "path.arclength"), build_nurbs
     ),
-    "fits": Job(_kernels("path.fit", "path.fit_records"), fit),
+    "fits": Job(_kernels("path.fit_tube"), fit),
+    "knots of fits": Job(
+        _kernels("path.fit_chain", "path.fit_stretches", "path.fit_squares", "path.fit_spline"), fit
+    ),
+    "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
     "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
     "overlaps": Job(_kernels("planner.overlap_stops", "planner.overlap"), plan_corner),
     "overshoots": Job(_kernels("planner.overshoot"), plan_corner),
@@ -174,6 +178,7 @@ JOBS = {
 """All jobs; the longest and those of which others need much come first."""
 
 BLENDS = ("corner blends", "overlaps", "overshoots")
+FITS = ("fits", "knots of fits", "pieces of fits")
 PLANNING = ("intervals", "refinement", "planning", "audit")
 CHECKING = ("reading", "paths", *PLANNING, "pulses")
 """What nearly every program needs."""
@@ -182,6 +187,12 @@ CHECKING = ("reading", "paths", *PLANNING, "pulses")
 def _line() -> Polyline:
     points = np.array([[1.0, 0.0, 0.0]])
     return Polyline("", 1, points, np.array([1.0]), np.array([1], np.int32))
+
+
+def _short_moves() -> Polyline:
+    angle = np.linspace(0.0, 1.0, 41)[1:]
+    ends = np.column_stack((np.sin(angle), np.cos(angle) - 1.0, 0.0 * angle))
+    return Polyline("", 1, ends, np.full(40, 1.0), np.ones(40, np.int32))
 
 
 def _arc() -> ArcFeed:

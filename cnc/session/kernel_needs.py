@@ -17,7 +17,7 @@ from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
 from cnc.session.kernel_cache import SMALL_BYTES, ensure_compiled, is_compiled
-from cnc.session.kernel_jobs import BLENDS, PLANNING
+from cnc.session.kernel_jobs import BLENDS, FITS, PLANNING
 
 READING = ("reading", "paths")
 
@@ -40,15 +40,15 @@ class KernelNeeds:
 
     def see_block(self, block: Block) -> None:
         """Take note of a block of the check pass, before its path is built."""
-        job = ""
+        jobs: tuple[str, ...] = ()
         if isinstance(block, NurbsFeed):
-            job = "NURBS"
+            jobs = ("NURBS",)
         elif isinstance(block, PathMode) and block.control == "blend":
-            job = "fits"
-        if job and job not in self._path_jobs:
-            self._path_jobs.append(job)
+            jobs = FITS
+        if jobs and jobs[0] not in self._path_jobs:
+            self._path_jobs += jobs
             if not self._interprets:
-                self._compile(job)
+                self._compile(*jobs)
 
     def see_path(self, path: PathChunk) -> None:
         """Take note of a part of the path."""

@@ -18,7 +18,7 @@ from cnc.cli import progress
 from cnc.kernels import code_cache, jit
 from cnc.model.operator_control import Control
 from cnc.session import kernel_cache, kernel_needs
-from cnc.session.kernel_jobs import BLENDS, JOBS, PLANNING
+from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with, run_with
 from tests.support.waiting import HANG, wait_until
@@ -74,7 +74,7 @@ def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatc
     )
     checked(tmp_path, "G64 P0.05\n" + CORNER)
     assert order[0] == ("reading", "paths")
-    assert order[1] == ("fits",)
+    assert order[1] == FITS
     assert set(order[-1]) == MOTION | set(BLENDS)
 
 
