@@ -17,7 +17,7 @@ from cnc.kernels.planner.limits import TURNING_SHARE
 
 Floats = NDArray[np.float64]
 
-VARIATION = 0.02
+VARIATION = 0.05
 """Largest variation of the bounds between neighbouring samples of an interval, relative to the
 limits.
 """
