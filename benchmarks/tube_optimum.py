@@ -204,7 +204,6 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Mot
         "tol": 1e-4,
         "constr_viol_tol": 1e-7,
         "mu_init": 1e-3,
-        "max_cpu_time": 40.0,
     }
     opti.solver("ipopt", {"print_time": False}, settings)
     with suppress(RuntimeError):

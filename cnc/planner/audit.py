@@ -167,23 +167,6 @@ class Audit:
                 )
             )
 
-    def accepts(self, chunk: PlanChunk) -> bool:
-        """Return whether a plan keeps the limits inside its phases. Nothing is noted."""
-        if self._continuity(chunk):
-            return False
-        values = np.zeros(len(self._limits))
-        self._inside_phases(chunk, values)
-        return bool((values - self._unsure <= self._limits * (1.0 + TOLERANCE)).all())
-
-    def _inside_phases(self, chunk: PlanChunk, values: NDArray[np.float64]) -> Largest:
-        """Raise the maxima ``values`` to those inside the phases of a plan; return them by name."""
-        path = chunk.path
-        largest = Largest(values[:ENTRIES], *values[ENTRIES:].reshape(3, -1))
-        pieces = Pieces(path.kind, path.at, path.data)
-        feeds = self.limits.feeds(path)
-        audit_phases(pieces, chunk.arrays, feeds, self.limits.period, largest)
-        return largest
-
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Compare the end of each phase with the start of the next."""
         path, gaps = chunk.path, np.full(GAPS, -inf)
@@ -204,7 +187,8 @@ class Audit:
         limits, path, plan = self.limits, chunk.path, chunk.arrays
         pieces = Pieces(path.kind, path.at, path.data)
         values = self._legal.copy()
-        largest = self._inside_phases(chunk, values)
+        largest = Largest(values[:ENTRIES], *values[ENTRIES:].reshape(3, -1))
+        audit_phases(pieces, plan, limits.feeds(path), limits.period, largest)
         # Before this plan the machine rests at its start: three instants are as good as more.
         standing = ceil(chunk.t0 / limits.period) - 3
         if standing > self._index:

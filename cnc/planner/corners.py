@@ -31,13 +31,17 @@ from cnc.kernels.planner.overlap_stops import (
     overlap_size,
     overlap_stops,
 )
-from cnc.kernels.planner.overshoot import PHASES_OF_MOVE, Ends, choose_ends, find_moves, write_ends
+from cnc.kernels.planner.overshoot import (
+    PHASES_OF_MOVE,
+    choose_overshoots,
+    find_moves,
+    write_overshoots,
+)
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
 from cnc.model.motion_commands import carried_over, joined
 from cnc.path.chunk import PathChunk
-from cnc.planner.audit import Audit
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 
@@ -63,8 +67,6 @@ class CornerBlending:
         self._limits = limits
         self._taken = 0.0
         """Length that the last blend takes off the next chunk, mm."""
-        self._at_rest = True
-        """Whether the motion rests before the next chunk."""
 
     def blended(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield the stream with blends in its path.
@@ -91,7 +93,6 @@ class CornerBlending:
     def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
         """Return the chunk with its corners decided; ``following`` continues the motion."""
         taken, self._taken = self._taken, 0.0
-        at_rest, self._at_rest = self._at_rest, following is None
         if not taken and not path.tolerance.any():
             return path
         limits, own = self._limits, len(path)
@@ -103,7 +104,7 @@ class CornerBlending:
         while True:
             out = _empty_path(2 * own, size)
             count, numbers, self._taken = round_corners(
-                own, arrays, bound, taken, at_rest, limits.arrays, ACCURACY, out
+                own, arrays, bound, taken, limits.arrays, ACCURACY, out
             )
             if count >= 0:
                 break
@@ -119,7 +120,6 @@ class Overlaps:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._audit = Audit(limits)
         self._held: PlanChunk | None = None
         self._earlier = 0.0
         self._shorter = 0.0
@@ -157,71 +157,53 @@ class Overlaps:
         return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
 
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan with overlaps at its corners.
-
-        A motion with overlaps is accepted only if it keeps all limits. Neighbours can make changed
-        ramps impossible. That is rare; then the ramps overlap as they are, or not at all.
-        """
-        path = numbered(plan.path)
-        changed, ends = self._with_other_ends(plan, path)
-        cut = self._with_overlaps(plan, path, changed, ends)
-        if cut is None and ends.t.any():
-            unchanged = Ends(np.zeros(len(plan.path)), np.ones(len(plan.path)))
-            cut = self._with_overlaps(plan, path, plan.arrays, unchanged)
-        if cut is None:
-            return self._moved(plan)
-        self._earlier += plan.duration - cut.duration
-        self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
+        """Return the plan with overlaps at its corners."""
+        path, limits = numbered(plan.path), self._limits
+        pieces, axes = len(plan.path), len(plan.path.axes)
+        changed, past = self._with_overshoots(plan, path)
+        found, cuts = find_cuts(path, changed, past, limits.arrays)
+        if found < 0:
+            # Neighbours can make an overshoot impossible. That is rare; then there is none.
+            changed = plan.arrays
+            past[:] = 0.0
+            found, cuts = find_cuts(path, changed, past, limits.arrays)
+        cut = self._moved(plan)
+        if found:
+            most = (1 + PIECES_OF_CORNER) * pieces + 1
+            phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
+            out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
+            out_plan = _empty_plan(most, phases)
+            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
+            cut = PlanChunk(
+                path=_chunk(plan.path, out, count, numbers),
+                piece_s=out_plan.piece_s[: count + 1],
+                t0=cut.t0,
+                s0=cut.s0,
+                phase_t=out_plan.t[: spans + 1],
+                phase_s=out_plan.s[: spans + 1],
+                phase_v=out_plan.v[: spans + 1],
+                phase_a=out_plan.a[: spans + 1],
+                phase_j=out_plan.j[:spans],
+            )
+            self._earlier += plan.duration - cut.duration
+            self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
         return cut
 
-    def _with_overlaps(
-        self, plan: PlanChunk, path: PathArrays, changed: PlanArrays, ends: Ends
-    ) -> PlanChunk | None:
-        """Return a plan with overlaps; None if it has none, or breaks a limit.
-
-        Args:
-            plan: the plan.
-            path: its path.
-            changed: its phases with changed ramps.
-            ends: the changed ends of its moves.
-        """
-        pieces, axes = len(plan.path), len(plan.path.axes)
-        found, cuts = find_cuts(path, changed, ends, self._limits.arrays)
-        if found <= 0:
-            return None
-        most = (1 + PIECES_OF_CORNER) * pieces + 1
-        phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
-        out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
-        out_plan = _empty_plan(most, phases)
-        count, spans, numbers = overlap_stops(path, changed, ends, cuts, out, out_plan)
-        moved = self._moved(plan)
-        cut = PlanChunk(
-            path=_chunk(plan.path, out, count, numbers),
-            piece_s=out_plan.piece_s[: count + 1],
-            t0=moved.t0,
-            s0=moved.s0,
-            phase_t=out_plan.t[: spans + 1],
-            phase_s=out_plan.s[: spans + 1],
-            phase_v=out_plan.v[: spans + 1],
-            phase_a=out_plan.a[: spans + 1],
-            phase_j=out_plan.j[:spans],
-        )
-        return cut if self._audit.accepts(cut) else None
-
-    def _with_other_ends(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Ends]:
-        """Return the phases with ramps changed for their overlaps, and the changed ends."""
+    def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
+        """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
         limits, pieces = self._limits, len(plan.path)
-        ends = Ends(np.zeros(pieces), np.ones(pieces))
+        past = np.zeros(pieces)
+        if limits.along_path:
+            return plan.arrays, past
         moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
-        choose_ends(path, plan.arrays, moves, limits.arrays, ends)
+        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
         out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
-        count = write_ends(plan.arrays, moves, ends, out)
-        if count < 0:
-            ends.t[:], ends.part[:] = 0.0, 1.0
-            return plan.arrays, ends
+        count = write_overshoots(plan.arrays, moves, past, out)
         here = slice(count + 1)
-        states = out.t[here], out.s[here], out.v[here], out.a[here]
-        return PlanArrays(plan.piece_s, *states, out.j[:count]), ends
+        changed = PlanArrays(
+            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
+        )
+        return changed, past
 
 
 def path_arrays(path: PathChunk) -> PathArrays:

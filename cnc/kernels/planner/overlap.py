@@ -25,10 +25,9 @@ corner, and more than its distance from the legs. With e = eps and equal jerks
 
 During the overlap every axis has the constant jerk J1 u1 + J2 u2, so that the overlap is a timed
 piece (:mod:`cnc.kernels.planner.timed`). Speeds and accelerations of an axis are means of those of
-the two ramps, with weights whose sum is at most 1. Its jerk is a sum, and the tangential jerk is
-about J (4 sin^2(theta/2) / cos(theta/2) + 2 cos(theta/2)) in the middle, never less than 2 J. Where
-that passes a limit, both ramps end with the part of their jerk that is legal. The accelerations
-along the path are checked too.
+the two ramps, with weights whose sum is at most 1. Its jerk is a sum and must be checked. So must
+be, where the machine limits them, the accelerations along the path and the tangential jerk: about
+J (4 sin^2(theta/2) / cos(theta/2) + 2 cos(theta/2)) in the middle, never less than 2 J.
 
 Before that each ramp may be changed so that it overshoots the corner
 (:mod:`cnc.kernels.planner.overshoot`).
@@ -43,24 +42,12 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
-from cnc.kernels.planner.legs import PHASE_SHARE, REVERSED, Turn
+from cnc.kernels.planner.legs import SHARPEST, Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.scurve import ramp_shape
+from cnc.kernels.planner.overshoot import PHASE_SHARE
 
 SHORTEST = 1e-6
 """mm; where less than this of a leg would be cut, the corner is a stop."""
-
-ROUNDING = 1e-9
-"""Relative; larger than the rounding error of a jerk."""
-
-HOLDS = 2.0
-"""A ramp to this many times the speed at which it reaches its acceleration holds it for a time."""
-
-SOFT_SHARE = 0.9
-SHORT_SHARE = 0.5
-"""The part of its acceleration that a ramp may lose at a lower jerk, if it holds the acceleration,
-and if not.
-"""
 
 POINTS = 33
 """Points at which an overlap is compared with the limits along the path."""
@@ -86,67 +73,15 @@ class Leg(NamedTuple):
 
 
 @njit
-def common_jerk(u: Floats, turn: Turn, j1: float, j2: float, limits: LimitArrays) -> float:
-    """Return the part of the jerks of two ramps, at most 1, at which their overlap is legal.
+def overlap_time(
+    u: Floats, turn: Turn, before: Leg, after: Leg, eps: float, limits: LimitArrays
+) -> float:
+    """Return the longest overlap of the ramps of two lines, s.
+
+    It is 0 where an overlap breaks a limit or saves nothing.
 
     Args:
         u: (2, axes): the directions of the lines.
-        turn: the turn between them.
-        j1: jerk of the ramp to rest, mm/s^3.
-        j2: jerk of the ramp from rest.
-        limits: of the machine.
-    """
-    part = 1.0
-    for i in range(u.shape[1]):
-        total = abs(j1 * u[0, i] + j2 * u[1, i])
-        if total > limits.axis_jerk[i]:
-            part = min(part, limits.axis_jerk[i] / total)
-    if limits.tangential_jerk < math.inf:
-        most = largest_along(j1, j2, 1.0 - 2.0 * turn.sine * turn.sine)[0]
-        part = min(part, limits.tangential_jerk / most)
-    return part if part == 1.0 else part * (1.0 - ROUNDING)
-
-
-@njit
-def softening_time(peak: float, accel: float, jerk: float, part: float) -> float:
-    """Return the longest end of a ramp at a part of its jerk, s.
-
-    At the whole jerk it is the last phase of the ramp, and can be overlapped whole. At less the
-    ramp has to rise to a lower speed than ``peak``, because the end is longer.
-    """
-    t = ramp_shape(peak, accel, jerk)[0]
-    if part == 1.0:
-        return t
-    holds = peak * jerk > HOLDS * accel * accel
-    return (SOFT_SHARE if holds else SHORT_SHARE) * t / part
-
-
-@njit
-def time_saved(common: float, part: float, t1: float, t2: float) -> float:
-    """Return the time that ramps at a part of their jerk save by an overlap, s.
-
-    A ramp that ends at the part c of its jerk for a time e takes (1 - c) e longer. It gains the
-    speed c (1 - c) J e^2 / 2, which saves time by its acceleration, at most J t.
-
-    Args:
-        common: duration of the overlap.
-        part: of the jerk.
-        t1: duration of the last phase of the ramp to rest at its whole jerk.
-        t2: that of the first phase of the ramp from rest.
-    """
-    longer1 = (1.0 - part) * common * (1.0 - 0.5 * part * common / t1)
-    longer2 = (1.0 - part) * common * (1.0 - 0.5 * part * common / t2)
-    return common - longer1 - longer2
-
-
-@njit
-def overlap_time(turn: Turn, before: Leg, after: Leg, eps: float, limits: LimitArrays) -> float:
-    """Return the longest overlap of the ramps of two lines, s.
-
-    It is 0 where an overlap breaks a limit or saves nothing. The jerks must be legal together:
-    :func:`common_jerk`.
-
-    Args:
         turn: the turn between them.
         before: the ramp to rest.
         after: the ramp from rest.
@@ -155,8 +90,11 @@ def overlap_time(turn: Turn, before: Leg, after: Leg, eps: float, limits: LimitA
     """
     sine = turn.sine
     j1, j2 = before.j, after.j
-    if sine > REVERSED or sine == 0.0:
+    if sine > SHARPEST or sine == 0.0:
         return 0.0
+    for i in range(u.shape[1]):
+        if abs(j1 * u[0, i] + j2 * u[1, i]) > limits.axis_jerk[i]:
+            return 0.0
     roots = j1 ** (1.0 / 3.0) + j2 ** (1.0 / 3.0)
     tau = (3.0 * eps / (j1 * j2 * turn.widest)) ** (1.0 / 3.0) * roots
     tau = min(
@@ -166,10 +104,12 @@ def overlap_time(turn: Turn, before: Leg, after: Leg, eps: float, limits: LimitA
         (6.0 * before.length / j1) ** (1.0 / 3.0),
         (6.0 * after.length / j2) ** (1.0 / 3.0),
     )
-    least = min(limits.tangential_acceleration, limits.normal_acceleration)
+    least = min(limits.tangential_acceleration, limits.tangential_jerk, limits.normal_acceleration)
     period, chord_error = limits.period, limits.chord_error
     if least < math.inf or chord_error < period * period / 8.0 * max(j1, j2) * tau:
-        _, pull, bend = largest_along(j1, j2, 1.0 - 2.0 * sine * sine)
+        most, pull, bend = largest_along(j1, j2, 1.0 - 2.0 * sine * sine)
+        if most > limits.tangential_jerk:
+            return 0.0
         tau = min(
             tau,
             limits.tangential_acceleration / pull,

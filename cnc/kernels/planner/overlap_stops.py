@@ -13,17 +13,10 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LENGTH, LINE, SPAN, START, Floats, Ints
-from cnc.kernels.planner.legs import (
-    LEGS_SHARE,
-    PHASE_SHARE,
-    REST,
-    directions,
-    record_end,
-    write_line,
-)
+from cnc.kernels.planner.legs import LEGS_SHARE, REST, directions, record_end, write_line
 from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.overlap import Leg, common_jerk, overlap_time
-from cnc.kernels.planner.overshoot import BACK, SPLIT, Ends, time_remaining
+from cnc.kernels.planner.overlap import Leg, overlap_time
+from cnc.kernels.planner.overshoot import BACK, PHASE_SHARE, SPLIT, time_remaining
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
@@ -78,28 +71,26 @@ def state_at(t: float, k: int, plan: PlanArrays) -> tuple[float, float, float]:
 
 
 @njit
-def phases_of_ramp(part: float) -> int:
-    """Return the number of phases on either side that reach into an overlap.
-
-    part: of the jerk of the ramps, in their last phase.
-    """
-    return 2 if part < 0.0 else 1
+def phases_of_ramp(past: float) -> int:
+    """Return the number of phases on either side that reach into an overlap."""
+    return 1 if past == 0.0 else 2
 
 
 @njit
 def find_cuts(
-    path: PathArrays, plan: PlanArrays, changed: Ends, limits: LimitArrays
+    path: PathArrays, plan: PlanArrays, past: Floats, limits: LimitArrays
 ) -> tuple[int, Cuts]:
     """Find the overlaps of a plan.
 
     Args:
         path: of the motion.
         plan: its phases.
-        changed: the last phases of ramps, from :func:`cnc.kernels.planner.overshoot.choose_ends`.
+        past: (pieces,): times of the overshoots at the ends of the pieces, s, from
+            :func:`cnc.kernels.planner.overshoot.choose_overshoots`.
         limits: of the machine.
 
     Returns:
-        1 if there are some, 0 if there are none, -1 if a changed ramp does not allow one; and the
+        1 if there are some, 0 if there are none, -1 if an overshoot is not possible; and the
         overlaps.
     """
     kind, piece_s, length = path.pieces.kind, plan.piece_s, path.length
@@ -124,8 +115,7 @@ def find_cuts(
             or abs(plan.s[k] - piece_s[b + 1]) > REST
         ):
             continue
-        m = phases_of_ramp(changed.part[b])
-        past = changed.t[b] if m == 2 else 0.0
+        m = phases_of_ramp(past[b])
         if k < m or k + m > len(plan.j):
             continue
         j1 = plan.j[k - m]
@@ -133,9 +123,9 @@ def find_cuts(
         t1 = plan.t[k] - plan.t[k - m]
         t2 = plan.t[k + m] - plan.t[k]
         common = 0.0
-        if m == 2:
+        if past[b] > 0.0:
             near = tolerance / math.sqrt(2.0)
-            reach = time_remaining(near / j1, past) + time_remaining(near / j2, past)
+            reach = time_remaining(near / j1, past[b]) + time_remaining(near / j2, past[b])
             bend = limits.period**2 * math.sqrt(j1 * j1 + j2 * j2)
             longest = min(PHASE_SHARE * t1, PHASE_SHARE * t2, 8.0 * limits.chord_error / bend)
             common = min(reach, longest)
@@ -143,8 +133,7 @@ def find_cuts(
             turn = directions(data, at[b], data, at[b + 1], u)
             before = Leg(j1, t1, min(LEGS_SHARE * length[b], plan.s[k] - plan.s[k - 1]))
             after = Leg(j2, t2, min(LEGS_SHARE * length[b + 1], plan.s[k + 1] - plan.s[k]))
-            if common_jerk(u, turn, j1, j2, limits) == 1.0:
-                common = overlap_time(turn, before, after, tolerance, limits)
+            common = overlap_time(u, turn, before, after, tolerance, limits)
         if common > 0.0:
             cuts.after[b] = plan.s[k] - state_at(plan.t[k] - common, k - m, plan)[0]
             cuts.before[b + 1] = state_at(plan.t[k] + common, k + m - 1, plan)[0] - plan.s[k]
@@ -152,10 +141,10 @@ def find_cuts(
             cuts.rest[b] = k
             found = 1
         most = max(cuts.after[b] / length[b], cuts.before[b + 1] / length[b + 1])
-        if m == 2 and (common <= 2.0 * BACK * past or most > LEGS_SHARE):
+        if past[b] > 0.0 and (common <= 2.0 * BACK * past[b] or most > LEGS_SHARE):
             return -1, cuts
     for b in range(pieces):
-        if changed.t[b] > 0.0 and cuts.common[b] == 0.0:
+        if past[b] > 0.0 and cuts.common[b] == 0.0:
             return -1, cuts
     return found, cuts
 
@@ -267,7 +256,7 @@ def write_overlap(
 def overlap_stops(
     path: PathArrays,
     plan: PlanArrays,
-    changed: Ends,
+    past: Floats,
     cuts: Cuts,
     out: PathArrays,
     out_plan: PlanArrays,
@@ -277,7 +266,8 @@ def overlap_stops(
     Args:
         path: of the motion.
         plan: its phases.
-        changed: the last phases of ramps, from :func:`cnc.kernels.planner.overshoot.choose_ends`.
+        past: (pieces,): times of the overshoots at the ends of the pieces, s, from
+            :func:`cnc.kernels.planner.overshoot.choose_overshoots`.
         cuts: the overlaps, from :func:`find_cuts`.
         out: space for the new path: four times the pieces and one more. The data needs the size of
             all records, and :func:`overlap_size` for each piece.
@@ -324,7 +314,7 @@ def overlap_stops(
         if common == 0.0 and b + 1 < pieces:
             continue
         # The phases up to the start of the second ramp, or to the end.
-        m = phases_of_ramp(changed.part[b])
+        m = phases_of_ramp(past[b])
         for p in range(k, cuts.rest[b] - m + 1 if common > 0.0 else end):
             written = counts[PHASES]
             out_plan.t[written] = plan.t[p] - places[EARLIER]

@@ -1,15 +1,12 @@
-r"""Ramps to rest and from rest that end with another jerk beside a corner, where they overlap.
+r"""A ramp to rest or from rest that overshoots its corner a little and comes back.
 
-The last phase of such a ramp takes a time e at a part c of its jerk J; the rest of the ramp is as
-long as it has to be. Behind this phase, seen from the corner, the ramp is one of jerk J that begins
-at the speed c (1 - c) J e^2 / 2.
+Where the two legs move different axes, each may run past the corner a little and come back. The
+ramp to rest then ends with the jerks +J, -J instead of +J alone, the last for a time e. That costs
+2 e a ramp. It lets the overlap last about 6 e longer: near its end a ramp that overshoots is closer
+to the corner than one that does not.
 
-- Overshoot, c = -1: where the two legs move different axes, each may run past the corner a little
-  and come back. That costs 2 e a ramp. It lets the overlap last about 6 e longer: near its end a
-  ramp that overshoots is closer to the corner than one that does not. The ramp passes the corner by
-  1.943 J e^3, which must be within the tolerance.
-- Soft end, 0 < c < 1: where the sum of the jerks would pass a limit during the overlap. That costs
-  about (1 - c) e / 2 a ramp, and the overlap saves e.
+The ramp goes to the speed -J e^2 at J e^3 behind the corner, and comes back within 2 e. It passes
+the corner by 1.943 J e^3, which must be within the tolerance.
 """
 
 from __future__ import annotations
@@ -21,27 +18,14 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LINE, Floats, Ints
-from cnc.kernels.planner.legs import (
-    LEGS_SHARE,
-    PHASE_SHARE,
-    REST,
-    REVERSED,
-    SHARPEST,
-    LineBounds,
-    directions,
-    line_bounds,
-)
+from cnc.kernels.planner.legs import REST, SHARPEST, LineBounds, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.overlap import (
-    Leg,
-    common_jerk,
-    overlap_time,
-    softening_time,
-    time_saved,
-)
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.scurve import peak_speed, ramp_distance, ramp_shape
+
+PHASE_SHARE = 0.999
+"""The part of a ramp's last phase that may be overlapped; the rest keeps the phases separate."""
 
 SPLIT = 1e-12
 """s; rounding error of a time of 0."""
@@ -60,22 +44,10 @@ TRIES = 4
 """Overshoots that are compared: the largest that the tolerance allows, and parts of it."""
 
 PHASES_OF_MOVE = 9
-"""Largest number of phases of a move with other jerks at its ends."""
+"""Largest number of phases of a move that overshoots."""
 
 GAIN = 1e-5
-"""s; another jerk has to save this."""
-
-
-class Ends(NamedTuple):
-    """The last phases of the ramps at the ends of the pieces.
-
-    Attributes:
-        t: (pieces,): their duration, s; 0 for ramps as they were planned.
-        part: (pieces,): their jerk, as a part of that of the ramps; -1 for an overshoot.
-    """
-
-    t: Floats
-    part: Floats
+"""s; an overshoot has to save this."""
 
 
 class RestToRest(NamedTuple):
@@ -124,46 +96,38 @@ def time_remaining(distance: float, e: float) -> float:
 
 
 @njit
-def end_speed(t: float, part: float, j: float) -> float:
-    """Return the speed from which a ramp of jerk ``j`` begins behind its last phase, mm/s."""
-    return 0.5 * part * (1.0 - part) * j * t * t
-
-
-@njit
 def write_leg(
     s: float,
     t: float,
     length: float,
-    ends: tuple[float, float, float, float],
+    e1: float,
+    e2: float,
     bounds: LineBounds,
     out: PlanArrays,
     written: int,
 ) -> int:
-    """Write the phases of a move from rest to rest with other jerks at its ends.
+    """Write the phases of a move from rest to rest that overshoots at its ends.
 
     Args:
         s: arc length at its start, mm.
         t: time at its start, s.
         length: mm.
-        ends: duration and part of the jerk of the first phase, then of the last.
+        e1: time of the overshoot at its start, s; 0 for none.
+        e2: the same at its end.
         bounds: of the move.
         out: receives the phases.
         written: number of phases written so far.
 
     Returns:
-        The new number; -1 if the move is too short for these ends.
+        The new number.
     """
     top, a, j = bounds.v, bounds.a, bounds.j
-    e1, part1, e2, part2 = ends
-    v1, v2 = end_speed(e1, part1, j), end_speed(e2, part2, j)
-    # A ramp of jerk j from the speed v1 covers this much less until it has the same speed.
-    distance = length - j * part1 * (1.0 - part1) * (1.0 - 2.0 * part1) * e1**3 / 6.0
-    distance -= j * part2 * (1.0 - part2) * (1.0 - 2.0 * part2) * e2**3 / 6.0
+    v1 = -j * e1 * e1
+    v2 = -j * e2 * e2
+    distance = length + j * (e1**3 + e2**3)
     peak = peak_speed(v1, v2, distance, top, a, j)
     t1, c1, _ = ramp_shape(peak - v1, a, j)
     t2, c2, _ = ramp_shape(peak - v2, a, j)
-    if peak <= max(v1, v2) or min(t1 - part1 * e1, t2 - part2 * e2) <= SPLIT:
-        return -1
     cruise = (
         max(distance - ramp_distance(v1, peak, a, j) - ramp_distance(peak, v2, a, j), 0.0) / peak
     )
@@ -171,13 +135,10 @@ def write_leg(
     acc = 0.0
     here = s
     for m in range(PHASES_OF_MOVE):
-        dt = e1 if m == 0 else t1 - part1 * e1 if m == 1 else c1 if m == 2 else t1
-        jerk = part1 * j if m == 0 else j if m == 1 else 0.0 if m == 2 else -j
-        if m > 3:
-            dt = cruise if m == 4 else t2 if m == 5 else c2 if m == 6 else t2 - part2 * e2
-            jerk = 0.0 if m == 4 or m == 6 else -j if m == 5 else j
-        if m == 8:
-            dt, jerk = e2, part2 * j
+        dt = e1 if m == 0 else e1 + t1 if m == 1 else c1 if m == 2 else t1 if m == 3 else cruise
+        if m > 4:
+            dt = t2 if m == 5 else c2 if m == 6 else t2 + e2 if m == 7 else e2
+        jerk = -j if m == 0 or m == 3 or m == 5 or m == 8 else j if m == 1 or m == 7 else 0.0
         if dt <= 0.0:
             continue
         out.t[written] = t
@@ -253,24 +214,32 @@ def find_moves(
 
 
 @njit
-def choose_ends(
-    path: PathArrays, plan: PlanArrays, moves: RestToRest, limits: LimitArrays, ends: Ends
+def choose_overshoots(
+    path: PathArrays, plan: PlanArrays, moves: RestToRest, limits: LimitArrays, past: Floats
 ) -> None:
-    """Write the last phases of the ramps to ``ends``: overshoots, soft ends, or none."""
+    """Write the times of the best overshoots at the ends of the pieces to ``past``, s.
+
+    They are 0 where none saves enough.
+    """
     data, at = path.pieces.data, path.pieces.at
     n = len(limits.axis_jerk)
     u = np.empty((2, n))
-    free = min(limits.tangential_acceleration, limits.tangential_jerk, limits.normal_acceleration)
     for b in range(len(at) - 1):
-        ends.t[b] = 0.0
-        ends.part[b] = 1.0
+        past[b] = 0.0
         tolerance = path.tolerance[b]
         first1, first2 = moves.first[b], moves.first[b + 1]
-        changeable = first1 >= 0 and first2 >= 0 and moves.end[b] == first2
-        if not changeable or path.stop_after[b] or not tolerance > 0.0:
+        legal = first1 >= 0 and first2 >= 0 and moves.end[b] == first2
+        if not legal or path.stop_after[b] or not tolerance > 0.0:
             continue
         j1, j2 = moves.jerk[b], moves.jerk[b + 1]
+        legal = directions(data, at[b], data, at[b + 1], u).sine < SHARPEST
+        for i in range(n):
+            legal = legal and j1 * abs(u[0, i]) + j2 * abs(u[1, i]) <= limits.axis_jerk[i]
+        if not legal:
+            continue
         accel1, accel2 = moves.accel[b], moves.accel[b + 1]
+        near = tolerance / math.sqrt(2.0)
+        largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
         peak1, peak2 = 0.0, 0.0
         for m in range(first1, moves.end[b]):
             peak1 = max(peak1, plan.v[m])
@@ -278,27 +247,6 @@ def choose_ends(
             peak2 = max(peak2, plan.v[m])
         t1 = ramp_shape(peak1, accel1, j1)[0]
         t2 = ramp_shape(peak2, accel2, j2)[0]
-        turn = directions(data, at[b], data, at[b + 1], u)
-        if turn.sine > REVERSED or turn.sine == 0.0:
-            continue
-        part = common_jerk(u, turn, j1, j2, limits)
-        if part < 1.0:
-            end1 = softening_time(peak1, accel1, j1, part)
-            end2 = softening_time(peak2, accel2, j2, part)
-            before = Leg(part * j1, end1, LEGS_SHARE * path.length[b])
-            after = Leg(part * j2, end2, LEGS_SHARE * path.length[b + 1])
-            common = overlap_time(turn, before, after, tolerance, limits)
-            if common > 0.0 and time_saved(common, part, t1, t2) > GAIN:
-                ends.t[b] = common / PHASE_SHARE
-                ends.part[b] = part
-            continue
-        legal = turn.sine < SHARPEST and free == math.inf
-        for i in range(n):
-            legal = legal and j1 * abs(u[0, i]) + j2 * abs(u[1, i]) <= limits.axis_jerk[i]
-        if not legal:
-            continue
-        near = tolerance / math.sqrt(2.0)
-        largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
         best = GAIN
         for m in range(TRIES + 1):
             e = largest * m / TRIES
@@ -311,24 +259,23 @@ def choose_ends(
                 best += gain
             elif gain > best and common > 2.1 * BACK * e and reached < 0.5:
                 best = gain
-                ends.t[b] = e
-                ends.part[b] = -1.0
+                past[b] = e
 
 
 @njit
-def write_ends(plan: PlanArrays, moves: RestToRest, ends: Ends, out: PlanArrays) -> int:
-    """Write a plan whose moves end with other jerks.
+def write_overshoots(plan: PlanArrays, moves: RestToRest, past: Floats, out: PlanArrays) -> int:
+    """Write a plan whose moves overshoot their corners.
 
     Args:
         plan: the phases.
         moves: its moves from rest to rest.
-        ends: the last phases at the end of each piece.
+        past: (pieces,): the time of the overshoot at the end of each piece, s, or 0.
         out: space for the new phases, PHASES_OF_MOVE more for each piece.
 
     Returns:
-        The number of phases; -1 if a move is too short for its ends.
+        The number of phases.
     """
-    pieces = len(ends.t)
+    pieces = len(past)
     piece_s = plan.piece_s
     written = 0
     later = 0.0
@@ -338,18 +285,13 @@ def write_ends(plan: PlanArrays, moves: RestToRest, ends: Ends, out: PlanArrays)
         while b < pieces and moves.first[b] < k:
             b += 1
         begins = b < pieces and moves.first[b] == k
-        e1, part1, e2, part2 = 0.0, 1.0, 0.0, 1.0
-        if begins:
-            e2, part2 = ends.t[b], ends.part[b]
-            if b > 0:
-                e1, part1 = ends.t[b - 1], ends.part[b - 1]
-        if e1 > 0.0 or e2 > 0.0:
+        before = past[b - 1] if begins and b > 0 else 0.0
+        after = past[b] if begins else 0.0
+        if before > 0.0 or after > 0.0:
             bounds = LineBounds(moves.top[b], moves.accel[b], moves.jerk[b])
             length = piece_s[b + 1] - piece_s[b]
             t = plan.t[k] + later
-            written = write_leg(piece_s[b], t, length, (e1, part1, e2, part2), bounds, out, written)
-            if written < 0:
-                return -1
+            written = write_leg(piece_s[b], t, length, before, after, bounds, out, written)
             k = moves.end[b]
             later = out.t[written] - plan.t[k]
         else:
