@@ -2,7 +2,6 @@
 exact.
 """
 
-import time
 import tracemalloc
 from itertools import pairwise
 
@@ -12,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.kernels.path.curve import ARC, LINE, SPAN
-from cnc.model.blocks import Dwell, Message, PathMode, Polyline
+from cnc.model.blocks import Dwell, Message, PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from tests.support.path.path_cases import XYZ, arc, ends, evaluate, evaluate_s, lines
@@ -486,20 +485,3 @@ def test_what_ends_a_chain():
         start=points[0],
     )
     assert ARC in chunk.kind
-
-
-def test_speed():
-    """A move takes 2 us of processor time on a quiet machine; 5 us are allowed."""
-    points = terrain(rows=share(150, 20))
-    feeds, line = np.full(len(points) - 1, 25.0), np.arange(1, len(points), dtype=np.int32)
-    blocks = [
-        Polyline("part.nc", 1, points[1 + k : 4097 + k], feeds[k : k + 4096], line[k : k + 4096])
-        for k in range(0, len(points), 4096)
-    ]
-    took = []
-    for _ in range(3):
-        began = time.process_time()
-        for _ in build([blend(), *blocks[:-1]], axes=XYZ, start=points[0]):
-            pass
-        took.append(time.process_time() - began)
-    assert min(took) / len(points) < 5e-6

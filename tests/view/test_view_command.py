@@ -111,7 +111,7 @@ def test_programs_with_little_motion_are_drawn(view, tmp_path, text, suffix):
         "G1 X10\nM2\n",
         "G1 X1 F600\nG9999\nM2\n",
         "\x00\x01\x02",
-        "G1 X10 F600\n$H\nM2\n",
+        "G1 X10 F600\nG1 X[1/0]\nM2\n",
         "G38.2 X10\nM2\n",
     ],
 )

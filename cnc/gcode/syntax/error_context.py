@@ -149,7 +149,9 @@ class ErrorContext:
         if ord(char) < _ASCII:
             return self.fault("character-unknown", f"the character {char!r} has no meaning here")
         name = unicodedata.name(char, "").lower()
-        shown = f"{char!r} (U+{ord(char):04X}{f', {name}' if name else ''})"
+        shown = f"U+{ord(char):04X}{f', {name}' if name else ''}"
+        if char.isprintable():
+            shown = f"'{char}' ({shown})"
         meant = _TYPOGRAPHIC.get(char)
         hint = f"write {meant}" if meant else "the word processor or web page may have changed it"
         return self.fault(
