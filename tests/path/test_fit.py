@@ -1,6 +1,4 @@
-"""Fitted chains: distances, ends, smoothness, feeds, streaming, memory, speed, and moves that stay
-exact.
-"""
+"""Fitted chains: distances, ends, smoothness, feeds, streaming, memory, and exact moves."""
 
 import tracemalloc
 from itertools import pairwise
