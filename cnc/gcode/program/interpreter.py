@@ -41,7 +41,6 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
     PLANES,
-    QUICK_MOTIONS,
     Code,
     Codes,
     ModalState,
@@ -62,7 +61,6 @@ from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
-_QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
 class Interpreter:
@@ -72,8 +70,8 @@ class Interpreter:
         ended: Whether the program has ended.
         aborted: Whether it has aborted itself.
         begun: Whether a word was executed.
-        plain: Whether straight moves and arcs depend on units, offsets, distance mode and feed
-            only.
+        plain: Whether straight moves, arcs and cycles depend on units, offsets, distance mode and
+            feed only.
         here: The current line.
         out: The blocks.
     """
@@ -151,7 +149,7 @@ class Interpreter:
         g5_2.register(self.motion, self.modal, self.here, self.feed_codes.feed)
         bspline.register(self.motion, self.modal, self.here, self.feed_codes.feed)
         performer = CycleRunner(self.motion, self.modal, self.here, self.out)
-        drilling.register(self.motion, dialect, self.modal, performer)
+        self.drilling_cycles = drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
         self.turning_cycles: TurningCycles | None = None
         if dialect.lathe:
@@ -316,8 +314,7 @@ class Interpreter:
     def _update_plain(self) -> None:
         state, motion = self.modal, self.motion
         self.plain = (
-            state.motion in _QUICK_MOTIONS
-            and state.feed_mode == "per-minute"
+            state.feed_mode == "per-minute"
             and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned

@@ -11,7 +11,8 @@ from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.kernels.gcode import coding
 from cnc.kernels.gcode import scanner as kernel
-from cnc.kernels.gcode.expressions import Code, Names
+from cnc.kernels.gcode.expressions import Code
+from cnc.kernels.gcode.names import Names
 
 _LINE_BYTES, _WORD_BYTES = 8, 3
 """Expected average bytes of a line and a word. A scan takes fewer lines if they are shorter."""

@@ -15,11 +15,10 @@ from cnc.kernels.gcode.expressions import (
     MOST_OPERATORS,
     NUMBER,
     Code,
-    Names,
     compile_value,
-    index_of_name,
     past_blanks,
 )
+from cnc.kernels.gcode.names import Names, index_of_name
 from cnc.kernels.gcode.scanner import Lines, comment_end, tail_is_plain
 from cnc.kernels.jit import njit
 
