@@ -42,13 +42,14 @@ class RowBlocks:
         self._rows, self._file = rows, file
         self._tolerance, self._laser = tolerance, laser
 
-    def of(self, numbers: NDArray[np.intp]) -> NDArray[np.object_]:
+    def of(self, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of some rows, given by their numbers."""
-        kinds, found = self._rows.kinds[numbers], np.empty(len(numbers), np.object_)
-        for kind in set(kinds.tolist()):
-            chosen = kinds == kind
-            found[chosen] = self._of_kind(kind, numbers[chosen])
-        return found
+        kinds = self._rows.kinds[numbers]
+        found = {
+            kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in set(kinds.tolist())
+        }
+        # Each next block is the next one of the kind of its row.
+        return list(map(next, map(found.__getitem__, kinds.tolist())))
 
     def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> Sequence[Block]:
         """Return the blocks of rows of one kind."""

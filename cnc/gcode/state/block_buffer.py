@@ -108,7 +108,7 @@ class BlockBuffer:
         feeds: NDArray[np.float64],
         lines: NDArray[np.int32],
         places: NDArray[np.intp],
-        blocks: NDArray[np.object_],
+        blocks: list[Block],
         in_motion: NDArray[np.bool_],
     ) -> None:
         """Add straight moves with other blocks among them, none of which is left out.
@@ -140,9 +140,7 @@ class BlockBuffer:
         self.flush()
         runs = np.flatnonzero(ends > begins)
         spans = list(map(slice, begins[runs].tolist(), ends[runs].tolist()))
-        ordered = np.empty(2 * len(blocks) - 1, np.object_)
-        ordered[::2] = blocks
-        ordered[2 * runs + 1] = blocks_of(
+        polylines = blocks_of(
             Polyline,
             repeat(self._here.file),
             lines[begins[runs]].tolist(),
@@ -151,7 +149,11 @@ class BlockBuffer:
             map(lines.__getitem__, spans),
             repeat(None),
         )
-        self.ready.extend(filter(None, ordered.tolist()))
+        ordered: list[Block | None] = [None] * (2 * len(blocks) - 1)
+        ordered[::2] = blocks
+        for place, polyline in zip((2 * runs + 1).tolist(), polylines, strict=True):
+            ordered[place] = polyline
+        self.ready.extend(filter(None, ordered))
         if last + 1 < len(feeds):
             self.moves(points[last + 1 :], feeds[last + 1 :], lines[last + 1 :])
 
@@ -161,7 +163,7 @@ class BlockBuffer:
         feeds: NDArray[np.float64],
         lines: NDArray[np.int32],
         places: NDArray[np.intp],
-        blocks: NDArray[np.object_],
+        blocks: list[Block],
         in_motion: NDArray[np.bool_],
     ) -> None:
         """Add moves and other blocks, some of which go with the motion; arguments as of `mixed`."""
@@ -172,7 +174,7 @@ class BlockBuffer:
             self._pack()
         begin = 0
         before = (places - np.arange(len(places))).tolist()
-        for block, place, goes in zip(blocks.tolist(), before, in_motion.tolist(), strict=True):
+        for block, place, goes in zip(blocks, before, in_motion.tolist(), strict=True):
             if not goes or self._held + place - begin >= MAX_MOVES:
                 self.moves(points[begin:place], feeds[begin:place], lines[begin:place])
                 begin = place

@@ -211,7 +211,8 @@ def code_lines(data: Bytes, lines: Lines, longest: int, coded: Coded) -> None:
         coded.first[k] = items
         coded.kind[k] = UNKNOWN
         coded.label[k] = -1
-        begin, end = int(lines.begin[k]), int(lines.end[k])
+        # A sum is an int64. The functions would be compiled for int32, too.
+        begin, end = lines.begin[k] + 0, lines.end[k] + 0
         if lines.plain[k] > 0:
             coded.kind[k] = SIMPLE if lines.simple[k] > 0 else UNKNOWN
         elif end - begin <= longest:

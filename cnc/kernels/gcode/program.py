@@ -59,7 +59,7 @@ def _assign(
     """Execute the assignments of a line: all values are computed before the first is set."""
     code = coded.code
     for item in range(a, b, 2):
-        first, last = coded.begin[item], coded.end[item]
+        first, last = int(coded.begin[item]), int(coded.end[item])
         operation = int(code.operation[last - 1])
         if operation == NAMED:
             slot = parameters.slot[int(code.number[last - 1])]
