@@ -21,8 +21,9 @@ from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Prob
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
-from cnc.planner.corners import CornerBlending, Overlaps
+from cnc.planner.corners import CornerBlending
 from cnc.planner.limits import Limits
+from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
