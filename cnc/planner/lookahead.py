@@ -1,7 +1,7 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
     path ──► blends ──► window ──► overlaps ──► audit ──► plans
-           (corners.py)   ^      (corners.py)  (audit.py)
+           (corners.py)   ^      (overlaps.py) (audit.py)
                           |
                        control: hold, override, between two slices
 
