@@ -24,6 +24,7 @@ from cnc.kernels.jit import njit
 
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]
+Ints = NDArray[np.int64]
 
 UNKNOWN, SIMPLE, WORDS, ASSIGNMENT, NUMBERED_ASSIGNMENT, CONTROL = 0, 1, 2, 3, 4, 5
 """Kinds of lines: left to the interpreter, plain words, words with expressions, assignments, those
@@ -59,8 +60,8 @@ class Coded(NamedTuple):
     kind: Bytes
     first: Counts
     letter: Bytes
-    begin: Counts
-    end: Counts
+    begin: Ints
+    end: Ints
     code: Code
     names: Names
     label: Counts
@@ -203,7 +204,8 @@ def code_lines(data: Bytes, lines: Lines, longest: int, coded: Coded) -> None:
         data: The text.
         lines: Its lines.
         longest: A line of more bytes is left to the grammar.
-        coded: Filled. Its arrays have space for an item and an instruction for each byte.
+        coded: Filled. Its arrays have space for an item for two bytes, two more, and
+            an instruction for each byte.
     """
     operators = np.empty(MOST_OPERATORS, np.uint8)
     items = count = 0
