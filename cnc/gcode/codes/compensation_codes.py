@@ -20,8 +20,7 @@ from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
-from cnc.model.diagnostics import CncError
+from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation, whole
 
 _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
@@ -65,9 +64,9 @@ class CompensationCodes:
             return
         for group, number in (("tool-change", M.M6), ("input-output", M.M66)):
             if (code := codes.get(group)) and code.number == number:
-                raise self._active(code.word)
+                raise under_compensation(code.word)
         if (code := codes.get("plane")) and PLANES[code.g] != self._state.plane:
-            raise self._active(code.word)
+            raise under_compensation(code.word)
 
     def code(self, words: LineWords, code: Code) -> None:
         """Execute G40, G41, G42, G41.1 or G42.1."""
@@ -147,11 +146,3 @@ class CompensationCodes:
             return 0.0, 0
         entry = self._tools.entry(number, word or at)
         return entry.radius, entry.orientation
-
-    def _active(self, at: Word) -> CncError:
-        return fault(
-            "compensation-active",
-            f"{at.written} under cutter compensation",
-            at,
-            "give G40 and a move before",
-        )

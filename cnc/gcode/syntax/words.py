@@ -83,6 +83,11 @@ def fault(
     return GcodeError(Diagnostic(code, message, column=column, length=length, hint=hint))
 
 
+def under_compensation(at: Word, hint: str = "give G40 and a move before") -> GcodeError:
+    """Return the error of a word that cutter compensation excludes."""
+    return fault("compensation-active", f"{at.written} under cutter compensation", at, hint)
+
+
 @dataclass(slots=True)
 class LineWords:
     """The words of the line that is being executed.
