@@ -99,6 +99,19 @@ class CompensationCodes:
         self._state.compensation = code.g
         self._out.defer = compensation.add
 
+    def keep_offset(self, words: LineWords) -> None:
+        """Keep the D of a line without G41 or G42 for a later one, as FANUC does.
+
+        Raises:
+            GcodeError: ``compensation-active``.
+        """
+        if not self._dialect.offset_memory or "D" not in words.rest:
+            return
+        word = words.rest.pop("D")
+        if self._motion.compensated:
+            raise under_compensation(word)
+        self._offset = whole(word, "the offset number", 0, MAX_TOOL)
+
     def off(self) -> None:
         """End the compensation. The held move ends at its natural end."""
         self._motion.compensation.stop()

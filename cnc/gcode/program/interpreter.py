@@ -302,6 +302,8 @@ class Interpreter:
             codes or not self._is_program_number(words)
         ):
             self._in_order(words, codes)
+        if words.rest:
+            self.compensation_codes.keep_offset(words)
         if words.rest and not (self.dialect.lenient and take_idle(words, self.modal, self.here)):
             raise unused(words, self.modal)
         if extra:

@@ -121,7 +121,9 @@ class LineWords:
             elif letter == "N":
                 _check_line_number(word, first=index == 0)
             elif letter in words.rest:
-                raise fault("word-repeated", f"{letter} is given twice in this line", word)
+                message = f"{letter} is given twice in this line"
+                hint = "remove one: FANUC takes the last one, other controllers refuse the line"
+                raise fault("word-repeated", message, word, hint)
             else:
                 words.rest[letter] = word
         return words
