@@ -58,8 +58,7 @@ def test_such_a_motion_is_illegal_without_the_comparison(monkeypatch):
     monkeypatch.setattr("cnc.planner.section.REFINED", COARSE)
     monkeypatch.setattr("cnc.planner.acceptance.exceeding_sections", lambda *_: [])
     with pytest.raises(MotionLimitError, match="plan-illegal"):
-        for seed in SEEDS:
-            duration(seed)
+        _ = [duration(seed) for seed in SEEDS]
 
 
 def test_a_plan_without_finer_intervals_is_not_refined(monkeypatch):
