@@ -23,6 +23,7 @@ from cnc.model.units import per_second
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 
+_FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
@@ -283,7 +284,7 @@ class AxisWords:
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
+            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
         self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":
