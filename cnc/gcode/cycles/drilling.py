@@ -122,6 +122,8 @@ class DrillingCycles:
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self._series = series
+        if not repeats:
+            return
         self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
 
     def _series_of(self, cycle: G) -> _Series:
@@ -233,7 +235,8 @@ class DrillingCycles:
                 f"{name} takes {' or '.join(self._rules.repeats)}, not both",
                 later,
             )
-        return whole(found[0], "the repeats", 1, MOST_REPEATS) if found else 1
+        least = 0 if self._rules.no_hole else 1
+        return whole(found[0], "the repeats", least, MOST_REPEATS) if found else 1
 
     def _heights(
         self, plane: CyclePlane, series: _Series, depth: Word, retract: Word
