@@ -12,18 +12,18 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from cnc.machine.board import Board
 from cnc.machine.locate import locate
 from cnc.machine.models import (
     Axis,
-    Board,
     Header,
     Homing,
     HomingOrder,
     Machine,
     PathLimits,
-    Program,
     Stock,
 )
+from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
 from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
