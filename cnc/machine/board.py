@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, FiniteFloat
 
+from cnc.machine.klipper import KlipperBoard
 from cnc.machine.section import Positive, Section, as_tuple
 
 InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
@@ -22,7 +23,7 @@ class Board(Section):
 
     kind: Annotated[str, Field(min_length=1)] = Field(
         default="loopback",
-        description="Name of the board driver, such as loopback, file, grbl or stepper.",
+        description="Name of the board driver, such as loopback, file, grbl, stepper or klipper.",
     )
     port: str | None = Field(
         default=None,
@@ -34,7 +35,10 @@ class Board(Section):
     )
     baud: Annotated[int, Field(gt=0)] = Field(
         default=115200,
-        description="Speed of the serial port, bits/s. Without it, the stepper board has 1000000.",
+        description=(
+            "Speed of the serial port, bits/s. Without it, a stepper board has 1000000, a Klipper "
+            "board 250000."
+        ),
     )
     max_step_rate: Positive = Field(
         default=200_000.0, description="Highest step rate of one axis, steps/s."
@@ -62,4 +66,7 @@ class Board(Section):
     )
     direction_setup: PulseTime = Field(
         default=5e-6, description="Time from a change of direction to the next step, s."
+    )
+    klipper: KlipperBoard | None = Field(
+        default=None, description="Pins and motor drivers of a Klipper board."
     )

@@ -165,6 +165,7 @@ class Machine(Section):
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
+    file: str = Field(default="", description="Name of the machine file.", exclude=True)
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )
@@ -214,6 +215,14 @@ class Machine(Section):
                     f"the machine has no axis {letter}",
                     f"its axes are {', '.join(self.axes)}",
                 )
+        if self.board.klipper is not None:
+            yield from self.board.klipper.inconsistencies(tuple(self.axes))
+        elif self.board.kind == "klipper":
+            yield Inconsistency(
+                ("board", "kind"),
+                "a Klipper board needs the pins of its motors",
+                "write the tables [board.klipper.x], ...; cncrun boards lists the pins of a board",
+            )
         if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
             yield Inconsistency(
                 ("stock",),

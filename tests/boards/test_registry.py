@@ -53,6 +53,8 @@ def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> 
         "gone",
         "grbl",
         "grbl-sim",
+        "klipper",
+        "klipper-sim",
         "loopback",
         "mine",
         "stepper",
