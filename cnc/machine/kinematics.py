@@ -9,6 +9,9 @@ from pydantic import BeforeValidator, Field, FiniteFloat
 from cnc.machine.section import Section
 from cnc.model.blocks import AxisLetter
 
+OF_TIP = ("travel", "homing")
+"""Keys of an axis that joints move: they are about the place of the tip."""
+
 Length = Annotated[FiniteFloat, Field(gt=0)]
 
 

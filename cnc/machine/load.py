@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from cnc.machine.kinematics import KINEMATICS
+from cnc.machine.kinematics import KINEMATICS, OF_TIP
 from cnc.machine.locate import locate
 from cnc.machine.models import (
     Axis,
@@ -53,9 +53,6 @@ _MESSAGES: dict[str, str] = {
     "too_short": "must have at least {min_length} value(s)",
 }
 """Messages for the error types of pydantic, without its terms."""
-
-OF_TIP = ("travel", "homing")
-"""Keys of an axis that joints move: they are about the place of the tip."""
 
 _SECTIONS: dict[str, type[Section]] = {
     "machine": Header,
