@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE, METRICS, SPAN, START, TABLE, U0, U1
+from cnc.kernels.path.curve import LINE, METRICS, SPAN, START, U0, U1
 from cnc.kernels.path.joint_records import (
     LARGEST_TABLE,
     ORDER,
@@ -51,6 +51,8 @@ SHORTEST = 2.0**-20
 """Share of a piece below which a part is not cut again: the kinematics is singular there."""
 MOST_PARTS = 8
 """Parts into which a part is cut at once."""
+SEARCHED = 257
+"""Places of a piece at which the reach is examined for an error message."""
 TURN = 360.0
 
 
@@ -148,13 +150,17 @@ class JointPath:
     def _refuse(self, path: PathChunk, parts: Parts) -> None:
         """Raise the error of the first of some parts on which the joints have no bounded motion."""
         place = int(parts.piece[0])
-        tip = tip_series(path, parts.of(np.array([0])).starts, 0, bounds=False)
-        there = [float(np.asarray(series.terms[0])[0]) for series in tip]
-        named = " ".join(
-            f"{axis.upper()}{value:.6g}" for axis, value in zip(path.axes, there, strict=True)
-        )
-        reached = np.isfinite(self._joints.inverse(np.array([there]))).all()
-        if reached:
+        # The edge of the reach is singular, too: a path that goes beyond it is out of reach.
+        u0, u1 = path.data[path.at[place] + U0], path.data[path.at[place] + U1]
+        u = np.linspace(u0, u1, SEARCHED)
+        beyond = self._tips(path, Parts(np.full(SEARCHED, place), u, u))
+        outside = ~np.isfinite(self._joints.inverse(beyond)).all(axis=1)
+        there = self._tips(path, parts.of(np.array([0])).starts)[0]
+        if outside.any():
+            there = beyond[int(np.argmax(outside))]
+        each = zip(path.axes, there.tolist(), strict=True)
+        named = " ".join(f"{axis.upper()}{value:.6g}" for axis, value in each)
+        if not outside.any():
             code, message = "singular-pose", f"the joints turn without bound near {named}"
             hint = "keep the path clear of the pose in which the kinematics is singular"
         else:
@@ -163,6 +169,11 @@ class JointPath:
         raise MotionLimitError(
             Diagnostic(code, message, path.file, int(path.line[place]), hint=hint)
         )
+
+    def _tips(self, path: PathChunk, places: Parts) -> Floats:
+        """Return the tip at places of a path (m, axes)."""
+        series = tip_series(path, places, 0, bounds=False)
+        return np.stack([np.asarray(each.terms[0]) for each in series], axis=-1)
 
     def _pieces(self, path: PathChunk, parts: Parts) -> JointPieces:
         """Return the pieces of all parts."""
@@ -185,7 +196,6 @@ class JointPath:
             parts.first,
             parts.last,
             path.data[at[:, None] + np.arange(METRICS, METRICS + 4)],
-            (path.data[at + TABLE] != 0.0).astype(np.int64),
             start,
             end,
             form,

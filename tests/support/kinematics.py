@@ -1,4 +1,4 @@
-"""Machines with joints, and the geometry of each written anew: lengths of rods, places of elbows."""
+"""Machines with joints, and the geometry of each written anew: rods, elbows."""
 
 from __future__ import annotations
 

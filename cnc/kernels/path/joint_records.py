@@ -38,7 +38,6 @@ class JointPieces(NamedTuple):
         u0: (m,): parameter at the start.
         u1: (m,): parameter at the end.
         metric: (m, 4): the entries of the record that name the metric axes.
-        tabled: (m,): whether the parameter is not the arc length.
         start: (m, n): position.
         end: (m, n).
         form: (m, 8, n): Bernstein coefficients, measured from the start; unused for a line.
@@ -48,7 +47,6 @@ class JointPieces(NamedTuple):
     u0: Floats
     u1: Floats
     metric: Floats
-    tabled: Ints
     start: Floats
     end: Floats
     form: Floats
@@ -129,9 +127,8 @@ def _write_body(
         data[form + j] = 1.0
         for c in range(n):
             data[form + ORDER * (c + 1) + j] = pieces.form[k, j, c]
-    to = form + ORDER * (n + 1)
-    if pieces.tabled[k] != 0:
-        to = measure(kind, data, at, to, accuracy, work)
+    # A span without a table would stand for a piece whose parameter is the time.
+    to = measure(kind, data, at, form + ORDER * (n + 1), accuracy, work)
     data[body + 1] = to - at
     after = to + n
     for c in range(n):
