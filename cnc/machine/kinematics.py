@@ -44,6 +44,12 @@ class Cartesian(_Kinematics):
     type: Literal["cartesian"] = Field(default="cartesian", description="Each axis has its motor.")
 
 
+class OfJoints(_Kinematics):
+    """The machine behind the kinematics: its axes are the joints. No file can name it."""
+
+    type: Literal["joints"] = "joints"
+
+
 class CoreXY(_Kinematics):
     """Two motors move X and Y through belts."""
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat
 
-from cnc.machine.kinematics import Cartesian, KinematicsTable
+from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.program_codes import Codes, RunFile
 from cnc.machine.section import FilePath, Section
 from cnc.model.blocks import AxisLetter
@@ -377,7 +377,7 @@ class Machine(Section):
         """The machine whose axes are the joints, for what lies behind the plan: pulses, boards."""
         if not self.kinematics.joints:
             return self
-        update = {"axes": self.joint_tables, "kinematics": Cartesian(), "joints": {}}
+        update = {"axes": self.joint_tables, "kinematics": OfJoints(), "joints": {}}
         return self.model_copy(update=update)
 
     def inconsistencies(self) -> Iterator[Inconsistency]:

@@ -30,6 +30,7 @@ from cnc.session.board_choices import (
     adopt_kept_offsets,
     is_attended,
     reading_policy,
+    refuse_lines,
     refuse_overrides,
 )
 from cnc.session.check_pass import CheckPass
@@ -82,7 +83,7 @@ class Session:
         options = options or RunOptions()
         check_outputs(options.outputs)
         if machine.kinematics.joints:
-            _refuse_lines(machine, options)
+            refuse_lines(machine, options)
         name = display_name(program)
         self.report = Report(name, machine, limits=Extremes.limits(machine))
         self._program = program
@@ -350,11 +351,3 @@ class Session:
             len(report.warnings) + report.hidden_warnings,
             report.timing.total_s,
         )
-
-
-def _refuse_lines(machine: Machine, options: RunOptions) -> None:
-    """Refuse lines for a machine with joints of its own: the board's firmware knows no joints."""
-    if takes_lines(machine.board.kind) or options.outputs.lines is not None:
-        message = "a board that takes lines has its kinematics in its firmware"
-        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
-        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
