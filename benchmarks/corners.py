@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.tube_optimum import Guess, Tube, deviation, optimum
-from cnc.kernels.path.curve import curve_eval, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import curve_eval
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, PathMode, Polyline
 from cnc.path.build import build

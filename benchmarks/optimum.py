@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_matrix
 
-from cnc.kernels.path.curve import LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import LINE, METRIC, METRICS, curve_eval_s
 from cnc.machine.models import Machine
 from cnc.model.blocks import AxisLetter, Block
 from cnc.path.build import build

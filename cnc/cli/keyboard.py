@@ -3,8 +3,8 @@
 Keys are read if standard input is a terminal. Without a terminal there are no keys, which is not an
 error. :class:`cnc.model.operator_control.Control` carries out the requests on every board.
 
-The standard library is used directly, because the key readers on the package index block until a
-key is pressed. At the end of a run they would leave the terminal in a changed mode.
+prompt_toolkit reads and decodes the keys on every system: the bytes of an arrow key are one key
+there, which makes no request. Its raw mode is not used, because Ctrl-C has to stay a signal.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ import logging
 import os
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import (
@@ -28,14 +27,17 @@ from cnc.model.operator_control import (
     Control,
 )
 
+if TYPE_CHECKING:
+    from prompt_toolkit.input import Input
+
 log = logging.getLogger(__name__)
 
 OVERRIDE_STEP = 10.0
 """Change of the feed override for each key, per cent of the programmed feeds."""
 MIN_OVERRIDE = 10.0
 """Lowest feed override by keys, per cent: the lowest of GRBL."""
-POLL = 0.05
-"""Longest wait for a key before the reader checks for the end of the run, s."""
+POLL = 0.02
+"""Time between two readings of the keys, s."""
 HELP = (
     "space holds and resumes, + and - change the feed, r the traverses, [ and ] the spindle speed, "
     "q stops"
@@ -105,11 +107,10 @@ class Keyboard:
             control.stop()
 
     def __enter__(self) -> Keyboard:
-        read_keys = self._context.enter_context(_terminal())
-        if read_keys is not None:
+        if self._context.enter_context(_terminal()):
             self.available = True
             ended = threading.Event()
-            thread = threading.Thread(target=self._listen, args=(read_keys, ended), daemon=True)
+            thread = threading.Thread(target=self._listen, args=(ended,), daemon=True)
             thread.start()
             self._context.callback(thread.join)
             self._context.callback(ended.set)
@@ -118,22 +119,30 @@ class Keyboard:
     def __exit__(self, *_: object) -> None:
         self._context.close()
 
-    def _listen(self, read_keys: Callable[[], str], ended: threading.Event) -> None:
-        try:
-            while not ended.is_set():
-                for key in read_keys():
-                    self.press(key)
-        except OSError:
-            log.info("the terminal is gone")
+    def _listen(self, ended: threading.Event) -> None:
+        # Imported here, in the thread: the start of the program does not wait for it.
+        from prompt_toolkit.input import create_input
+
+        terminal = create_input(sys.stdin)
+        while not ended.wait(POLL):
+            if _is_gone(terminal):
+                log.info("the terminal is gone")
+                break
+            # A process in the background that read the terminal would be stopped.
+            if _in_foreground(terminal):
+                # The bytes of a key may come in two readings: the poll after that ends it.
+                for pressed in terminal.read_keys() or terminal.flush_keys():
+                    if len(pressed.key) == 1:
+                        self.press(pressed.key)
 
 
 @contextmanager
-def _terminal() -> Iterator[Callable[[], str] | None]:
-    """Provide a function that returns the keys pressed within POLL; None without a terminal."""
+def _terminal() -> Iterator[bool]:
+    """Tell whether standard input is a terminal, and let it send each key at once."""
     if not _is_terminal():
-        yield None
+        yield False
     elif sys.platform == "win32":
-        yield _read_console
+        yield True
     else:
         import termios
         import tty
@@ -143,7 +152,7 @@ def _terminal() -> Iterator[Callable[[], str] | None]:
         # Each key is read at once and not printed; Ctrl-C still raises a signal.
         tty.setcbreak(file)
         try:
-            yield partial(_read_file, file)
+            yield True
         finally:
             # A terminal that is gone needs no reset.
             with suppress(termios.error):
@@ -158,36 +167,24 @@ def _is_terminal() -> bool:
         return False
 
 
-def _read_file(file: int) -> str:
-    """Return the keys of a POSIX terminal. Raises OSError if it is gone."""
-    import select
+def _is_gone(terminal: Input) -> bool:
+    """Tell whether the terminal was closed; a console of Windows lives as long as its program."""
+    if sys.platform == "win32":
+        return False
+    import termios
 
-    # A process in the background that read the terminal would be stopped.
-    if not _in_foreground(file):
-        time.sleep(POLL)
-        return ""
-    if not select.select([file], [], [], POLL)[0]:
-        return ""
-    keys = os.read(file, 64)
-    if not keys:
-        raise OSError("end of file")
-    return keys.decode("latin-1")
-
-
-def _in_foreground(file: int) -> bool:
     try:
-        return os.tcgetpgrp(file) == os.getpgrp()
+        termios.tcgetattr(terminal.fileno())
+    except termios.error:
+        return True
+    return terminal.closed
+
+
+def _in_foreground(terminal: Input) -> bool:
+    if sys.platform == "win32":
+        return True
+    try:
+        return os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     except OSError:
         # It is not the terminal of this session, so nothing stops its readers.
         return True
-
-
-def _read_console() -> str:
-    """Return the keys of a Windows console."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        if msvcrt.kbhit():
-            return msvcrt.getwch()
-    time.sleep(POLL)
-    return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import piece_boxes
+from cnc.kernels.path.extremes import piece_boxes
 from cnc.path.chunk import PathChunk
 
 

@@ -18,14 +18,10 @@ By then the board has answered, and the path goes on from the point of contact.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import START
 from cnc.model.blocks import (
-    PLANE_AXES,
     ArcFeed,
     Block,
     BoardCommand,
@@ -35,124 +31,24 @@ from cnc.model.blocks import (
     Polyline,
     Probe,
 )
-from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import (
-    Commands,
     apart,
-    command_array,
     goes_with_motion,
-    places_of,
 )
+from cnc.path.block_pieces import Frame, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
+from cnc.path.gatherer import Gatherer
 from cnc.path.records import (
     Floats,
-    Records,
-    arc_records,
     axis_classes,
-    line_records,
     moving,
-    spline_records,
 )
 
-MOST_PIECES = 4096
-MOST_NUMBERS = 1 << 18
-"""A chunk is closed when its records are this many, or have this many numbers."""
 ENOUGH = 64
 """Under G64 a chunk is closed with the block when it has this many pieces: they may stand for
 thousands of moves.
 """
-JOIN = 1e-6
-"""mm. A NURBS whose first control point is this near to the position is moved there. A larger
-distance is an error.
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """Axes of the path: their names, their classes (n,), and the accuracy of arc lengths (mm)."""
-
-    axes: tuple[str, ...]
-    classes: NDArray[np.int64]
-    accuracy: float
-
-
-class _Gatherer:
-    """Gathers records into chunks."""
-
-    def __init__(self, axes: tuple[str, ...]) -> None:
-        self.axes = axes
-        self.file = ""
-        self.waiting: list[Block] = []
-        """Commands that take effect at the start of the next piece."""
-        self.clear()
-
-    def clear(self) -> None:
-        self.parts: list[Pieces] = []
-        self.stops: list[NDArray[np.bool_]] = []
-        self.pieces = 0
-        self.numbers = 0
-        self.commands: dict[int, tuple[Block, ...]] = {}
-
-    def add(
-        self,
-        records: Records,
-        feeds: Floats,
-        lines: NDArray[np.int32],
-        stops: NDArray[np.bool_],
-        tolerance: float,
-        commands: Commands | None = None,
-    ) -> None:
-        for place in places_of(commands):
-            assert commands is not None
-            self.commands[self.pieces + place] = commands[place]
-        kind = np.full(len(records.at), records.kind)
-        self.put(
-            Pieces(
-                kind,
-                records.at,
-                records.data,
-                records.length,
-                feeds,
-                lines,
-                np.where(stops, 0.0, tolerance),
-            ),
-            stops,
-        )
-
-    def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
-        if self.waiting and len(pieces.at):
-            self.commands[self.pieces] = (*self.waiting, *self.commands.get(self.pieces, ()))
-            self.waiting.clear()
-        self.parts.append(pieces)
-        self.stops.append(stops)
-        self.pieces += len(pieces.at)
-        self.numbers += len(pieces.data)
-
-    def full(self) -> bool:
-        return self.pieces >= MOST_PIECES or self.numbers >= MOST_NUMBERS
-
-    def take(self) -> PathChunk:
-        """Return everything gathered as one chunk, and empty the gatherer."""
-        parts = self.parts
-        offsets = np.cumsum([0] + [len(part.data) for part in parts[:-1]])
-        chunk = PathChunk(
-            axes=self.axes,
-            file=self.file,
-            kind=np.concatenate([part.kind for part in parts]),
-            at=np.concatenate(
-                [part.at + offset for part, offset in zip(parts, offsets, strict=True)]
-            ),
-            data=np.concatenate([part.data for part in parts]),
-            length=np.concatenate([part.length for part in parts]),
-            feed=np.concatenate([part.feed for part in parts]),
-            line=np.concatenate([part.line for part in parts]),
-            stop_after=np.concatenate(self.stops),
-            tolerance=np.concatenate([part.tolerance for part in parts]),
-            commands=command_array(self.pieces, self.commands),
-        )
-        self.clear()
-        return chunk
 
 
 def build(
@@ -187,10 +83,10 @@ class _Builder:
     def __init__(
         self, axes: tuple[str, ...], start: Floats, accuracy: float, tolerance: float
     ) -> None:
-        self._frame = _Frame(axes, axis_classes(axes), accuracy)
+        self._frame = Frame(axes, axis_classes(axes), accuracy)
         self._tolerance = tolerance
         self._position = np.array(start, np.float64)
-        self._gatherer = _Gatherer(axes)
+        self._gatherer = Gatherer(axes)
         self._fitter: Fitter | None = None
         self._exact_stop = False
         self._allowed = 0.0
@@ -260,7 +156,7 @@ class _Builder:
         if self._fitter is None:
             classes, accuracy = self._frame.classes, self._frame.accuracy
             self._fitter = Fitter(classes, self._allowed, accuracy, self._position)
-        for points, feeds, lines, _ in _moves(block, self._position):
+        for points, feeds, lines, _ in moves_of(block, self._position):
             yield from self._gather(self._fitter.add(points, feeds, lines))
         if self._gatherer.pieces >= ENOUGH:
             yield from self._hold()
@@ -280,7 +176,7 @@ class _Builder:
         yield from self.rest()
         yield block
         self._gatherer.file = block.file
-        for records, feeds, lines, stops, _ in _pieces(
+        for records, feeds, lines, stops, _ in pieces_of(
             _probing(block), self._position, self._frame, exact_stop=True
         ):
             self._gatherer.add(records, feeds, lines, stops, 0.0)
@@ -292,7 +188,7 @@ class _Builder:
         self, block: Polyline | ArcFeed | NurbsFeed, exact_stop: bool, allowed: float
     ) -> Iterator[PathChunk | Block]:
         """Gather the pieces of a block that is not fitted."""
-        for records, feeds, lines, stops, commands in _pieces(
+        for records, feeds, lines, stops, commands in pieces_of(
             block, self._position, self._frame, exact_stop=exact_stop
         ):
             self._gatherer.add(records, feeds, lines, stops, allowed, commands)
@@ -349,154 +245,3 @@ def _probing(probe: Probe) -> Polyline:
         np.array([probe.feed]),
         np.array([probe.line], np.int32),
     )
-
-
-def _pieces(
-    block: Polyline | ArcFeed | NurbsFeed,
-    position: Floats,
-    frame: _Frame,
-    *,
-    exact_stop: bool,
-) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_], Commands | None]]:
-    """Yield records of one block, with feed, line and stop of each piece, and the commands.
-
-    ``position`` (n,) is moved along. exact_stop: motion rests at the end of the block.
-    """
-    axes, classes, accuracy = frame.axes, frame.classes, frame.accuracy
-    if isinstance(block, Polyline):
-        here = position.copy()
-        for moves, feeds, lines, commands in _moves(block, position):
-            stops = np.full(len(moves), exact_stop)
-            yield line_records(here, moves, classes), feeds, lines, stops, commands
-            here[:] = moves[-1]
-        return
-    if isinstance(block, ArcFeed):
-        _check_finite(
-            block,
-            block.end,
-            np.array([*block.center, block.radius, block.turns]),
-            np.array(block.feed),
-        )
-        first_axis, second_axis = PLANE_AXES[block.plane]
-        plane = axes.index(first_axis), axes.index(second_axis)
-        end = np.array(block.end, np.float64)
-        runs = arc_records(
-            position.copy(), end, plane, block.center, block.turns, classes, accuracy
-        )
-    else:
-        _check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
-        points = _joined(block, position)
-        runs = spline_records(block.degree, block.knots, points, block.weights, classes, accuracy)
-    last: Records | None = None
-    for records in runs:
-        if last is not None:
-            yield *_spread(block, last, False), None
-        last = records
-    if last is not None:
-        position[:] = _end_of(last, len(axes))
-        yield *_spread(block, last, exact_stop), None
-
-
-def _moves(
-    block: Polyline, position: Floats
-) -> Iterator[tuple[Floats, Floats, NDArray[np.int32], Commands | None]]:
-    """Yield ends, feeds, lines and commands of the moves with a length, MOST_PIECES at a time.
-
-    ``position`` (n,) is moved along. With commands, all moves must have a length.
-    """
-    _check_polyline(block)
-    for first in range(0, len(block.points), MOST_PIECES):
-        part = slice(first, first + MOST_PIECES)
-        points, feeds, lines = block.points[part], block.feeds[part], block.lines[part]
-        keep = moving(position, points)
-        commands = None if block.commands is None else block.commands[part]
-        if not keep.all():
-            points, feeds, lines = points[keep], feeds[keep], lines[keep]
-        if len(points):
-            position[:] = points[-1]
-            yield points, feeds.astype(np.float64), lines.astype(np.int32), commands
-
-
-def _spread(
-    block: ArcFeed | NurbsFeed, records: Records, stop: bool
-) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
-    """Return records with the feed, line and stop of each piece; a stop comes after the last."""
-    count = len(records.at)
-    stops = np.zeros(count, np.bool_)
-    stops[-1] = stop
-    return records, np.full(count, block.feed), np.full(count, block.line, np.int32), stops
-
-
-def _end_of(records: Records, n: int) -> Floats:
-    """Return the end point (n,) of the last piece."""
-    at = int(records.at[-1]) + START + n
-    return records.data[at : at + n]
-
-
-def _error(block: Block, code: str, message: str, hint: str, line: int | None = None) -> GcodeError:
-    return GcodeError(
-        Diagnostic(
-            code, message, file=block.file, line=block.line if line is None else line, hint=hint
-        )
-    )
-
-
-def _not_finite(block: Block, line: int) -> GcodeError:
-    return _error(
-        block,
-        "not-finite",
-        "a coordinate or feed of this move is not a finite number",
-        "check the values that the block computes",
-        line,
-    )
-
-
-def _check_finite(block: Block, *arrays: Floats) -> None:
-    if not all(np.isfinite(array).all() for array in arrays):
-        raise _not_finite(block, block.line)
-
-
-def _check_polyline(block: Polyline) -> None:
-    """Check that points are finite, and feeds finite or NaN (a traverse)."""
-    if np.isfinite(block.points).all() and not np.isinf(block.feeds).any():
-        return
-    bad = ~np.isfinite(block.points).all(axis=1) | np.isinf(block.feeds)
-    raise _not_finite(block, int(block.lines[int(np.argmax(bad))]))
-
-
-def _joined(block: NurbsFeed, position: Floats) -> Floats:
-    """Return the control points, with the first one on ``position``.
-
-    Raises:
-        GcodeError: if the curve does not start there, or is not continuous.
-    """
-    points = np.array(block.control_points, np.float64)
-    gap = float(np.abs(points[0] - position).max())
-    if gap > JOIN:
-        raise _error(
-            block,
-            "nurbs-start",
-            f"the NURBS starts {gap:.6g} mm from the current position",
-            "make the first control point the position before the block",
-        )
-    points[0] = position
-    order = block.degree + 1
-    inner = slice(1, len(block.knots) - 1)
-    if len(block.knots) > 2 * order:
-        values, firsts, counts = np.unique(
-            block.knots[inner], return_index=True, return_counts=True
-        )
-        for value, first, count in zip(values, firsts + 1, counts, strict=True):
-            # As many equal knots as the order: the curve ends at the control point before them, and
-            # begins anew at the last one that they leave over.
-            if count >= order and block.knots[0] < value < block.knots[-1]:
-                jump = float(np.abs(points[first + count - order] - points[first - 1]).max())
-                if jump > JOIN:
-                    raise _error(
-                        block,
-                        "nurbs-not-continuous",
-                        f"the NURBS jumps {jump:.6g} mm at knot {value:.6g}, "
-                        f"which occurs {count} times",
-                        f"give an inner knot at most {block.degree} times",
-                    )
-    return points

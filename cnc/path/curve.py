@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path import curve as kernels
+from cnc.kernels.path.arclength import curve_arclen, curve_inv_arclen
+from cnc.kernels.path.extremes import piece_boxes
 from cnc.path.records import Floats, Records, axis_classes
 
 ACCURACY = 1e-9
@@ -161,21 +163,21 @@ class RecordCurve(ABC):
         for shape, u0, u1 in zip(pieces.shape, pieces.u, pieces.u[1:], strict=False):
             a, b = max(ua, u0), min(ub, u1)
             if a < b:
-                total += float(kernels.curve_arclen(*shape, float(a), float(b)))
+                total += float(curve_arclen(*shape, float(a), float(b)))
         return total
 
     def inv_arclen(self, s: float, accuracy: float = ACCURACY) -> float:
         """The u at arc length s from the start, to ``accuracy`` mm."""
         pieces = self._pieces(accuracy)
         k = min(max(bisect_right(pieces.s, s) - 1, 0), len(pieces.shape) - 1)
-        return float(kernels.curve_inv_arclen(*pieces.shape[k], float(s - pieces.s[k])))
+        return float(curve_inv_arclen(*pieces.shape[k], float(s - pieces.s[k])))
 
     def bounding_box(self) -> tuple[Floats, Floats]:
         """Smallest and largest coordinates (n,), (n,): exact, also between the end points."""
         boxes = []
         for kind, data, at in self._pieces().shape:
             low, high = np.empty((1, len(self.axes))), np.empty((1, len(self.axes)))
-            kernels.piece_boxes(np.array([kind]), np.array([at]), data, low, high)
+            piece_boxes(np.array([kind]), np.array([at]), data, low, high)
             boxes.append((low[0], high[0]))
         return np.min([low for low, _ in boxes], axis=0), np.max(
             [high for _, high in boxes], axis=0

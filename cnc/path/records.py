@@ -16,15 +16,8 @@ from numpy.typing import NDArray
 
 from cnc.kernels.path import curve
 from cnc.kernels.path.arclength import MAX_ROWS, measure
-from cnc.kernels.path.bspline import (
-    MAX_CUTS,
-    NEGLIGIBLE,
-    NOTICEABLE,
-    NUMBERS_PER_AXIS,
-    RECORD_NUMBERS,
-    Nurbs,
-    nurbs_records,
-)
+from cnc.kernels.path.bspline import NUMBERS_PER_AXIS, RECORD_NUMBERS, Nurbs, nurbs_records
+from cnc.kernels.path.span_shape import MAX_CUTS, NEGLIGIBLE, NOTICEABLE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

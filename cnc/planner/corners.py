@@ -1,49 +1,25 @@
-r"""Corners under a tolerance: blends before the window, overlapping ramps behind it.
+"""Blends at corners under a tolerance.
 
 :class:`CornerBlending` works on the path before the window. It chooses the treatment of each corner
-and inserts blends (:mod:`cnc.kernels.planner.corners`). :class:`Overlaps` works on finished plans
-behind the window. It lets the ramps at a stop on a corner overlap
-(:mod:`cnc.kernels.planner.overlap`). A plan may end anywhere, so the part that the next plan may
-still change is held back: the last phase before a stop and the first behind it.
-
-        v |``\            ,--
-          |   \         ,'
-          |    `.     ,'             sent on | held back ...
-          |______`-.,'______ t
-                   |
+and inserts blends (:mod:`cnc.kernels.planner.corners`). Where ramps shall overlap,
+:mod:`cnc.planner.overlaps` does that behind the window.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corners import round_corners
-from cnc.kernels.planner.legs import REST, record_end
-from cnc.kernels.planner.overlap_stops import (
-    PIECES_OF_CORNER,
-    find_cuts,
-    overlap_size,
-    overlap_stops,
-)
-from cnc.kernels.planner.overshoot import (
-    PHASES_OF_MOVE,
-    choose_overshoots,
-    find_moves,
-    write_overshoots,
-)
+from cnc.kernels.planner.legs import record_end
 from cnc.kernels.planner.path_arrays import PathArrays
-from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
-from cnc.model.motion_commands import carried_over, joined
+from cnc.model.motion_commands import carried_over
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
-from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
 
@@ -52,9 +28,6 @@ ACCURACY = 1e-12
 
 BLENDS_SIZE = 1 << 16
 """Size of the space for the records of blends, in numbers, at first."""
-
-SAME = 1e-9
-"""s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
 
 
 class CornerBlending:
@@ -102,108 +75,14 @@ class CornerBlending:
             bound = np.append(bound, limits.feeds(following)[:1])
         size = len(arrays.pieces.data) + BLENDS_SIZE
         while True:
-            out = _empty_path(2 * own, size)
+            out = empty_path(2 * own, size)
             count, numbers, self._taken = round_corners(
                 own, arrays, bound, taken, limits.arrays, ACCURACY, out
             )
             if count >= 0:
                 break
             size *= 2
-        return _chunk(path, out, count, numbers)
-
-
-class Overlaps:
-    """Lets the ramps at stops on corners overlap, in plans in the order in which they run.
-
-    All plans behind an overlap begin earlier.
-    """
-
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._held: PlanChunk | None = None
-        self._earlier = 0.0
-        self._shorter = 0.0
-
-    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
-        """Yield the parts of the plans that no later plan can change."""
-        for plan in plans:
-            held = self._held
-            if held is not None and (
-                plan.t0 > held.t0 + held.duration + SAME or plan.path.file != held.path.file
-            ):
-                yield from self.flush()
-                held = None
-            if held is None and not plan.path.tolerance.any():
-                yield self._moved(plan)
-                continue
-            self._held = None
-            whole = plan if held is None else _joined(held, plan)
-            kept = _first_undecided(whole)
-            if kept < len(whole.phase_j):
-                self._held = _part(whole, kept, len(whole.phase_j))
-            if kept > 0:
-                yield self._overlapped(_part(whole, 0, kept))
-
-    def flush(self) -> Iterator[PlanChunk]:
-        """Yield the part that was held back: the motion rests at its end, or nothing follows."""
-        held, self._held = self._held, None
-        if held is not None:
-            yield self._overlapped(held)
-
-    def _moved(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan at its new time."""
-        if not self._earlier:
-            return plan
-        return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
-
-    def _overlapped(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan with overlaps at its corners."""
-        path, limits = numbered(plan.path), self._limits
-        pieces, axes = len(plan.path), len(plan.path.axes)
-        changed, past = self._with_overshoots(plan, path)
-        found, cuts = find_cuts(path, changed, past, limits.arrays)
-        if found < 0:
-            # Neighbours can make an overshoot impossible. That is rare; then there is none.
-            changed = plan.arrays
-            past[:] = 0.0
-            found, cuts = find_cuts(path, changed, past, limits.arrays)
-        cut = self._moved(plan)
-        if found:
-            most = (1 + PIECES_OF_CORNER) * pieces + 1
-            phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
-            out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
-            out_plan = _empty_plan(most, phases)
-            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
-            cut = PlanChunk(
-                path=_chunk(plan.path, out, count, numbers),
-                piece_s=out_plan.piece_s[: count + 1],
-                t0=cut.t0,
-                s0=cut.s0,
-                phase_t=out_plan.t[: spans + 1],
-                phase_s=out_plan.s[: spans + 1],
-                phase_v=out_plan.v[: spans + 1],
-                phase_a=out_plan.a[: spans + 1],
-                phase_j=out_plan.j[:spans],
-            )
-            self._earlier += plan.duration - cut.duration
-            self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-        return cut
-
-    def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
-        """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
-        limits, pieces = self._limits, len(plan.path)
-        past = np.zeros(pieces)
-        if limits.along_path:
-            return plan.arrays, past
-        moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
-        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
-        out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
-        count = write_overshoots(plan.arrays, moves, past, out)
-        here = slice(count + 1)
-        changed = PlanArrays(
-            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
-        )
-        return changed, past
+        return new_chunk(path, out, count, numbers)
 
 
 def path_arrays(path: PathChunk) -> PathArrays:
@@ -244,7 +123,7 @@ def _with_first_piece(path: PathArrays, following: PathChunk) -> PathArrays:
     )
 
 
-def _empty_path(pieces: int, size: int) -> PathArrays:
+def empty_path(pieces: int, size: int) -> PathArrays:
     """Return space for so many pieces, and for records of so many numbers."""
     return PathArrays(
         Pieces(np.empty(pieces, np.int64), np.empty(pieces, np.int64), np.empty(size)),
@@ -256,19 +135,7 @@ def _empty_path(pieces: int, size: int) -> PathArrays:
     )
 
 
-def _empty_plan(pieces: int, phases: int) -> PlanArrays:
-    """Return space for a plan over so many pieces, with so many phases."""
-    return PlanArrays(
-        np.empty(pieces + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases),
-    )
-
-
-def _chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathChunk:
+def new_chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathChunk:
     """Return the first ``count`` pieces of ``path``, with records of ``numbers`` numbers.
 
     They were made of the :func:`numbered` pieces of ``like``.
@@ -294,109 +161,3 @@ def _chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathC
         path.tolerance[:count],
         commands,
     )
-
-
-def _first_undecided(plan: PlanChunk) -> int:
-    """Return the first phase that a later plan may change.
-
-    That is the last phase before a rest on a corner, and the phases behind such a rest.
-    """
-    last = len(plan.phase_j) - 1
-    path = plan.path
-    if path.kind[-1] != LINE:
-        return last + 1
-    v, a, j = plan.phase_v, plan.phase_a, plan.phase_j
-    if (
-        last > 0
-        and v[last] == 0.0
-        and a[last] == 0.0
-        and j[last - 1] > 0.0
-        and len(path) > 1
-        and path.tolerance[-2] > 0.0
-    ):
-        return last - 1
-    if not path.tolerance[-1] > 0.0 or j[last] <= 0.0 or a[last] >= 0.0:
-        return last + 1
-    to_rest = -a[-1] / j[last]
-    comes_to_rest = to_rest >= -REST and abs(v[-1] - 0.5 * j[last] * to_rest**2) <= REST * max(
-        float(v[last]), 1.0
-    )
-    return last if comes_to_rest else last + 1
-
-
-def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
-    """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
-    if end - first == len(plan.phase_j):
-        return plan
-    piece_s = plan.piece_s
-    begin = max(int(np.searchsorted(piece_s, plan.phase_s[first] + REST, side="right")) - 1, 0)
-    after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
-    zero = float(piece_s[begin])
-    span = slice(first, end + 1)
-    return PlanChunk(
-        path=plan.path.part(begin, after),
-        piece_s=piece_s[begin : after + 1] - zero,
-        t0=plan.t0 + float(plan.phase_t[first]),
-        s0=plan.s0 + zero,
-        phase_t=plan.phase_t[span] - plan.phase_t[first],
-        phase_s=plan.phase_s[span] - zero,
-        phase_v=plan.phase_v[span],
-        phase_a=plan.phase_a[span],
-        phase_j=plan.phase_j[first:end],
-    )
-
-
-def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
-    """Return two plans that follow each other as one.
-
-    A phase or a piece that continues from one to the other becomes one.
-    """
-    a, b = before.path, after.path
-    pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
-    data, at = _records(a)
-    more, at_more = _records(b)
-    s = after.s0 - before.s0
-    t = after.t0 - before.t0
-    same = (
-        before.phase_j[-1] == after.phase_j[0]
-        and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
-        and after.phase_v[0] > 0.0
-    )
-    phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
-    rest = slice(1 if same else 0, None)
-    return PlanChunk(
-        path=PathChunk(
-            a.axes,
-            b.file,
-            np.concatenate((a.kind[pieces], b.kind)),
-            np.concatenate((at[pieces], at_more + len(data))),
-            np.concatenate((data, more)),
-            np.concatenate((a.length[pieces], b.length)),
-            np.concatenate((a.feed[pieces], b.feed)),
-            np.concatenate((a.line[pieces], b.line)),
-            np.concatenate((a.stop_after[pieces], b.stop_after)),
-            np.concatenate((a.tolerance[pieces], b.tolerance)),
-            joined(
-                (
-                    (None if a.commands is None else a.commands[pieces], len(a.kind[pieces])),
-                    (b.commands, len(b)),
-                )
-            ),
-        ),
-        piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
-        t0=before.t0,
-        s0=before.s0,
-        phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
-        phase_s=np.concatenate((before.phase_s[:-1], after.phase_s[rest] + s)),
-        phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
-        phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
-        phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
-    )
-
-
-def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the records of these pieces alone, and the index of each."""
-    pieces = Pieces(path.kind, path.at, path.data)
-    lowest = int(path.at.min())
-    end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
-    return path.data[lowest:end], path.at - lowest

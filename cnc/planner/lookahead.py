@@ -1,7 +1,7 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
     path ──► blends ──► window ──► overlaps ──► audit ──► plans
-           (corners.py)   ^      (corners.py)  (audit.py)
+           (corners.py)   ^      (overlaps.py) (audit.py)
                           |
                        control: hold, override, between two slices
 
@@ -21,8 +21,9 @@ from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Prob
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
-from cnc.planner.corners import CornerBlending, Overlaps
+from cnc.planner.corners import CornerBlending
 from cnc.planner.limits import Limits
+from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 

@@ -11,7 +11,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.kernels.path.curve import curve_eval, curve_inv_arclen, curve_range
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import curve_eval, curve_range
 from cnc.kernels.pulses import reference_pulse as kernel
 from cnc.kernels.pulses.grid_moves import Grid, Moves
 from cnc.kernels.pulses.spacing import Buffers

@@ -157,10 +157,10 @@ JOBS = {
     "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
     "refinement": Job(_kernels("planner.refine"), plan),
     "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
-    "pulses": Job(_kernels("pulses.reference_pulse", "path.curve"), step),
+    "pulses": Job(_kernels("pulses.reference_pulse", "path.curve", "path.arclength"), step),
     "audit": Job(_kernels("planner.audit", "planner.audit_samples"), audit),
     "NURBS": Job(
-        _kernels("path.bspline", "path.bernstein", "path.curve", "path.arclength"), build_nurbs
+        _kernels("path.bspline", "path.span_shape", "path.bernstein", "path.arclength"), build_nurbs
     ),
     "fits": Job(_kernels("path.fit_tube"), fit),
     "knots of fits": Job(

@@ -125,10 +125,38 @@ def test_a_terminal_that_is_gone_ends_the_reading(
     assert not control.stopped
 
 
+@pytest.mark.parametrize(
+    "sequence",
+    [b"\x1b[A", b"\x1b[B", b"\x1b[3~", b"\x1bOP", b"\x1b[15~", b"\x1b", b"\xc3\xa9", b"\x1b[Z"],
+)
+def test_a_key_of_several_bytes_makes_no_request(terminal: int, sequence: bytes) -> None:
+    control = Control()
+    with Keyboard(control):
+        os.write(terminal, sequence)
+        os.write(terminal, b"+")
+        wait_until(lambda: control.feed_override == 110.0)
+    overrides = (control.feed_override, control.rapid_override, control.spindle_override)
+    assert overrides == (110.0, 100, 100.0)
+    assert not control.held
+    assert not control.stopped
+
+
+class Console:
+    """A console of Windows: keys wait in a queue, and nothing else of a terminal is there."""
+
+    def __init__(self, keys: str) -> None:
+        self._keys = list(keys)
+
+    def read_keys(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(key=self._keys.pop(0))] if self._keys else []
+
+    def flush_keys(self) -> list[SimpleNamespace]:
+        return []
+
+
 def test_keys_of_a_windows_console_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    pressed = list("+q")
-    console = SimpleNamespace(kbhit=lambda: bool(pressed), getwch=lambda: pressed.pop(0))
-    monkeypatch.setitem(sys.modules, "msvcrt", console)
+    console = Console("+q")
+    monkeypatch.setattr("prompt_toolkit.input.create_input", lambda _: console)
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
     control = Control()

@@ -10,8 +10,9 @@ import pytest
 from cnc.kernels.path.curve import ARC, LINE, SPAN
 from cnc.model.blocks import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Probe, Spindle
 from cnc.model.diagnostics import GcodeError
-from cnc.path.build import MOST_NUMBERS, MOST_PIECES, build
+from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.gatherer import MOST_NUMBERS, MOST_PIECES
 from tests.support.path.path_cases import XYZ, arc, ends, evaluate, lines, random_nurbs, whole
 from tests.support.soak import share
 

@@ -8,13 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import (
-    MAX_TURNING_POINTS,
-    SPAN,
-    TABLE,
-    curve_inv_arclen,
-    curve_turning_points,
-)
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import MAX_TURNING_POINTS, SPAN, TABLE
+from cnc.kernels.path.extremes import curve_turning_points
 from cnc.model.blocks import NurbsFeed
 from cnc.path.bounds import bounding_box
 from tests.support.path.path_cases import (

@@ -18,9 +18,9 @@ from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
-from cnc.planner.corners import Overlaps
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.pulses.sampled import Sampled

@@ -1,7 +1,6 @@
 """The table of the arc length of a piece, and its making.
 
-It is made once for each piece. curve_arclen and curve_inv_arclen of :mod:`cnc.kernels.path.curve`
-read it.
+It is made once for each piece. :func:`curve_arclen` and :func:`curve_inv_arclen` read it.
 
     s |            ____x      Rows are laid from u0 to u1. A row from a to b is tried: four panels
       |        _x''           of Gauss-Legendre give s at the three quarter points and at b. The
@@ -36,12 +35,31 @@ from cnc.kernels.path.curve import (
     U1,
     Floats,
     curve_eval,
-    gauss,
+    curve_speed,
 )
 
 MAX_ROWS = 1024
 """Where the accuracy would take more rows, it is lowered tenfold, repeatedly if necessary."""
 SHORTEST = 2.0**-40
+
+GAUSS_X = (
+    -0.9324695142031521,
+    -0.6612093864662645,
+    -0.23861918608319693,
+    0.23861918608319693,
+    0.6612093864662645,
+    0.9324695142031521,
+)
+
+GAUSS_W = (
+    0.17132449237917027,
+    0.3607615730481386,
+    0.46791393457269126,
+    0.46791393457269126,
+    0.3607615730481386,
+    0.17132449237917027,
+)
+"""Gauss-Legendre, 6 points: exact to degree 11."""
 
 
 class Rates(NamedTuple):
@@ -54,6 +72,80 @@ class Rates(NamedTuple):
     first: float
     second: float
     third: float
+
+
+@njit
+def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
+    """Return the arc length from ua to ub by one panel of 6-point Gauss-Legendre."""
+    middle = 0.5 * (ua + ub)
+    half = 0.5 * (ub - ua)
+    total = 0.0
+    for k in range(6):
+        total += GAUSS_W[k] * curve_speed(kind, data, at, middle + half * GAUSS_X[k])
+    return total * half
+
+
+@njit
+def _row(data: Floats, first: int, rows: int, value: float) -> int:
+    """Return the index of the last of ``rows`` entries that is at most ``value``.
+
+    The entries are ROW apart, from ``first`` on. The result is the first one if none is so small.
+    """
+    low = 0
+    high = rows
+    while high - low > 1:
+        middle = (low + high) // 2
+        if data[first + middle * ROW] <= value:
+            low = middle
+        else:
+            high = middle
+    return first + low * ROW
+
+
+@njit
+def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
+    """Return the arc length from ua to ub in mm, negative if ub < ua.
+
+    It comes from quadrature inside a row of the table, and from the table for the rows between.
+    """
+    length = 0.0
+    if data[at + TABLE] != 0.0:
+        table = at + int(data[at + TABLE])
+        rows = int(data[table])
+        a = _row(data, table + 2, rows, ua) - 1
+        b = _row(data, table + 2, rows, ub) - 1
+        if a != b:
+            # From ua to the near edge of its row, then over the rows between. The rest lies in the
+            # row of ub.
+            a = a + ROW if a < b else a
+            b = b if ua < ub else b + ROW
+            length = gauss(kind, data, at, ua, data[a + 1]) + (data[b] - data[a])
+            ua = data[b + 1]
+        length += gauss(kind, data, at, ua, ub)
+    return length if data[at + TABLE] != 0.0 else ub - ua
+
+
+@njit
+def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
+    """Return the u at arc length s (mm) from the start of a piece, between u0 and u1.
+
+    Its accuracy is that of the record.
+    """
+    u = data[at + U0]
+    if s >= data[at + LENGTH]:
+        u = data[at + U1]
+    elif s > 0.0:
+        if data[at + TABLE] == 0.0:
+            u += s
+        else:
+            table = at + int(data[at + TABLE])
+            r = _row(data, table + 1, int(data[table]), s)
+            x = (s - data[r]) / (data[r + ROW] - data[r])
+            v = data[r + 8]
+            for k in range(7, 1, -1):
+                v = v * x + data[r + k]
+            u = min(max(data[r + 1] + v * x, data[r + 1]), data[r + ROW + 1])
+    return min(u, data[at + U1])
 
 
 @njit

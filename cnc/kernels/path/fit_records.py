@@ -10,7 +10,6 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import measure
 from cnc.kernels.path.bernstein import DEPTH, STRIDE, sign_changes, split
-from cnc.kernels.path.bspline import NEGLIGIBLE
 from cnc.kernels.path.curve import (
     AXES,
     LENGTH,
@@ -25,6 +24,7 @@ from cnc.kernels.path.curve import (
     Ints,
 )
 from cnc.kernels.path.fit_spline import DEGREE, ORDER, bernstein
+from cnc.kernels.path.span_shape import NEGLIGIBLE
 
 
 class Writer(NamedTuple):

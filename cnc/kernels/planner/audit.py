@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import AXES, LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import AXES, LINE, METRIC, METRICS, curve_eval_s
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
 from cnc.kernels.planner.phases import phase_at

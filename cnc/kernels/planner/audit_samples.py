@@ -8,17 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    METRIC,
-    METRICS,
-    SPAN,
-    SPAN_BODY,
-    START,
-    U0,
-    U1,
-    curve_eval,
-    curve_inv_arclen,
-)
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import METRIC, METRICS, SPAN, SPAN_BODY, START, U0, U1, curve_eval
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
     CHORD_ERROR,

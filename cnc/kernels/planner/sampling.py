@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LINE, curve_eval_s, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import LINE, curve_eval_s
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.intervals import SAMPLES
 from cnc.kernels.planner.limit_arrays import LimitArrays

@@ -28,9 +28,8 @@ from __future__ import annotations
 import math
 
 from cnc.kernels.jit import njit
+from cnc.kernels.path.arclength import GAUSS_W, GAUSS_X
 from cnc.kernels.path.curve import (
-    GAUSS_W,
-    GAUSS_X,
     LENGTH,
     METRIC,
     METRICS,

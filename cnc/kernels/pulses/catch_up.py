@@ -19,7 +19,8 @@ earlier rows nor on the place where a piece is cut.
 from __future__ import annotations
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import Floats, curve_arclen, curve_eval, curve_range
+from cnc.kernels.path.arclength import curve_arclen
+from cnc.kernels.path.curve import Floats, curve_eval, curve_range
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece, grid_after, slack
 
 

@@ -33,14 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    LINE,
-    MAX_TURNING_POINTS,
-    Floats,
-    curve_eval,
-    curve_range,
-    curve_turning_points,
-)
+from cnc.kernels.path.curve import LINE, MAX_TURNING_POINTS, Floats, curve_eval, curve_range
+from cnc.kernels.path.extremes import curve_turning_points
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece, grid_after, slack
 from cnc.kernels.pulses.polynomial import approach, derivatives, value, value_less
 from cnc.kernels.pulses.windows import (

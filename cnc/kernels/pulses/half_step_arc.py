@@ -25,7 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import TABLE, Floats, Ints, curve_arclen, curve_eval, curve_range
+from cnc.kernels.path.arclength import curve_arclen
+from cnc.kernels.path.curve import TABLE, Floats, Ints, curve_eval, curve_range
 from cnc.kernels.pulses.catch_up import prepare, round_to
 from cnc.kernels.pulses.grid_moves import SLACK, SLACK_PER_BLU, Grid, Moves, Piece, Steps, slack
 from cnc.kernels.pulses.polynomial import estrin, interpolate, value

@@ -22,12 +22,8 @@ import math
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    MAX_TURNING_POINTS,
-    Floats,
-    curve_range,
-    curve_turning_points,
-)
+from cnc.kernels.path.curve import MAX_TURNING_POINTS, Floats, curve_range
+from cnc.kernels.path.extremes import curve_turning_points
 from cnc.kernels.pulses.catch_up import enter
 from cnc.kernels.pulses.enclosing_line import window_rows as enclosing_line_window
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece

@@ -28,7 +28,8 @@ from __future__ import annotations
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import curve_inv_arclen, curve_range
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import curve_range
 from cnc.kernels.pulses.crossings import crossing_rows
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
 

@@ -37,7 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import SPAN, Floats, Ints, curve_inv_arclen, curve_range
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import SPAN, Floats, Ints, curve_range
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.pulses.catch_up import round_to

@@ -29,16 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    METRIC,
-    METRICS,
-    TABLE,
-    curve_arclen,
-    curve_eval,
-    curve_inv_arclen,
-    curve_range,
-    curve_speed,
-)
+from cnc.kernels.path.arclength import curve_arclen, curve_inv_arclen
+from cnc.kernels.path.curve import METRIC, METRICS, TABLE, curve_eval, curve_range, curve_speed
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import is_timed, timed_length, timed_motion

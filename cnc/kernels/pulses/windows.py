@@ -16,15 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    METRIC,
-    METRICS,
-    TABLE,
-    Floats,
-    curve_arclen,
-    curve_eval,
-    curve_range,
-)
+from cnc.kernels.path.arclength import curve_arclen
+from cnc.kernels.path.curve import METRIC, METRICS, TABLE, Floats, curve_eval, curve_range
 from cnc.kernels.pulses.grid_moves import SLACK, SLACK_PER_BLU, Piece
 from cnc.kernels.pulses.polynomial import POLYNOMIAL, interpolate, value
 

@@ -13,15 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.stepper.candidates import (
-    Candidate,
-    GridMoves,
-    Head,
-    Rules,
-    Scratch,
-    candidate,
-    write_head,
-)
+from cnc.kernels.stepper.candidates import Candidate, Rules, candidate
+from cnc.kernels.stepper.segment_bytes import Head, write_head
 from cnc.kernels.stepper.segments import (
     EVEN,
     HEAD,
@@ -36,6 +29,7 @@ from cnc.kernels.stepper.segments import (
     Bytes,
     play,
 )
+from cnc.kernels.stepper.slots import GridMoves, Scratch
 
 LOOK_AHEAD = 1024
 """Moves that must wait before the first is encoded: more than the longest segment has."""

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LINE, curve_eval, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import LINE, curve_eval
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.scurve import phase_time

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.kernels.papers.enclosing_line import enclosing_line_as_printed, kiritsis_as_printed
-from cnc.kernels.path.curve import START, curve_inv_arclen, curve_range
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import START, curve_range
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.pulses.catch_up import round_to
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece

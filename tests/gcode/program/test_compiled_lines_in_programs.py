@@ -17,7 +17,7 @@ from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import CncError
 from tests.gcode.program.test_plain_lines import AXES, bits, line, number
 from tests.support.gcode.flow_author import Author as FlowAuthor
-from tests.support.gcode.flow_author import OWords
+from tests.support.gcode.flow_writers import OWords
 from tests.support.gcode.fuzzing import Author
 from tests.support.gcode.gcode_cases import read
 from tests.support.soak import share

@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from cnc.kernels.path.curve import curve_eval, curve_inv_arclen, curve_range
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import curve_eval, curve_range
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
 from cnc.kernels.pulses.monotone import monotone_rows
 from cnc.model.blocks import Block, NurbsFeed

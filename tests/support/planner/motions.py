@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from cnc.kernels.path.curve import curve_eval, curve_inv_arclen
+from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.curve import curve_eval
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import ArcFeed, Block, Dwell, NurbsFeed, PathMode, Polyline
 from cnc.path.build import build
