@@ -131,7 +131,7 @@ def folder_name(source: Path) -> str:
     The code of a file that cannot be read, such as one in a zip file, stays in memory.
     """
     if not source.is_file():
-        return f"{_UNREADABLE}{source.stem}"
+        return f"{_UNREADABLE}{source}"
     name = source.stem
     if source.is_relative_to(_SOURCES):
         name = ".".join(source.relative_to(_SOURCES).with_suffix("").parts)
@@ -139,6 +139,7 @@ def folder_name(source: Path) -> str:
 
 
 _UNREADABLE = "?"
+"""Begins the name of the folder of a source file that cannot be read."""
 _unwritten: dict[str, bytes] = {}
 """Code of this process that could not be written, by file."""
 

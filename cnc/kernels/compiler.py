@@ -243,18 +243,24 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             if code is not None:
                 try:
                     self._restore(code)
-                except (AttributeError, ImportError, KeyError):
+                except (AttributeError, ImportError, LookupError):
                     continue  # it refers to something that this installation does not have
                 self._files[arguments] = file
                 return True
         return False
 
     def _restore(self, code: loader.Code) -> None:
-        """Make code of a file known to numba."""
+        """Make code of a file known to numba.
+
+        Raises:
+            LookupError: If it needs a file that is missing, and has another name when it is made.
+        """
         kernel, callees, bitcode, descriptor, signature = pickle.loads(code.rest)
         library = KernelLibrary.restored(
             self.targetctx.codegen(), kernel, callees, code.symbol, bitcode
         )
+        if code.needs != [_file(callee) for callee in callees]:
+            raise LookupError
         result = CompileResult(
             target_context=self.targetctx,
             typing_context=self.targetctx.typing_context,

@@ -1,9 +1,9 @@
-"""The ``njit`` decorator: functions that numba compiles when they are first called.
+"""The ``njit`` decorator: functions that are compiled when they are first called.
 
-Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`). A kernel is compiled for one set of
-argument types, or loaded, when it is called from Python or when a kernel that calls it is compiled
-(:mod:`cnc.kernels.compiler`). numba is imported then, because its import takes as long as
-``cncrun --help``.
+Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`) and loaded from there
+(:mod:`cnc.kernels.loader`). numba compiles a kernel for one set of argument types when it is called
+from Python, or when a kernel that calls it is compiled (:mod:`cnc.kernels.compiler`). LLVM and
+numba are imported then, because that takes as long as ``cncrun --help``.
 
 Inside :func:`as_python`, a kernel whose code has not been loaded runs as plain Python. A small
 program is read so, while nothing is compiled.

@@ -221,7 +221,7 @@ def _add_functions() -> None:
         # Of the C functions all are of one library: numba brings it along.
         if hasattr(math, name) or hasattr(math, name.removesuffix("f")):
             binding.add_symbol(name, address)
-    binding.add_symbol("numba_unpickle", ctypes.cast(_unpickled, ctypes.c_void_p).value)
+    binding.add_symbol("numba_unpickle", ctypes.cast(_unpickle, ctypes.c_void_p).value)
     for name, address in _extension("numba.core.runtime._nrt_python").c_helpers.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
     binding.add_symbol("_Py_NoneStruct", id(None))
@@ -230,20 +230,27 @@ def _add_functions() -> None:
             binding.add_symbol(f"PyExc_{name}", id(value))
 
 
-@ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
-def _unpickled(address: int, size: int, digest: int) -> Any:
+def _constant(address: int, size: int, digest: int) -> Any:
     """Return a Python object that compiled code contains, such as the class of a named tuple.
 
     numba's function for this imports numba.
+
+    Args:
+        address: place of the pickled object.
+        size: its length in bytes.
+        digest: place of a digest, which is not needed: code stays where it is.
     """
-    return _constant(address, size)
+    return _object(address, size)
 
 
 @cache
-def _constant(address: int, size: int) -> Any:
+def _object(address: int, size: int) -> Any:
     return pickle.loads(ctypes.string_at(address, size))
 
 
+_unpickle = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)(
+    _constant
+)
 loader = Loader()
 
 
