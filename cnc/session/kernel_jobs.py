@@ -114,7 +114,7 @@ def write_lines() -> None:
     from cnc.grbl_lines.translator import Translator
 
     translator = Translator(_machine())
-    for _ in translator.lines(_steady()):
+    for _ in translator.lines(_steady().path):
         pass
     for _ in translator.end():
         pass

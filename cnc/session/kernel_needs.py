@@ -63,10 +63,11 @@ class KernelNeeds:
         """
         options = self._context.options
         lines = isinstance(board, LineSink) or options.outputs.lines is not None
-        jobs = list(PLANNING)
+        plans = self._context.needs_plan or not isinstance(board, LineSink)
+        jobs = list(PLANNING) if plans else []
         if reads_again or lines:
             jobs += self._path_jobs
-        if self._blends or lines:
+        if self._blends and plans:
             jobs += BLENDS
         if not isinstance(board, LineSink):
             jobs.append("pulses")

@@ -85,7 +85,7 @@ class PulsePass:
             on_pulses = context.files.opened(writer).write
         if isinstance(board, ChecksFeasibility):
             self._schedule = self._rehearse(board.feasibility_check(), kept)
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
         planned = motion.recorded_plan(planner, path)
@@ -134,7 +134,7 @@ class PulsePass:
             MotionLimitError: If the board cannot play the motion.
         """
         context, motion = self._context, self._motion
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         pulses = TimedInterpolator(self._interpolator(), motion.interpolating_time)
         rows, times, made, clock = [0], [0.0], 0, RunClock()
         planner = LookAhead(self._machine, Control(self._control.feed_override), slice_s=LONG)

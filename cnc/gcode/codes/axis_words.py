@@ -7,6 +7,7 @@ the position.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
@@ -22,6 +23,7 @@ from cnc.model.units import per_second
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 
+_FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
@@ -213,18 +215,13 @@ class AxisWords:
         self, values: dict[int, float], start: list[float], *, machine: bool = False
     ) -> list[float]:
         """Return the machine position of axis values; arguments as of :meth:`target`."""
-        end = start.copy()
         coordinates = self.coordinates
+        if not machine and not coordinates.turned:
+            return self.shifted(values.items(), start)
+        end = start.copy()
         if machine:
             for index, value in values.items():
                 end[index] = value
-        elif not coordinates.turned:
-            absolute, zero = self._state.absolute, coordinates.zero
-            for index, value in values.items():
-                if absolute:
-                    end[index] = value + zero[index]
-                else:
-                    end[index] += value
         elif self._state.absolute:
             program = coordinates.to_program(start)
             for index, value in values.items():
@@ -238,6 +235,17 @@ class AxisWords:
             end = [
                 here + step for here, step in zip(start, coordinates.rotated(delta), strict=True)
             ]
+        return end
+
+    def shifted(self, values: Iterable[tuple[int, float]], start: list[float]) -> list[float]:
+        """Return the machine position of axis values, if the coordinates are shifted only."""
+        end, zero = start.copy(), self.coordinates.zero
+        if self._state.absolute:
+            for index, value in values:
+                end[index] = value + zero[index]
+        else:
+            for index, value in values:
+                end[index] += value
         return end
 
     # Feed
@@ -276,7 +284,7 @@ class AxisWords:
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
+            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
         self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":

@@ -14,7 +14,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.figure import Figure
 from cnc.gcode.state.modal_groups import Code, Codes, ModalState
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation
 from cnc.model.blocks import PLANE_AXES
 
 SMALLEST_FACTOR = 1e-6
@@ -40,12 +40,7 @@ class FigureCodes:
     def _execute(self, words: LineWords, code: Code) -> None:
         at, figure = code.word, self._coordinates.figure
         if self._motion.compensated:
-            raise fault(
-                "compensation-active",
-                f"{at.written} under cutter compensation",
-                at,
-                "give G40 and a move before",
-            )
+            raise under_compensation(at)
         match code.number:
             case G.G15:
                 self._motion.polar.end()

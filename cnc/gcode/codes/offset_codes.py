@@ -12,7 +12,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation, whole
 
 _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 """The code that goes to the position of each code."""
@@ -101,12 +101,7 @@ class OffsetCodes:
 
     def _check_compensation(self, at: Word) -> None:
         if self._motion.compensated:
-            raise fault(
-                "compensation-active",
-                f"{at.written} under cutter compensation",
-                at,
-                "give G40 and a move before",
-            )
+            raise under_compensation(at)
 
     def _check_machine_move(self, at: Word) -> None:
         """Refuse G53 under G91 if the dialect does.

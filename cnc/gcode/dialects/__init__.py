@@ -50,6 +50,7 @@ class CycleRules:
 
     Attributes:
         repeats: Letters of the number of repeats.
+        no_hole: Whether 0 repeats only store the words of the cycle.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
@@ -60,6 +61,7 @@ class CycleRules:
     """
 
     repeats: str
+    no_hole: bool
     words_stay: bool
     dwell_needed: bool
     clearance: float
@@ -136,6 +138,7 @@ class Dialect:
     dollar: bool
     initial_level: bool
     lenient: bool
+    first_bracket: bool
     after_g80: Literal["none", "previous"]
     local_calls: bool
     scale_unit: float
@@ -304,8 +307,8 @@ _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
-    "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "after_g80",
-    "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
+    "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "first_bracket",
+    "after_g80", "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
     "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""

@@ -14,6 +14,8 @@ from cnc.gcode.program import (
     control_flow,
     numbered_programs,
     siemens_cycles,
+    siemens_flow,
+    siemens_frames,
     subprograms,
 )
 from cnc.gcode.program.builder_files import file_call
@@ -30,9 +32,13 @@ from cnc.machine.program_codes import CodeAction
 
 MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
-_JUMPS = ("goto", "if-goto")
+_JUMPS = ("goto", "if-goto", "s-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS | subprograms.MAKERS | siemens_cycles.MAKERS
+    block_matching.MAKERS
+    | subprograms.MAKERS
+    | siemens_cycles.MAKERS
+    | siemens_flow.MAKERS
+    | siemens_frames.MAKERS
 )
 
 

@@ -65,7 +65,7 @@ def test_errors_are_reported_at_the_word(name: str) -> None:
 @pytest.mark.parametrize(
     ("code", "source"),
     [
-        ("value-out-of-range", "G81 X4. Z-1. R1. ¦K0"),
+        ("value-out-of-range", "G81 X4. Z-1. R1. ¦K-1"),
         ("word-wanted-twice", "G81 X4. Z-1. R1. L2 ¦K2"),
         ("word-unused", "G81 X4. Z-1. R1.\n¦K2"),
         ("cycle-word-missing", "¦G76 X4. Z-1. R1."),

@@ -1,0 +1,128 @@
+"""Rules in which controllers differ, each by the controller's manual."""
+
+from __future__ import annotations
+
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.dialects.recognition import recognise
+from cnc.model.blocks import Block, Polyline
+from cnc.model.diagnostics import Diagnostic
+from tests.support.gcode.gcode_cases import error_of, run
+
+
+def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[float, ...]]:
+    """The ends of the moves of a program."""
+    rules = dialects.load(dialect, lenient=lenient)
+    return [
+        tuple(row)
+        for block in run(source, dialect=rules)
+        if isinstance(block, Polyline)
+        for row in block.points.tolist()
+    ]
+
+
+def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
+    found: list[Diagnostic] = []
+    run(source, dialect=dialects.load(dialect, lenient=lenient), warn=found.append)
+    return found
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "grbl"])
+def test_a_comment_ends_at_the_first_bracket(dialect: str) -> None:
+    assert points("G0 X1 (see (1) Y2", dialect) == [(1.0, 2.0, 0.0)]
+    assert error_of("( hole (1) ) G0 X1", dialect=dialect).code == "comment-not-open"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "mach3"])
+def test_a_bracket_inside_a_comment_is_an_error(dialect: str) -> None:
+    assert error_of("G0 X1 (see (1)\nM2", dialect=dialect).code == "comment-nested"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "fanuc", "haas", "mach3"])
+def test_f0_without_a_feed_move_ends_the_feed(dialect: str) -> None:
+    assert points("G90 G0 X1 F0\nM2", dialect) == [(1.0, 0.0, 0.0)]
+    found = error_of("G90 G1 X1 F5\nG0 X2 F0\nG1 X3\nM2", dialect=dialect)
+    assert (found.code, found.line) == ("feed-missing", 3)
+    assert "--default-feed" in found.hint
+    assert error_of("G90 G1 X1 F0\nM2", dialect=dialect).code == "feed-not-positive"
+
+
+def test_the_offset_number_of_fanuc_stays() -> None:
+    """D of a tool change or of G43 is that of a later G41."""
+    program = "G90 G10 L12 P7 R2\nG43 H0 D7\nG41 G1 X10 F100\nY10\nG40 X20"
+    reached = points(program, "fanuc")
+    assert reached[0][0] == pytest.approx(10.0 - 2.0)
+    assert points(program.replace(" D7", "").replace("G41", "G41 D7"), "fanuc") == reached
+    assert error_of("G43 H0 D7", dialect="linuxcnc").code == "word-unused"
+    within = "G10 L12 P7 R2\nG41 D7 G1 X10 F100\nX20 D8"
+    assert error_of(within, dialect="fanuc").code == "compensation-active"
+
+
+@pytest.mark.parametrize(("dialect", "word"), [("fanuc", "K0"), ("fanuc", "L0"), ("haas", "L0")])
+def test_no_repeat_stores_the_words_of_a_cycle(dialect: str, word: str) -> None:
+    """The next line drills with the words of the line that drills nothing."""
+    reached = points(f"G90 G0 Z10\nG99 G81 R2 Z-3 F100 {word}\nX5\nG80", dialect)
+    assert reached == [(0, 0, 10), (5, 0, 10), (5, 0, 2), (5, 0, -3), (5, 0, 2)]
+
+
+def test_no_repeat_is_an_error_of_linuxcnc() -> None:
+    found = error_of("G90 G0 Z10\nG99 G81 X1 R2 Z-3 F100 L0", dialect="linuxcnc")
+    assert found.code == "value-out-of-range"
+
+
+def test_switches_of_block_delete() -> None:
+    program = "/G0 X1\n/2 G0 X2\n/9G0 X3"
+    every = [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)]
+    assert points(program, "fanuc") == points(program, "auto", lenient=True) == every
+    assert error_of(program, dialect="linuxcnc").code == "letter-missing"
+    rest: list[Block] = run(program, dialect="fanuc", block_delete=frozenset({2}))
+    assert [block.points.tolist() for block in rest if isinstance(block, Polyline)] == [
+        [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
+    ]
+
+
+def test_a_query_of_the_status_has_no_effect() -> None:
+    program = "? ; status\nG0 X1"
+    assert points(program, "grbl") == [(1.0, 0.0, 0.0)]
+    assert [each.code for each in warnings(program, "grbl")] == ["code-not-needed"]
+    assert error_of(program, dialect="linuxcnc").code == "character-unknown"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc", "haas", "mach3"])
+@pytest.mark.parametrize(("line", "word"), [("G2 X4 Y4 CR=4. F9", "CR="), ("G0 X=IC(5)", "X=")])
+def test_addresses_of_sinumerik_are_named(dialect: str, line: str, word: str) -> None:
+    found = error_of(line, dialect=dialect)
+    assert (found.code, found.message) == (
+        "syntax-not-in-dialect",
+        f"{word} is a word of SINUMERIK",
+    )
+
+
+@pytest.mark.parametrize("code", ["M105", "M190", "M104"])
+def test_codes_of_printers_are_named(code: str) -> None:
+    found = error_of(code, dialect="fanuc")
+    assert found.code == "code-not-supported"
+    assert "3D printer" in found.message
+
+
+def test_a_repeated_word_says_who_takes_it() -> None:
+    found = error_of("M3 S1000 S0", dialect="fanuc")
+    assert found.code == "word-repeated"
+    assert "FANUC takes the last one" in found.hint
+
+
+@pytest.mark.parametrize(
+    ("source", "kind"),
+    [
+        ("$PART-3.MIN%\nG0 X20", "Okuma"),
+        ("G15 H1\nG0 X20 Y3", "Okuma"),
+        ("NOEX VC1=3\nG0 X20 Y3", "Okuma"),
+    ],
+)
+def test_okuma_is_recognised(source: str, kind: str) -> None:
+    assert kind in recognise(source.split("\n")).refusal
+
+
+def test_an_extruder_is_recognised_with_two_digits() -> None:
+    assert recognise(["G00 E0"]).dialect == "marlin"
