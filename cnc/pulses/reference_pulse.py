@@ -50,6 +50,7 @@ class ReferencePulse:
             other curves.
         tip_columns: columns of the path in front of those that step. They belong to the tool tip of
             a machine whose joints are not its axes.
+        separate_axes: moves of different axes may be as close as they fall due.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class ReferencePulse:
         *,
         algorithm: Algorithm | None = None,
         tip_columns: int = 0,
+        separate_axes: bool = False,
     ) -> None:
         # A column without a scale stays at grid point 0.
         still = np.zeros(tip_columns)
@@ -69,6 +71,7 @@ class ReferencePulse:
         self._grid = np.rint(begin * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
+        self._min_row_ns = 0.0 if separate_axes else min_pulse_ns
         self._algorithm = CODES[algorithm]
         self._last_ns = 0
         self._released_ns = -(2**62)
@@ -127,6 +130,7 @@ class ReferencePulse:
                 buffers,
                 self._filled,
                 self.min_pulse_ns,
+                self._min_row_ns,
             )
             self._last_ns = int(state["last_ns"][0])
             self._error = float(state["error"][0])
@@ -182,7 +186,7 @@ class ReferencePulse:
         while (self._grid != target).any():
             step = np.sign(target - self._grid)
             self._grid += step
-            earliest = self._released_ns + int(self.min_pulse_ns)
+            earliest = self._released_ns + int(self._min_row_ns)
             self._last_ns = self._released_ns = max(
                 self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest
             )

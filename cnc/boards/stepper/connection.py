@@ -285,7 +285,7 @@ def incompatibilities(machine: Machine, spacing_ns: int) -> Iterator[Diagnostic]
         spacing_ns: Least time between two steps of an axis, ns.
     """
     letters = tuple(machine.axes)
-    expected = letters if machine.kinematics.type == "joints" else ("x", "y", "z")
+    expected = letters if machine.has_joints_as_axes else ("x", "y", "z")
     if len(letters) > MAX_AXES or letters[:3] != expected[:3][: len(letters)]:
         names = " ".join(letter.upper() for letter in letters)
         hint = (
