@@ -144,6 +144,7 @@ class Dialect:
     scale_unit: float
     extruder: str
     corners: bool
+    figures: Literal["fanuc", "mach3"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -308,8 +309,8 @@ _PLAIN = (
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
     "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "first_bracket",
-    "after_g80", "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
-    "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
+    "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures", "dwell",
+    "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

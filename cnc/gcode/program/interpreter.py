@@ -86,8 +86,7 @@ class Interpreter:
         tools: ToolTable | None = None,
         policy: ReadingPolicy = STRICT,
     ) -> None:
-        self.ended = self.aborted = False
-        self.begun = False
+        self.ended = self.aborted = self.begun = False
         self.plain = True
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
@@ -164,7 +163,7 @@ class Interpreter:
         runner = CycleRunner(motion, modal, here, self.out)
         drilling.register(motion, dialect, modal, runner)
         threading.register(motion, dialect, modal, runner)
-        circular_pocket.register(motion, modal, here, self.tool_codes)
+        circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
         probing.register(motion, modal, here, self.out, self.parameters)
         if not dialect.lathe:
             return None
