@@ -6,7 +6,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
-from cnc.model.blocks import ArcFeed, Block, Polyline
+from cnc.model.blocks import ArcFeed, Block, Dwell, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run
 
@@ -162,3 +162,24 @@ def test_faults_of_figures_of_mach3(program: str, code: str) -> None:
 def test_a_circle_of_mach3(code: str, turns: float) -> None:
     (arc,) = (each for each in run(f"{code} I5 F9", dialect="mach3") if isinstance(each, ArcFeed))
     assert (arc.center, arc.radius, arc.turns) == ((0.0, 0.0), 5.0, turns)
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "mach3", "siemens", "marlin"])
+@pytest.mark.parametrize("code", ["G5.1 Q1", "G05 P10000"])
+def test_look_ahead_is_no_spline(dialect: str, code: str) -> None:
+    found = error_of(code, dialect=dialect)
+    assert found.code == "code-not-in-dialect"
+    assert "FANUC" in found.hint
+    assert "linuxcnc" not in found.hint
+
+
+def test_a_dwell_by_x_needs_a_point_unless_the_controller_is_known() -> None:
+    (dwell,) = (each for each in run("G4 X2.\nM30") if isinstance(each, Dwell))
+    assert dwell.seconds == 2.0
+    assert error_of("G4 X2\nM30").code == "decimal-point-needed"
+    assert error_of("G4 X2.", dialect="linuxcnc").code == "axis-words-unused"
+
+
+def test_all_axes_of_haas_return_without_axis_words() -> None:
+    assert points("G91 G0 X5 Z5\nG28", "haas") == [(5, 0, 5), (0, 0, 0)]
+    assert error_of("G28", dialect="fanuc").code == "axis-words-missing"

@@ -153,9 +153,8 @@ class Motion(AxisWords):
 
         If an axis letter is the time of the dwell, the line can't have a move.
         """
-        timed = [
-            letter for letter in self._dialect.dwell if letter in AXES and letter in words.rest
-        ]
+        units = self._dialect.dwell_units(words)
+        timed = [letter for letter in units if letter in AXES and letter in words.rest]
         if timed and code:
             raise fault(
                 "word-wanted-twice",
