@@ -322,7 +322,8 @@ _PLAIN = (
     "home_beside_motion", "home_needs_axes", "machine_in_incremental", "program_number",
     "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
-    "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
+    "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
+    "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
