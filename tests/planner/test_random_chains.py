@@ -18,6 +18,11 @@ from tests.support.planner.random_jobs import random_machine
 from tests.support.soak import share
 
 TOGETHER = 25
+FOUND = (302,)
+"""Seeds of motions that were illegal. In 302 a hold ended the acceleration beyond a place that the
+motion has to cross at constant speed.
+"""
+
 MOST_HOLDS = 400
 """A run with more holds than the operator requests has no end."""
 
@@ -79,3 +84,8 @@ def run(seed: int) -> None:
 def test_random_chains_under_an_operator_are_legal(first):
     for seed in range(first, first + TOGETHER):
         run(seed)
+
+
+@pytest.mark.parametrize("seed", FOUND)
+def test_chains_that_were_illegal_once(seed):
+    run(seed)
