@@ -144,7 +144,7 @@ class Dialect:
     local_calls: bool
     scale_unit: float
     extruder: str
-    corners: bool
+    corners: Literal["", "lines", "all"]
     figures: Literal["fanuc", "mach3"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
