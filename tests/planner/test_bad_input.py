@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from cnc.api import check
-from cnc.machine.models import Axis, Board, Machine, PathLimits
+from cnc.machine.board import Board
+from cnc.machine.models import Axis, Machine, PathLimits
 from tests.support.planner.legality import Findings, examine
 from tests.support.soak import share
 

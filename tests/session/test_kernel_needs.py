@@ -63,7 +63,7 @@ def test_outputs_ask_for_their_kernels(tmp_path: Path, asked) -> None:
 
 def test_lines_for_a_board_ask_for_their_kernels(tmp_path: Path, asked) -> None:
     checked(tmp_path, "G61\n" + CORNER, outputs=Outputs(lines=str(tmp_path / "lines.gcode")))
-    assert asked == MOTION | {"reading", "paths", "GRBL lines", *BLENDS}
+    assert asked == MOTION | {"reading", "paths", "GRBL lines"}
 
 
 def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatch) -> None:

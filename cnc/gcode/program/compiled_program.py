@@ -31,9 +31,10 @@ from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.program.parameter_mirror import ParameterMirror
 from cnc.gcode.program.subprograms import Return
 from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
-from cnc.kernels.gcode import program as kernel
+from cnc.kernels.gcode import program_text as kernel
 from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
-from cnc.kernels.gcode.line import MOST_ROWS as MOST_LINE_ROWS
+from cnc.kernels.gcode.program import run
+from cnc.kernels.gcode.rows import MOST_ROWS as MOST_LINE_ROWS
 
 MOST_LINES = 100_000
 """Lines that are executed at once. Ctrl-C takes effect between."""
@@ -133,9 +134,7 @@ class CompiledProgram:
         )
         setup, state, position, rows, _ = job
         frames = table.frames
-        kernel.run(
-            table.text, values, changes, frames, setup, state, position, rows, self._progress
-        )
+        run(table.text, values, changes, frames, setup, state, position, rows, self._progress)
         (
             _, index, done, executed, new, highest, _, _, begun, last, depth, _, _, _, returned,
             value,
