@@ -229,11 +229,13 @@ class Report:
         changes: dict[str, Any] = (
             {} if self.changes is None else {"changes": self.changes.as_model()}
         )
+        assumed: dict[str, Any] = {"assumed": self.assumed} if self.assumed else {}
         played: dict[str, Any] = {} if self.played_s is None else {"played_s": self.played_s}
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
             dialect=self.dialect,
+            **assumed,
             ok=self.ok,
             lines=self.lines,
             blocks=self.blocks,
