@@ -51,6 +51,8 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
+        pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
+            smallest one.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
@@ -62,6 +64,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
     clearance: float
