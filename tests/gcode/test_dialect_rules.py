@@ -6,7 +6,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
-from cnc.model.blocks import ArcFeed, Block, Dwell, Polyline
+from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run
 
@@ -219,3 +219,13 @@ def test_q_takes_the_place_of_smaller_pecks() -> None:
     later = "G90 G0 Z10\nG99 G83 Z-8 R2 I5 J1 K2 F100\nX5 Q5\nG80"
     only = "G90 G0 X5 Z10\nG99 G83 Z-8 R2 Q5 F100\nG80"
     assert points(later, "haas")[-5:] == points(only, "haas")[-5:]
+
+
+@pytest.mark.parametrize(("line", "angle"), [("M19 P90", 90.0), ("M19 R12.5", 12.5), ("M19", 0.0)])
+def test_haas_orients_to_an_angle_by_p_or_r(line: str, angle: float) -> None:
+    (orient,) = (each for each in run(line, dialect="haas") if isinstance(each, Orient))
+    assert (orient.angle, orient.direction) == (angle, "shortest")
+
+
+def test_p_of_fanucs_orientation_is_unknown() -> None:
+    assert error_of("M19 P1", dialect="fanuc").code == "word-unused"

@@ -149,6 +149,7 @@ class Dialect:
     extruder: str
     corners: Literal["", "lines", "all"]
     figures: Literal["fanuc", "mach3"]
+    orient_angle: str
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -326,7 +327,7 @@ _PLAIN = (
     "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
-    "two_line_cycles",
+    "two_line_cycles", "orient_angle",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
