@@ -68,7 +68,7 @@ class Extremes:
                     "acceleration": axis.max_acceleration,
                     "jerk": axis.max_jerk,
                 }
-                for letter, axis in machine.axes.items()
+                for letter, axis in machine.joint_tables.items()
             },
         )
 
@@ -176,7 +176,11 @@ class Report:
         """Give each limit a count of violations."""
         names = [
             *LIMIT_NAMES,
-            *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES),
+            *(
+                f"{name}_{joint}"
+                for joint in self.machine.joint_tables
+                for name in AXIS_LIMIT_NAMES
+            ),
         ]
         self.violations = dict.fromkeys(names, 0) | self.violations
 
