@@ -133,6 +133,14 @@ def encode() -> None:
     encoder.flush()
 
 
+def encode_runs() -> None:
+    """Encode steps as runs for a Klipper board."""
+    from cnc.boards.klipper.steps import StepEncoder
+
+    moves = np.arange(1, 5, dtype=np.int64)
+    StepEncoder(80).encode(moves * 1600, np.ones(4, np.int8))
+
+
 def draw() -> None:
     """Draw a motion."""
     from cnc.view.collect import Collector, Sizes
@@ -173,6 +181,7 @@ JOBS = {
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
     "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
+    "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
     "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
 }
 """All jobs; the longest and those of which others need much come first."""

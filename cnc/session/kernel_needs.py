@@ -76,7 +76,7 @@ class KernelNeeds:
         if lines:
             jobs.append("GRBL lines")
         if isinstance(board, ChecksFeasibility):
-            jobs.append("segments")
+            jobs.append("step runs" if board.capabilities.separate_axes else "segments")
         if options.outputs.picture is not None:
             jobs.append("drawing")
         self._compile(*jobs)

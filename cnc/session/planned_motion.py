@@ -41,8 +41,8 @@ class PlannedMotion:
     def path(self, *, for_lines: bool) -> Iterator[PathChunk | Block]:
         """Read the path again and compare it with the travel.
 
-        A program may continue on another path than in the check pass, if it depends on the answers
-        of probes and inputs.
+        A program that depends on answers of probes and inputs may take another path than in the
+        check pass.
 
         Args:
             for_lines: Whether the path has no blends, for a board that plans for itself.
