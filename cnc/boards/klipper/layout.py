@@ -14,8 +14,11 @@ from cnc.machine.load import error_in
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
-MAX_DURATION_S = 0.5
-"""Time after which the board switches an output off, if it hears nothing of it."""
+MAX_DURATION_S = 0.4
+"""Time after which the board switches an output off, if it hears nothing of it.
+
+With the time by which an update is sent ahead, this is half a second.
+"""
 EXPIRED, EMERGENCY, BY_HOST, ARMED, LIMIT = 1, 2, 3, 4, 16
 """Reasons of a trigger; LIMIT plus the column is the limit switch of an axis."""
 REQUIRED = (
