@@ -107,6 +107,7 @@ class Layout:
         objects: Number of objects.
         config: Encoded commands that configure them, but for allocation and end.
         drivers: Object of each UART or SPI device by its key.
+        scales: Steps per mm of each axis.
     """
 
     trigger: int = 0
@@ -116,11 +117,16 @@ class Layout:
     objects: int = 0
     config: list[bytes] = field(default_factory=list)
     drivers: dict[tuple[str, ...], int] = field(default_factory=dict)
+    scales: tuple[float, ...] = ()
 
     @property
     def crc(self) -> int:
-        """Checksum of the configuration, by which a later program recognises it."""
-        return zlib.crc32(b"".join(self.config) + bytes((self.objects,))) or 1
+        """Checksum of the configuration and of the motors, by which a program recognises it.
+
+        The board does not know directions and scales, but they decide what its counts mean.
+        """
+        motors = f"{self.motors} {self.scales} {self.objects}"
+        return zlib.crc32(b"".join(self.config) + motors.encode()) or 1
 
     def limit(self, column: int) -> InputObject | None:
         """Return the limit switch of an axis."""
@@ -155,7 +161,7 @@ class LayoutBuilder:
         self._machine, self._dictionary = machine, dictionary
         self._known = section(machine)
         self._ticks = dictionary.constant("CLOCK_FREQ")
-        self.layout = Layout()
+        self.layout = Layout(scales=tuple(machine.steps_per_mm.tolist()))
 
     def build(self) -> Layout:
         """Return the layout.
@@ -204,7 +210,7 @@ class LayoutBuilder:
         number = self._dictionary.number("pin", name)
         if number is None:
             pins = self._dictionary.enumerations.get("pin", {})
-            hint = f"its pins are {_ranges(pins)}"
+            hint = f"its pins are {pin_ranges(pins)}"
             message = f"the board has no pin {name}"
             raise error_in(self._machine, ("board", "klipper", *key), message, hint)
         return number
@@ -292,7 +298,7 @@ class LayoutBuilder:
         self.layout.outputs.append(OutputObject(oid, "spindle", pin.inverted, full, pwm=True))
 
 
-def _ranges(pins: Mapping[str, int]) -> str:
+def pin_ranges(pins: Mapping[str, int]) -> str:
     """Return the names of pins, with runs such as PA0 to PA15 shortened."""
     return ", ".join(_runs(pins)) or "none"
 
