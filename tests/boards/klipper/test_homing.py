@@ -14,7 +14,7 @@ from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.homing_bench import small
-from tests.support.boards.klipper_rig import pins, place, with_board
+from tests.support.boards.klipper_rig import count, pins, place, with_board
 from tests.support.session.runs import run_with
 
 SWITCHES = {"x": (-1, -300), "y": (-1, -410), "z": (1, 150)}
@@ -34,11 +34,11 @@ class Bench:
         self.known = known
         self.simulator: KlipperSimulator = simulator_for(known)
         self.ports = 0
-        for column, (letter, (towards, at)) in enumerate(SWITCHES.items()):
+        for letter, (towards, at) in SWITCHES.items():
             pin = getattr(pins(known), letter).endstop.strip("^!")
 
-            def level(column: int = column, towards: int = towards, at: int = at) -> int:
-                return int((place(known, self.simulator)[column] - at) * towards < 0)
+            def level(letter: str = letter, towards: int = towards, at: int = at) -> int:
+                return int((count(known, self.simulator, letter) - at) * towards < 0)
 
             self.simulator.set_pin(pin, level)
 
@@ -124,7 +124,7 @@ def test_switch_that_never_closes(bench: Bench) -> None:
 def test_other_switches_end_the_motion(bench: Bench) -> None:
     """While Z homes, the switch of X closes."""
     pin = pins(bench.known).x.endstop.strip("^!")
-    bench.simulator.set_pin(pin, lambda: int(place(bench.known, bench.simulator)[2] < 40))
+    bench.simulator.set_pin(pin, lambda: int(count(bench.known, bench.simulator, "z") < 40))
     with pytest.raises(BoardError) as caught:
         bench.home("z")
     assert caught.value.diagnostic.code == "board-limit"

@@ -17,7 +17,7 @@ from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.klipper_rig import board, machine, pins, place, played, steps_of
+from tests.support.boards.klipper_rig import board, count, machine, pins, place, played, steps_of
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share
 
@@ -100,7 +100,7 @@ def test_probe_position_is_exact_to_a_step(kind: int, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text(PROBING.format(kind=kind))
     simulator = simulator_for(known)
     probe = str(pins(known).probe).strip("^!")
-    simulator.set_pin(probe, lambda: int(place(known, simulator)[0] < 1000))
+    simulator.set_pin(probe, lambda: int(count(known, simulator, "x") < 1000))
     report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
     assert report.ok, report.faults
     x = np.cumsum(steps_of(known, simulator, "x")[1])
