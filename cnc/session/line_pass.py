@@ -1,8 +1,8 @@
 """The run pass on a board that plans for itself: the path as lines, and the operator's requests.
 
 All lines are made before the first is sent, so that nothing moves if one of them cannot be made.
-They are kept in memory. If answers decide how the program continues, or there are too many lines,
-they are made again while they are sent.
+They are kept in memory. They are made again while they are sent, if there are too many or if
+answers decide how the program continues.
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, Feed
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word
 from cnc.kernels.gcode import rows as kernel
-from cnc.kernels.gcode.arcs import Tolerance
 from cnc.model.blocks import PLANE_AXES, ROTARY_LETTERS, Plane
 from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
@@ -75,29 +74,33 @@ class LineMachine:
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         dialect, axes, policy = interpreter.dialect, interpreter.motion.axes, interpreter.policy
-        self._column = np.full(26, kernel.OTHER_WORD, np.int64)
-        self._column[[ord(letter) - ord("A") for letter in "NGMFSPIJKRQL"]] = kernel.TAKEN_WORD
+        self._setup = setup = np.zeros(1, kernel.SETUP)[0]
+        column = setup["column"]
+        column[:] = kernel.OTHER_WORD
+        column[[ord(letter) - ord("A") for letter in "NGMFSPIJKRQL"]] = kernel.TAKEN_WORD
         for index, axis in enumerate(axes):
             if axis.upper() in dialect.axes:
-                self._column[ord(axis.upper()) - ord("A")] = index
-        self._turns = np.array([float(axis in ROTARY_LETTERS) for axis in axes])
-        self._planes = np.array(
-            [
-                [
-                    axes.index(axis) if axis in axes else -1
-                    for axis in (*PLANE_AXES[plane], _ACROSS[plane].lower())
-                ]
-                for plane in _PLANES
-            ]
-        )
-        self._group = np.zeros(1000, np.uint8)
+                column[ord(axis.upper()) - ord("A")] = index
+        setup["turns"][: len(axes)] = [float(axis in ROTARY_LETTERS) for axis in axes]
+        for row, plane in enumerate(_PLANES):
+            letters = (*PLANE_AXES[plane], _ACROSS[plane].lower())
+            setup["planes"][row] = [axes.index(axis) if axis in axes else -1 for axis in letters]
         for code, group in GROUP_OF_G.items():
             if code in dialect.g and code >= 0:
-                self._group[code] = _GROUPS[group]
-        self._m_action = np.full(100, kernel.STOP, np.uint8)
+                setup["g_group"][code] = _GROUPS[group]
+        setup["m_action"] = kernel.STOP
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
-                self._m_action[m] = action
+                setup["m_action"][m] = action
+        cycles, dwell = dialect.cycles, dialect.dwell
+        setup["min_feed"], setup["longest_dwell"] = MIN_FEED, LONG_DWELL
+        # The unit of a P with a decimal point is another one.
+        if "P" not in dialect.dwell_point:
+            setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)
+        setup["idle_center"] = dialect.arc_idle_center
+        setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
+        setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
+        setup["out_to_retract"] = cycles.feed_out_to == "retract"
         self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
 
@@ -118,8 +121,9 @@ class LineMachine:
         """Return the state and space for a number of rows."""
         motion = self._interpreter.motion
         unused = self._load()
+        self._update_setup()
         return Job(
-            self._setup(),
+            self._setup,
             self._state,
             np.array(motion.position),
             _rows(rows + kernel.MOST_ROWS, len(motion.axes)),
@@ -134,38 +138,22 @@ class LineMachine:
 
     # State
 
-    def _setup(self) -> kernel.Setup:
-        interpreter = self._interpreter
+    def _update_setup(self) -> None:
+        """Bring the settings up to date that codes can change."""
+        interpreter, setup = self._interpreter, self._setup
         modal, motion, dialect = interpreter.modal, interpreter.motion, interpreter.dialect
         arc = dialect.arc_mm if modal.scale == 1.0 else dialect.arc_inch
-        return kernel.Setup(
-            self._column,
-            np.array(motion.scales),
-            np.array(motion.coordinates.zero),
-            self._turns,
-            self._planes,
-            self._action_of_codes(),
-            self._group,
-            self._m_action,
-            Tolerance(arc.slack, arc.relative, arc.limit, arc.reach),
-            kernel.Rules(
-                unit=modal.scale,
-                min_feed=MIN_FEED,
-                arc_absolute=modal.arc_absolute,
-                idle_center=dialect.arc_idle_center,
-                surface_speed=modal.constant_surface,
-                notes=interpreter.unused_words.enabled,
-                dwell=0.0 if "P" in dialect.dwell_point else dialect.dwell.get("P", 0.0),
-                longest_dwell=LONG_DWELL,
-                cycle_dwell=0.0 if "P" in dialect.dwell_point else dialect.dwell.get("P", 1.0),
-                dwell_needed=dialect.cycles.dwell_needed,
-                words_stay=dialect.cycles.words_stay,
-                repeats_k="K" in dialect.cycles.repeats,
-                clearance=dialect.cycles.clearance,
-                out_to_retract=dialect.cycles.feed_out_to == "retract",
-                blends=modal.path == "blend",
-            ),
-        )
+        count = len(motion.axes)
+        setup["scale"][:count] = motion.scales
+        setup["zero"][:count] = motion.coordinates.zero
+        setup["unit"] = modal.scale
+        setup["slack"], setup["relative"] = arc.slack, arc.relative
+        setup["limit"], setup["reach"] = arc.limit, arc.reach
+        setup["arc_absolute"] = modal.arc_absolute
+        setup["surface_speed"] = modal.constant_surface
+        setup["notes"] = interpreter.unused_words.enabled
+        setup["blends"] = modal.path == "blend"
+        setup["g_action"] = self._action_of_codes()
 
     def _action_of_codes(self) -> NDArray[np.uint8]:
         """Return the actions of all G-codes; codes that are in effect already change nothing."""

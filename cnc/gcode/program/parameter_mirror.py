@@ -75,7 +75,8 @@ class ParameterMirror:
 
     def local_slots(self, slots: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the slots of the names that belong to their call."""
-        return np.array([slot for slot in slots.tolist() if self._names[slot][0] != "_"], np.int32)
+        known = np.unique(slots).tolist()
+        return np.array([slot for slot in known if self._names[slot][0] != "_"], np.int32)
 
     def restore(self, frames: Frames, depth: int) -> None:
         """Copy the local parameters of a caller back, before its call is entered."""

@@ -72,11 +72,11 @@ def _move_to(
         point[i] = position[i]
     # An axis that does not leave the start of the line keeps its exact value.
     if to[0] != at.start[0]:
-        point[at.first] = to[0] + setup.zero[at.first]
+        point[at.first] = to[0] + setup["zero"][at.first]
     if to[1] != at.start[1]:
-        point[at.second] = to[1] + setup.zero[at.second]
+        point[at.second] = to[1] + setup["zero"][at.second]
     if to[2] != at.start[2]:
-        point[at.across] = to[2] + setup.zero[at.across]
+        point[at.across] = to[2] + setup["zero"][at.across]
     rows.kinds[row], rows.lines[row], rows.feeds[row] = STRAIGHT, at.line, feed
     return row + 1
 
@@ -90,7 +90,7 @@ def _add_hole(
     bottom, top = (x, y, hole.bottom), (x, y, hole.top)
     here = top
     if cycle == 73 or cycle == 83:
-        clearance = setup.rules.clearance
+        clearance = setup["clearance"]
         count = max(1, math.ceil((hole.top - hole.bottom) / hole.peck - _ROUNDING))
         for number in range(1, count + 1):
             depth = hole.top - number * hole.peck if number < count else hole.bottom
@@ -113,7 +113,7 @@ def _add_hole(
             row += 1
         if cycle == 85 or cycle == 89:
             to = top
-            if cycle == 89 and not setup.rules.out_to_retract:
+            if cycle == 89 and not setup["out_to_retract"]:
                 to = (x, y, hole.clear)
             row = _move_to(row, here, to, hole.feed, at, setup, position, rows)
             here = to
@@ -158,25 +158,25 @@ def add_cycle(
     Returns:
         The number of rows; -1 if the line is left to the interpreter, and nothing was done.
     """
-    rules, cycle = setup.rules, words.mode
+    cycle = words.mode
     i, j, k = (
-        int(setup.planes[words.plane, 0]),
-        int(setup.planes[words.plane, 1]),
-        int(setup.planes[words.plane, 2]),
+        int(setup["planes"][words.plane, 0]),
+        int(setup["planes"][words.plane, 1]),
+        int(setup["planes"][words.plane, 2]),
     )
-    repeats_k = rules.repeats_k and words.center[2] == words.center[2]
+    repeats_k = setup["repeats_k"] and words.center[2] == words.center[2]
     extra = words.center[0] == words.center[0] or words.center[1] == words.center[1]
-    extra = extra or (words.center[2] == words.center[2] and not rules.repeats_k)
+    extra = extra or (words.center[2] == words.center[2] and not setup["repeats_k"])
     both = repeats_k and words.repeats == words.repeats
     if i < 0 or j < 0 or k < 0 or extra or both or words.linear != words.linear:
         return -1
     x = y = depth = math.nan
     for w in range(len(letters)):
-        column = setup.column[int(letters[w]) - _A]
+        column = setup["column"][int(letters[w]) - _A]
         if column == i:
-            x = numbers[w] * setup.scale[i]
+            x = numbers[w] * setup["scale"][i]
         elif column == j:
-            y = numbers[w] * setup.scale[j]
+            y = numbers[w] * setup["scale"][j]
         elif column == k:
             depth = numbers[w]
         elif column >= 0:
@@ -191,33 +191,37 @@ def add_cycle(
     # The series: its words stay in effect.
     before, plane = int(now["cycle"]), int(now["cycle_plane"])
     goes_on = int(now["mode"]) > LAST_MOTION and before > 0 and plane == words.plane
-    stay = goes_on and (before == cycle or rules.words_stay)
+    stay = goes_on and (before == cycle or setup["words_stay"])
     given = (depth, words.radius, words.time, words.peck)
     old = now["words"]
     depth = given[0] if given[0] == given[0] or not stay else old[DEPTH]
     retract = given[1] if given[1] == given[1] or not stay else old[RETRACT]
     time = given[2] if given[2] == given[2] or not stay else old[WAIT]
-    peck = (given[3] if given[3] == given[3] or not stay else old[PECK]) * rules.unit
+    peck = (given[3] if given[3] == given[3] or not stay else old[PECK]) * setup["unit"]
     dwell = 0.0
-    if waits and (time == time or rules.dwell_needed):
-        dwell = time * rules.cycle_dwell
+    if waits and (time == time or setup["dwell_needed"]):
+        dwell = time * setup["cycle_dwell"]
         # Not for NaN, too.
-        if not 0.0 <= dwell <= _LONGEST_DWELL or rules.cycle_dwell == 0.0:
+        if not 0.0 <= dwell <= _LONGEST_DWELL or setup["cycle_dwell"] == 0.0:
             return -1
-    level = (now["start"][k] if goes_on else position[k]) - setup.zero[k]
-    top = retract * setup.scale[k] + (0.0 if words.absolute else level)
-    bottom = depth * setup.scale[k] + (0.0 if words.absolute else top)
+    level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
+    top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
+    bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
     clear = top if words.initial == 0 or top > level else level
     if not bottom <= top:
         return -1
     # Not for NaN, too.
     if pecks and not (peck > 0.0 and repeats * (top - bottom) <= MOST_ROWS * peck):
         return -1
-    start = (position[i] - setup.zero[i], position[j] - setup.zero[j], position[k] - setup.zero[k])
+    start = (
+        position[i] - setup["zero"][i],
+        position[j] - setup["zero"][j],
+        position[k] - setup["zero"][k],
+    )
     at, hole = _Place(i, j, k, start, line), _Hole(bottom, top, clear, peck, dwell, words.linear)
     most = int(now["rows"]) + MOST_ROWS - _HOLE_ROWS
     needed = 3 * math.ceil((top - bottom) / peck) if pecks else 0
-    if rules.blends:
+    if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 0.0
         row += 1
     here = start
@@ -239,14 +243,14 @@ def add_cycle(
         row = _move_to(row, to, (x1, y1, top), math.nan, at, setup, position, rows)
         row = _add_hole(row, cycle, x1, y1, hole, at, setup, position, rows)
         here = (x1, y1, clear)
-    if rules.blends:
+    if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 1.0
         row += 1
     _keep_series(words, given, line, goes_on, stay, now, position)
     if here[0] != start[0]:
-        position[i] = here[0] + setup.zero[i]
+        position[i] = here[0] + setup["zero"][i]
     if here[1] != start[1]:
-        position[j] = here[1] + setup.zero[j]
+        position[j] = here[1] + setup["zero"][j]
     if here[2] != start[2]:
-        position[k] = here[2] + setup.zero[k]
+        position[k] = here[2] + setup["zero"][k]
     return row

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from cnc.kernels.gcode.arcs import OK, Wanted, arc_of
+from cnc.kernels.gcode.arcs import OK, Tolerance, Wanted, arc_of
 from cnc.kernels.gcode.cycles import add_cycle
 from cnc.kernels.gcode.line_words import LAST_MOTION, LineWords, fits, is_kept, read_words
 from cnc.kernels.gcode.rows import (
@@ -45,7 +45,7 @@ def _arc_row(
     data: Floats,
 ) -> bool:
     """Fill the data of an arc from I, J, K and R (NaN for a missing word); False for no arc."""
-    i, j = setup.planes[plane, 0], setup.planes[plane, 1]
+    i, j = setup["planes"][plane, 0], setup["planes"][plane, 1]
     if i < 0 or j < 0:
         return False
     # I, J, K go with X, Y, Z; the axes of the planes are XY, ZX and YZ.
@@ -54,8 +54,7 @@ def _arc_row(
         first, second, across = center[2], center[0], center[1]
     elif plane == 2:
         first, second, across = center[1], center[2], center[0]
-    rules = setup.rules
-    if across == across and not (rules.idle_center and across == 0.0):
+    if across == across and not (setup["idle_center"] and across == 0.0):
         return False
     x = y = math.nan
     has_first, has_second = first == first, second == second
@@ -63,15 +62,17 @@ def _arc_row(
         if has_first or has_second:
             return False
     else:
-        if not (has_first and has_second) and (rules.arc_absolute or not (has_first or has_second)):
+        if not (has_first and has_second) and (
+            setup["arc_absolute"] or not (has_first or has_second)
+        ):
             return False
-        x = (first if has_first else 0.0) * rules.unit
-        y = (second if has_second else 0.0) * rules.unit
-        x += setup.zero[i] if rules.arc_absolute else position[i]
-        y += setup.zero[j] if rules.arc_absolute else position[j]
+        x = (first if has_first else 0.0) * setup["unit"]
+        y = (second if has_second else 0.0) * setup["unit"]
+        x += setup["zero"][i] if setup["arc_absolute"] else position[i]
+        y += setup["zero"][j] if setup["arc_absolute"] else position[j]
     arc = arc_of(
-        Wanted(position[i], position[j], end[i], end[j], x, y, radius * rules.unit, clockwise),
-        setup.tolerance,
+        Wanted(position[i], position[j], end[i], end[j], x, y, radius * setup["unit"], clockwise),
+        Tolerance(setup["slack"], setup["relative"], setup["limit"], setup["reach"]),
     )
     if arc.status != OK:
         return False
@@ -159,12 +160,12 @@ def _end(
     for i in range(len(position)):
         end[i] = position[i]
     for w in range(len(letters)):
-        i = setup.column[int(letters[w]) - _A]
+        i = setup["column"][int(letters[w]) - _A]
         if i >= 0:
-            target = numbers[w] * setup.scale[i]
-            target = target + setup.zero[i] if absolute else position[i] + target
+            target = numbers[w] * setup["scale"][i]
+            target = target + setup["zero"][i] if absolute else position[i] + target
             if target != position[i]:
-                if setup.turns[i] != 0.0:
+                if setup["turns"][i] != 0.0:
                     turned = True
                 else:
                     shifted = True
@@ -188,7 +189,7 @@ def _execute_any(
         return False
     begin = row = int(now["rows"])
     if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
-        row = _add_events(words, line, words.time * setup.rules.dwell, now, rows)
+        row = _add_events(words, line, words.time * setup["dwell"], now, rows)
     is_move = not words.pausing and (words.moving or words.curved)
     if is_move and words.mode > LAST_MOTION:
         row = add_cycle(words, letters, numbers, line, row, setup, now, position, rows)
@@ -246,7 +247,7 @@ def execute_line(
     # Most lines of a long program are straight moves of axis words alone.
     straight = now["mode"] == 0 or (now["mode"] == 1 and now["linear"] == now["linear"])
     for w in range(len(letters)):
-        straight = straight and setup.column[int(letters[w]) - _A] >= 0
+        straight = straight and setup["column"][int(letters[w]) - _A] >= 0
     if straight:
         row = int(now["rows"])
         rotates = _end(letters, numbers, now["absolute"], setup, position, rows.points[row])

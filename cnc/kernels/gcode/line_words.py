@@ -22,7 +22,6 @@ from cnc.kernels.gcode.rows import (
     Bytes,
     Floats,
     Record,
-    Rules,
     Setup,
 )
 from cnc.kernels.jit import njit
@@ -71,7 +70,7 @@ def read_words(
     known = True
     for w in range(len(letters)):
         char, value = int(letters[w]), numbers[w]
-        place = setup.column[char - _A]
+        place = setup["column"][char - _A]
         if place >= 0:
             moving = True
         elif char == _G or char == _M:
@@ -79,10 +78,10 @@ def read_words(
             tenths = int(value * 10.0 + 0.5) if 0.0 <= value < 100.0 else 0
             known = known and tenths / 10.0 == value and math.copysign(1.0, value) > 0.0
             if char == _G:
-                action, group = int(setup.g_action[tenths]), int(setup.g_group[tenths])
+                action, group = int(setup["g_action"][tenths]), int(setup["g_group"][tenths])
             else:
                 known = known and tenths % 10 == 0
-                action = int(setup.m_action[tenths // 10])
+                action = int(setup["m_action"][tenths // 10])
                 group = action + 32
             known = known and action != STOP and groups >> group & 1 == 0
             groups |= 1 << group
@@ -109,9 +108,9 @@ def read_words(
                 initial = 0
         elif char == _F:
             feed = value
-            linear = value * setup.rules.unit / 60.0
+            linear = value * setup["unit"] / 60.0
             rotary = value / 60.0
-            known = known and value > 0.0 and rotary >= setup.rules.min_feed
+            known = known and value > 0.0 and rotary >= setup["min_feed"]
         elif char == _S:
             speed = value
             known = known and not value < 0.0
@@ -148,14 +147,14 @@ def is_kept(words: LineWords, now: Record) -> bool:
 
 
 @njit
-def _fits_speed(words: LineWords, rules: Rules, now: Record) -> bool:
+def _fits_speed(words: LineWords, setup: Setup, now: Record) -> bool:
     """Return whether the F and S words of a line fit the state of the spindle and earlier words."""
     has_speed = words.speed == words.speed
     if words.turn > 0 and not has_speed and now["speed"] != now["speed"]:
         return False
-    if (has_speed or words.turn >= 0) and rules.surface_speed:
+    if (has_speed or words.turn >= 0) and setup["surface_speed"]:
         return False
-    if rules.notes:
+    if setup["notes"]:
         # The interpreter reports a word that replaces another one without effect.
         kept_feed, kept_speed = float(now["feed_word"]), float(now["speed_word"])
         if words.feed == words.feed and kept_feed == kept_feed and words.feed != kept_feed:
@@ -168,16 +167,16 @@ def _fits_speed(words: LineWords, rules: Rules, now: Record) -> bool:
 @njit
 def fits(words: LineWords, setup: Setup, now: Record) -> bool:
     """Return whether the words of a line fit together, so that none is left over."""
-    mode, rules = words.mode, setup.rules
+    mode = words.mode
     if mode > LAST_MOTION and words.moving and not words.pausing:
-        return _fits_speed(words, rules, now)
+        return _fits_speed(words, setup, now)
     # Q and L are words of cycles.
     if words.peck == words.peck or words.repeats == words.repeats:
         return False
     if words.pausing:
-        seconds = words.time * rules.dwell
+        seconds = words.time * setup["dwell"]
         # Not for NaN, too.
-        if not 0.0 <= seconds < rules.longest_dwell or rules.dwell == 0.0:
+        if not 0.0 <= seconds < setup["longest_dwell"] or setup["dwell"] == 0.0:
             return False
         if words.moving or words.curved or words.explicit:
             return False
@@ -196,4 +195,4 @@ def fits(words: LineWords, setup: Setup, now: Record) -> bool:
             return False
     elif words.explicit and mode >= 2:
         return False
-    return _fits_speed(words, rules, now)
+    return _fits_speed(words, setup, now)

@@ -67,10 +67,12 @@ def _assign(
             if changes.named[slot] > 1:
                 return False
         else:
-            place = int(code.number[last - 1])
-            if operation != PARAMETER:
-                # The last instruction reads the parameter; the others compute its number.
-                place = number_of(evaluate(code, first, last - 1, parameters, stack))
+            # The last instruction reads the parameter; the others compute its number.
+            place = (
+                int(code.number[last - 1])
+                if operation == PARAMETER
+                else number_of(evaluate(code, first, last - 1, parameters, stack))
+            )
             if place <= 0 or changes.numbered[place] > 1:
                 return False
         value = evaluate(code, coded.begin[item + 1], coded.end[item + 1], parameters, stack)
@@ -243,7 +245,7 @@ def run(
         rows: Takes the rows.
         progress: The line to begin at and the limits, brought up to date.
     """
-    first, words, coded, control = text
+    first, words, coded, control = text.first, text.words, text.coded, text.control
     stack, values = np.empty(MOST_VALUES), np.empty(MOST_ITEMS)
     places = np.empty(MOST_ITEMS, np.int64)
     here, now = progress[0], state[0]
@@ -251,12 +253,12 @@ def run(
     executed, highest, new = int(here["executed"]), int(here["highest"]), int(here["new"])
     while 0 <= k < len(coded.kind) and done < here["most_done"]:
         kind = int(coded.kind[k])
-        is_new = int(k > highest)
+        line = int(text.line[k])
+        is_new = int(line > highest)
         # A line counts as executed before it is.
         full = now["rows"] + MOST_ROWS > len(rows.kinds) or now["others"] >= MOST_OTHERS
         if full or executed + 1 - new - is_new > here["most_repeated"]:
             break
-        line = int(here["first"]) + k
         after = k + 1
         if kind == SIMPLE:
             a, b = first[k], first[k + 1]
@@ -279,7 +281,7 @@ def run(
                 if after == NOWHERE:
                     break
                 if here["marks"] and here["depth"] == 0:
-                    _mark(rows, state, int(here["first"]) + after - 1, False)
+                    _mark(rows, state, int(text.line[after - 1]), False)
             else:
                 after = _next_line(k, executed + 1, coded, control, parameters, stack)
                 if after == NOWHERE:
@@ -298,10 +300,10 @@ def run(
                 break
             begun |= int(kind == NUMBERED_ASSIGNMENT)
         if after == k + 1 and kind != CONTROL and (kind != SIMPLE or first[k] < first[k + 1]):
-            here["last"] = k
+            here["last"] = line
         executed += 1
         new += is_new
-        highest = max(highest, k)
+        highest = max(highest, line)
         k = after
         done += 1
     here["index"], here["done"], here["begun"] = k, done, begun

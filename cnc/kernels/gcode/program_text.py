@@ -29,7 +29,6 @@ NOWHERE = -(1 << 40)
 
 PROGRESS = np.dtype(
     [
-        ("first", np.int64),
         ("index", np.int64),
         ("done", np.int64),
         ("executed", np.int64),
@@ -47,10 +46,10 @@ PROGRESS = np.dtype(
         ("value", np.float64),
     ]
 )
-"""Progress: number of the first line of the text, index of the next line, lines executed in this
-call and in all, lines executed for the first time, index of the highest line that was ever
-executed, the limits of lines that are repeated and of lines of a call, whether a word was executed,
-index of the last line that was no control line, calls within each other, the limit of these,
+"""Progress: index of the next line, lines executed in this call and in all, lines executed for the
+first time, number of the highest line that was ever executed, the limits of lines that are repeated
+and of lines of a call, whether a word was executed, number of the last line that was no control
+line (-1 for none), calls within each other, the limit of these,
 whether calls of the main program are marked, index of the first line of the subroutine around all
 (-1 for none), whether a call or return was executed, and the value of the last return (NaN for
 none).
@@ -83,12 +82,14 @@ class Text(NamedTuple):
     """The lines of a text.
 
     Attributes:
+        line: (lines,) their numbers.
         first: (lines + 1,) index of the first word of each simple line.
         words: The words of simple lines.
         coded: The other lines.
         control: The control lines.
     """
 
+    line: Ints
     first: Counts
     words: Words
     coded: Coded

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.arcs import Tolerance
-
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]
-Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Record = NDArray[np.void]
 
@@ -72,71 +69,59 @@ DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""
 
 
-class Rules(NamedTuple):
-    """Settings that are one number each.
+SETUP = np.dtype(
+    [
+        ("column", np.int64, (26,)),
+        ("scale", np.float64, (MOST_AXES,)),
+        ("zero", np.float64, (MOST_AXES,)),
+        ("turns", np.float64, (MOST_AXES,)),
+        ("planes", np.int64, (3, 3)),
+        ("unit", np.float64),
+        ("min_feed", np.float64),
+        ("slack", np.float64),
+        ("relative", np.float64),
+        ("limit", np.float64),
+        ("reach", np.float64),
+        ("dwell", np.float64),
+        ("longest_dwell", np.float64),
+        ("cycle_dwell", np.float64),
+        ("clearance", np.float64),
+        ("arc_absolute", np.bool_),
+        ("idle_center", np.bool_),
+        ("surface_speed", np.bool_),
+        ("notes", np.bool_),
+        ("dwell_needed", np.bool_),
+        ("words_stay", np.bool_),
+        ("repeats_k", np.bool_),
+        ("out_to_retract", np.bool_),
+        ("blends", np.bool_),
+        ("g_action", np.uint8, (1000,)),
+        ("g_group", np.uint8, (1000,)),
+        ("m_action", np.uint8, (100,)),
+    ],
+    align=True,
+)
+"""What stays the same for all lines. One record takes less time to pass on than many arrays.
 
-    Attributes:
-        unit: mm a program unit.
-        min_feed: Slowest feed, mm/s.
-        arc_absolute: G90.1 is in effect.
-        idle_center: An arc may have a centre word of 0 for the axis across its plane.
-        surface_speed: G96 is in effect.
-        notes: F and S words without effect are reported.
-        dwell: s of P1 in G4; 0 if P is not its word.
-        longest_dwell: A dwell of so many seconds or more is left to the interpreter.
-        cycle_dwell: s of P1 in a cycle; 0 if compiled code does not know it.
-        dwell_needed: A cycle with a dwell needs P.
-        words_stay: The words of a cycle stay in effect for another one.
-        repeats_k: K is the number of repeats of a cycle, as L is.
-        clearance: Retraction of G73, and distance of G83 from the bottom, mm.
-        out_to_retract: G89 retracts at feed to R only.
-        blends: G64 is in effect.
-    """
+By letter: the column of its axis, TAKEN_WORD or OTHER_WORD. By axis: mm or degrees a program unit,
+the machine position of the program's zero, and 1 for a rotary axis. By plane: columns of its two
+axes and of the axis across it, -1 for one that is missing.
 
-    unit: float
-    min_feed: float
-    arc_absolute: bool
-    idle_center: bool
-    surface_speed: bool
-    notes: bool
-    dwell: float
-    longest_dwell: float
-    cycle_dwell: float
-    dwell_needed: bool
-    words_stay: bool
-    repeats_k: bool
-    clearance: float
-    out_to_retract: bool
-    blends: bool
+mm a program unit; the slowest feed (mm/s); the tolerances of arcs (mm, see
+:class:`cnc.kernels.gcode.arcs.Tolerance`); s of P1 in G4, 0 if P is not its word; the shortest
+dwell (s) that is left to the interpreter; s of P1 in a cycle, 0 if compiled code does not know it;
+retraction of G73 and distance of G83 from the bottom (mm).
 
+Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; G96 is
+in effect; F and S words without effect are reported; a cycle with a dwell needs P; the words of a
+cycle stay in effect for another one; K is the number of repeats of a cycle, as L is; G89 retracts
+at feed to R only; G64 is in effect.
 
-class Setup(NamedTuple):
-    """What stays the same for all lines; n is the number of axes.
+By tenths of a G-code: its action and its modal group. By M-code: its action.
+"""
 
-    Attributes:
-        column: (26,) the column of the axis of each letter, TAKEN_WORD or OTHER_WORD.
-        scale: (n,) mm or degrees a program unit.
-        zero: (n,) machine position of the program's zero, mm or degrees.
-        turns: (n,) 1 for a rotary axis, 0 for a linear one.
-        planes: (3, 3) columns of the two axes of each plane and of the axis across it, -1 for one
-            that is missing.
-        g_action: (1000,) action of each G-code, by tenths.
-        g_group: (1000,) modal group of each G-code.
-        m_action: (100,) action of each M-code.
-        tolerance: Tolerances of arcs.
-        rules: The other settings.
-    """
-
-    column: Ints
-    scale: Floats
-    zero: Floats
-    turns: Floats
-    planes: Ints
-    g_action: Bytes
-    g_group: Bytes
-    m_action: Bytes
-    tolerance: Tolerance
-    rules: Rules
+Setup = Any
+"""A record of SETUP."""
 
 
 class Rows(NamedTuple):
