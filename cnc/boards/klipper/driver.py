@@ -188,6 +188,8 @@ class Klipper:
             supervisor.guards.watched = set(np.flatnonzero(watched).tolist())
             supervisor.guards.armed = None
             self._refuse_pressed(supervisor.guards.watched)
+            for driver in supervisor.drivers:
+                driver.check()
             self._position.set(supervisor.read_positions(), self._checks.position_steps)
             self._position.known = known
             supervisor.store(moving=True)

@@ -25,6 +25,7 @@ from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import Guard, Sender, TooLate
 from cnc.boards.klipper.setup import configure, shutdown_reason
+from cnc.boards.klipper.trinamic.drivers import motor_drivers
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
 from cnc.boards.protocols import board_error
@@ -40,6 +41,7 @@ class Supervisor:
         connection: The connection.
         layout: The objects of the board.
         slots: Entries of its move queue.
+        drivers: Motor drivers that the board configures.
         position: Conversion of positions.
         least_ns: Least time between two steps of an axis, ns.
         checks: Checks of all pulses before they are sent, and their counts.
@@ -68,6 +70,9 @@ class Supervisor:
         self.position = MachinePosition(machine, self.layout.motors)
         self._store = PositionStore(identity)
         self._open_store()
+        self.drivers = motor_drivers(self.connection, self.layout, machine)
+        for driver in self.drivers:
+            driver.configure(machine)
         self.least_ns = 1e9 / machine.board.max_step_rate
         axes = len(machine.axes)
         self.checks = Loopback(axes, self.least_ns)
