@@ -281,7 +281,7 @@ class MachineCodes:
 
     def dwell(self, words: LineWords, code: Code) -> None:
         """Execute G4."""
-        word, letters = code.word, self._dialect.dwell
+        word, letters = code.word, self._dialect.dwell_units(words)
         times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
         if not times:
             raise fault(
@@ -301,6 +301,11 @@ class MachineCodes:
                 message = f"{time.written} is read as seconds; FANUC allows no decimal point here"
                 hint = "write whole milliseconds, or name the --dialect"
                 self._here.report_warning("dwell-point", message, time, hint)
+        if unit == 0.0:
+            message = (
+                f"{time.written} without a decimal point is {time.number / 1000:g} s for FANUC"
+            )
+            raise fault("decimal-point-needed", message, time, f"write {time.written}. for seconds")
         seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(

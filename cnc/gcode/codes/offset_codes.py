@@ -128,7 +128,7 @@ class OffsetCodes:
         ]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
-        elif self._dialect.offset_memory and not self._dialect.lenient:
+        elif self._dialect.home_needs_axes and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 
 from cnc.gcode.codes.machine_codes import MAX_DWELL
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.polar import stepped
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Turning
@@ -112,6 +113,7 @@ class DrillingCycles:
         retract = self._word(words, series, "R", name, at)
         settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
+        polar = motion.polar_steps(words, name)
         given = motion.axis_values(words, name)
         heights = self._heights(plane, series, depth, retract)
         top, bottom, _ = heights
@@ -126,7 +128,10 @@ class DrillingCycles:
         if settings.peck and repeats * (top - bottom) > MOST_PECKS * settings.peck:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
-        holes = self._holes(plane, given, heights, repeats)
+        if polar is None:
+            holes = self._holes(plane, given, heights, repeats)
+        else:
+            holes = _on_circle(plane, polar, heights, repeats)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
@@ -277,6 +282,16 @@ class DrillingCycles:
                 yield Hole(
                     first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
                 )
+
+
+def _on_circle(
+    plane: CyclePlane, polar: tuple[float, float], heights: tuple[float, float, float], repeats: int
+) -> Iterator[Hole]:
+    """The holes of a line with polar steps: each is a step from the one before."""
+    top, bottom, clear = heights
+    for number in range(1, repeats + 1):
+        x, y = stepped(plane.start[:2], *polar, number)
+        yield Hole(x, y, bottom, top, clear)
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

@@ -129,6 +129,7 @@ class Dialect:
     offset_memory: bool
     length_axes: str
     home_beside_motion: bool
+    home_needs_axes: bool
     machine_in_incremental: bool
     program_number: bool
     decimal_points: bool
@@ -143,7 +144,8 @@ class Dialect:
     local_calls: bool
     scale_unit: float
     extruder: str
-    corners: bool
+    corners: Literal["", "lines", "all"]
+    figures: Literal["fanuc", "mach3"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -162,6 +164,17 @@ class Dialect:
     def systems(self) -> int:
         """Number of coordinate systems, from G54 on."""
         return 9 if G.G59_3 in self.g else 6
+
+    def dwell_units(self, words: LineWords) -> dict[str, float]:
+        """Return the letters that are the time of G4 in a line, with their units.
+
+        A letter that needs a decimal point may be an axis: it is the time if no other word is, and
+        G4 the only G-code.
+        """
+        certain = {letter: unit for letter, unit in self.dwell.items() if unit}
+        if len(words.g) > 1 or not words.rest.keys().isdisjoint(certain):
+            return certain
+        return self.dwell
 
     def check_g(self, word: Word) -> G:
         """Return the code of a G word.
@@ -306,10 +319,11 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
-    "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
-    "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "first_bracket",
-    "after_g80", "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
-    "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
+    "home_beside_motion", "home_needs_axes", "machine_in_incremental", "program_number",
+    "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
+    "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
+    "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
+    "two_line_cycles",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -342,6 +356,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"
+        if (note := load("fanuc").noted.get((kind.upper(), code))) and note.needs:
+            hint = f"with {note.needs} it is FANUC's {note.name}, which has no use here: remove it"
         return fault(
             "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
         )

@@ -124,10 +124,12 @@ def compare_files(
         found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
-    _check_clock(rows, np.load(pulses), machine, duration, found)
+    _check_clock(rows, np.load(pulses), machine.of_joints, duration, found)
     _check_limits(rows, machine, found)
+    tip = rows | {"position": rows.get("tool", rows["position"])}
+    _check_along(tip, machine, found)
     if path:
-        _check_path(rows, path, machine, override, found)
+        _check_path(tip, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
@@ -161,33 +163,52 @@ def _check_clock(
 
 
 def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
-    """Compare differences of the positions with the limits."""
-    period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
-    noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order
-        for order in (1, 2, 3)
-    ]
-    s_noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)
-    ]
+    """Compare differences of the positions of the joints with their limits."""
+    p = rows["position"]
+    noise = _noise(np.abs(p).max(initial=1.0), machine)
 
-    def note(
-        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
-    ) -> None:
-        if limit is not None:
-            found.ratios[name] = (
-                max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order])
-                / limit
-            )
-
-    for column, (letter, axis) in enumerate(machine.axes.items()):
+    for column, (letter, axis) in enumerate(machine.joint_tables.items()):
         limits = (axis.max_velocity, axis.max_acceleration, axis.max_jerk)
         for order, (name, limit) in enumerate(
             zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1
         ):
-            note(f"{name} of {letter}", np.diff(p[:, column], order), order, limit, noise)
+            values = np.diff(p[:, column], order)
+            _note(f"{name} of {letter}", values, order, limit, noise, machine, found)
+
+
+def _noise(largest: float, machine: Machine) -> list[float]:
+    """Return the error of the derivatives of order 0 to 3 of values up to ``largest``."""
+    error = NOISE + 4.0 * np.spacing(largest)
+    return [0.0] + [2.0**order * error / machine.path.period**order for order in (1, 2, 3)]
+
+
+def _note(
+    name: str,
+    values: np.ndarray,
+    order: int,
+    limit: float | None,
+    unsure: list[float],
+    machine: Machine,
+    found: Findings,
+) -> None:
+    """Note the largest of differences as a part of a limit."""
+    if limit is not None:
+        largest = float(np.abs(values).max(initial=0.0)) / machine.path.period**order
+        found.ratios[name] = max(0.0, largest - unsure[order]) / limit
+
+
+def _check_along(rows: dict, machine: Machine, found: Findings) -> None:
+    """Compare the motion along and across the path with the limits."""
+    p, s, path = rows["position"], rows["s"], machine.path
     if len(p) < 4:
         return
+    noise, s_noise = _noise(np.abs(p).max(initial=1.0), machine), _noise(s[-1], machine)
+
+    def note(
+        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
+    ) -> None:
+        _note(name, values, order, limit, unsure, machine, found)
+
     note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
     note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
 
