@@ -233,6 +233,10 @@ class BoardOptions:
     spindle_override: Annotated[
         float | None, option("Per cent of the spindle speeds on a GRBL board, 10 to 200.")
     ] = None
+    plain: Annotated[
+        bool,
+        option("Print a line every ten seconds in place of the screen, as without a terminal."),
+    ] = False
     yes: Annotated[
         bool,
         option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),

@@ -51,6 +51,8 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
+        pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
+            smallest one.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
@@ -62,6 +64,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
     clearance: float
@@ -146,6 +149,7 @@ class Dialect:
     extruder: str
     corners: Literal["", "lines", "all"]
     figures: Literal["fanuc", "mach3"]
+    orient_angle: str
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -323,7 +327,7 @@ _PLAIN = (
     "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
-    "two_line_cycles",
+    "two_line_cycles", "orient_angle",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
