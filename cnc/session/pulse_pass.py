@@ -234,7 +234,7 @@ class PulsePass:
         if self._schedule is not None:
             left = self._schedule.left(progress, self._control.feed_override)
             progress = replace(progress, left=left)
-        self._context.observer.sent(progress)
+        self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
 
     def _record_position(self, grid: NDArray[np.int64]) -> None:
         """Record the position of the board after a program that did not reach its end."""
