@@ -6,7 +6,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
-from cnc.model.blocks import ArcFeed, Block, Dwell, Polyline
+from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run
 
@@ -183,3 +183,49 @@ def test_a_dwell_by_x_needs_a_point_unless_the_controller_is_known() -> None:
 def test_all_axes_of_haas_return_without_axis_words() -> None:
     assert points("G91 G0 X5 Z5\nG28", "haas") == [(5, 0, 5), (0, 0, 0)]
     assert error_of("G28", dialect="fanuc").code == "axis-words-missing"
+
+
+@pytest.mark.parametrize("code", ["G73", "G83"])
+def test_pecks_of_haas_become_smaller(code: str) -> None:
+    """I is the first peck, J its decrease, K the smallest one: 5, 4, 3, 2, 2, 2, 2."""
+    program = f"G90 G0 Z10\nG99 {code} Z-18 R2 I5 J1 K2 F100\nX5\nG80"
+    bottoms: list[float] = []
+    previous = 10.0
+    for x, _, z in points(program, "haas"):
+        if x == 0.0 and z < previous and z not in (2.0, *(b + 0.5 for b in bottoms)):
+            bottoms.append(z)
+        previous = z
+    assert bottoms == [-3, -7, -10, -12, -14, -16, -18]
+    again = [z for x, _, z in points(program, "haas") if x == 5.0]
+    assert [z for z in again if z in bottoms] == bottoms
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("I5 J1", "cycle-word-missing"),
+        ("I5 J-1 K2", "value-out-of-range"),
+        ("I5 J1 K6", "value-out-of-range"),
+        ("I0 J1 K0", "value-out-of-range"),
+        ("I5 J1 K0.001", "cycle-too-long"),
+    ],
+)
+def test_faults_of_smaller_pecks(words: str, code: str) -> None:
+    program = f"G90 G0 Z10\nG83 Z-1000 R2 {words} F100"
+    assert error_of(program, dialect="haas").code == code
+
+
+def test_q_takes_the_place_of_smaller_pecks() -> None:
+    later = "G90 G0 Z10\nG99 G83 Z-8 R2 I5 J1 K2 F100\nX5 Q5\nG80"
+    only = "G90 G0 X5 Z10\nG99 G83 Z-8 R2 Q5 F100\nG80"
+    assert points(later, "haas")[-5:] == points(only, "haas")[-5:]
+
+
+@pytest.mark.parametrize(("line", "angle"), [("M19 P90", 90.0), ("M19 R12.5", 12.5), ("M19", 0.0)])
+def test_haas_orients_to_an_angle_by_p_or_r(line: str, angle: float) -> None:
+    (orient,) = (each for each in run(line, dialect="haas") if isinstance(each, Orient))
+    assert (orient.angle, orient.direction) == (angle, "shortest")
+
+
+def test_p_of_fanucs_orientation_is_unknown() -> None:
+    assert error_of("M19 P1", dialect="fanuc").code == "word-unused"

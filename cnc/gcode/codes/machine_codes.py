@@ -205,20 +205,18 @@ class MachineCodes:
             self._spindle()
 
     def _orient(self, words: LineWords) -> None:
-        angle, timeout, direction_word = (words.take(letter, "M19") for letter in "RQP")
+        letters = self._dialect.orient_angle
+        angle = next((word for each in letters if (word := words.take(each, "M19"))), None)
+        timeout = direction_word = None
+        if self._dialect.flavour == "ngc":
+            timeout, direction_word = words.take("Q", "M19"), words.take("P", "M19")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
-            raise fault(
-                "value-out-of-range",
-                f"{angle.written}: the angle must be from 0 to 360 degrees",
-                angle,
-            )
+            message = f"{angle.written}: the angle must be from 0 to 360 degrees"
+            raise fault("value-out-of-range", message, angle)
         if timeout and timeout.number <= 0.0:
-            raise fault(
-                "value-out-of-range",
-                f"{timeout.written}: the time-out must be more than 0",
-                timeout,
-            )
+            message = f"{timeout.written}: the time-out must be more than 0"
+            raise fault("value-out-of-range", message, timeout)
         direction: Any = (
             _DIRECTIONS[whole(direction_word, "the direction", 0, 2)]
             if direction_word

@@ -125,7 +125,8 @@ class DrillingCycles:
                 _of_line(words, "R", at),
                 f"{name} goes from R down to {plane.across}",
             )
-        if settings.peck and repeats * (top - bottom) > MOST_PECKS * settings.peck:
+        smallest = settings.least or settings.peck
+        if settings.peck and repeats * (top - bottom) > MOST_PECKS * smallest:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
         if polar is None:
@@ -170,8 +171,10 @@ class DrillingCycles:
     ) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
         state, rules = self._state, self._rules
-        dwell = peck = 0.0
-        if cycle in PECKING or cycle == FINE_BORING:
+        dwell = peck = less = least = 0.0
+        if cycle in PECKING and self._shrinking(words, series):
+            peck, less, least = self._shrinking_pecks(words, series, name, at)
+        elif cycle in PECKING or cycle == FINE_BORING:
             word = self._word(words, series, "Q", name, at)
             peck = word.number * state.scale
             what = "the shift" if cycle == FINE_BORING else "a peck"
@@ -194,12 +197,36 @@ class DrillingCycles:
             feed=0.0,
             dwell=dwell,
             peck=peck if cycle in PECKING else 0.0,
+            less=less,
+            least=least,
             clearance=rules.clearance,
             turning=turning,
             shift=peck,
             feed_out_to=rules.feed_out_to,
             tap_dwell=rules.tap_dwell,
         )
+
+    def _shrinking(self, words: LineWords, series: Series) -> bool:
+        """Whether pecks have I, J and K (Haas), and not Q. The later of both is in effect."""
+        if not self._rules.pecks_shrink:
+            return False
+        if "I" in words.rest:
+            series.words.pop("Q", None)
+        elif "Q" in words.rest:
+            for letter in "IJK":
+                series.words.pop(letter, None)
+        return "I" in words.rest or "I" in series.words
+
+    def _shrinking_pecks(
+        self, words: LineWords, series: Series, name: str, at: Word
+    ) -> tuple[float, float, float]:
+        """Take I, J and K: the first peck, the decrease, and the smallest one, mm."""
+        found = [self._word(words, series, letter, name, at) for letter in "IJK"]
+        first, less, least = (word.number * self._state.scale for word in found)
+        if first <= 0.0 or less < 0.0 or not 0.0 < least <= first:
+            message = f"{name}: I and K must be more than 0, K not more than I, and J not negative"
+            raise fault("value-out-of-range", message, found[0])
+        return first, less, least
 
     def _seconds(self, word: Word) -> float:
         unit = self._dialect.dwell.get("P", 1.0)
