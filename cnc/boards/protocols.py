@@ -55,6 +55,8 @@ class Capabilities:
         slice_s: Length of the motion slices that it should be sent, s. Short slices make holds
             fast. 0 for a board that moves nothing.
         actions: Actions that it supports between moves.
+        separate_axes: Whether each axis has a queue of its own, so that moves of several axes
+            together have no use.
     """
 
     axes: int
@@ -66,6 +68,7 @@ class Capabilities:
     probes: bool = False
     slice_s: float = 0.0
     actions: frozenset[Action] = ACTIONS
+    separate_axes: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,8 @@ BUILT_IN = {
         ("file", "cnc.boards.file:FileBoard"),
         ("grbl", "cnc.boards.grbl.driver:GrblBoard"),
         ("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSimulatorBoard"),
+        ("klipper", "cnc.boards.klipper.driver:Klipper"),
+        ("klipper-sim", "cnc.boards.klipper.simulator.board:KlipperSimulatorBoard"),
         ("stepper", "cnc.boards.stepper.driver:Stepper"),
     )
 }

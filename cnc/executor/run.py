@@ -278,11 +278,11 @@ def execute(
 
     After a stop request, only the motion needed for the stop is sent, and the board is left
     stopped. Without ``ramp_down``, no motion is sent. With it, the rest of the current chunk
-    follows, and then the motion that ``ramp_down`` gives, unless the chunk ends at rest. For a
+    follows. If that does not end at rest, the motion that ``ramp_down`` gives follows too. For a
     hold, the plan itself comes to rest and contains :class:`~cnc.model.blocks.Held`.
 
-    A fault of the program can appear during the run, when the answer of a probe or an input leads
-    to another path than in the check pass. Then a board with sensors comes to rest on the path, if
+    A fault of the program can appear during the run: an answer of a probe or an input may lead to
+    another path than in the check pass. Then a board with sensors comes to rest on the path, if
     ``ramp_down`` is given. After any other exception the board is aborted.
 
     Args:

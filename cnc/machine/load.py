@@ -12,18 +12,19 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from cnc.machine.board import Board
+from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.locate import locate
 from cnc.machine.models import (
     Axis,
-    Board,
     Header,
     Homing,
     HomingOrder,
     Machine,
     PathLimits,
-    Program,
     Stock,
 )
+from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
 from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
@@ -101,12 +102,14 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    for key in ("name", "kind"):
+    for key in ("name", "kind", "file"):
         if key in tables:
-            hint = f"put the {key} into [machine]"
+            hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
     try:
-        machine = Machine.model_validate({"name": header.name, "kind": header.kind, **tables})
+        machine = Machine.model_validate(
+            {"name": header.name, "kind": header.kind, "file": str(file), **tables}
+        )
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in machine.inconsistencies():
@@ -137,6 +140,23 @@ def _read(file: Traversable) -> str:
         code, message = "machine-file-unreadable", f"the machine file is not readable: {reason}"
     hint = f"shipped machines: {', '.join(shipped_machines())}" if code == "no-such-file" else ""
     raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
+
+
+def error_in(machine: Machine, key: tuple[str, ...], message: str, hint: str) -> MachineFileError:
+    """Return an error in the file of a machine, such as one that only the board can tell.
+
+    Args:
+        machine: The machine.
+        key: Full path of the key.
+        message: The problem.
+        hint: The remedy.
+    """
+    file = Path(machine.file)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError):
+        text = ""
+    return _error(file, text, key, message, hint)
 
 
 def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
@@ -222,7 +242,7 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
     if len(key) == 1:
         known = [
             "machine",
-            *(field for field in Machine.model_fields if field not in Header.model_fields),
+            *(each for each in Machine.model_fields if each not in ("name", "kind", "file")),
         ]
     elif key[0] == "axes":
         if len(key) > 3:
@@ -230,10 +250,21 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
         else:
             known = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
     else:
-        known = list(_SECTIONS[key[0]].model_fields)
+        known = list(_section(key).model_fields)
     close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
     return _error(file, text, key, "there is no such key", hint)
+
+
+def _section(key: tuple[str, ...]) -> type[Section]:
+    """Return the model of the table in which a key stands."""
+    if key[:2] != ("board", "klipper") or len(key) == 2:
+        return _SECTIONS[key[0]]
+    if len(key) == 3:
+        return KlipperBoard
+    if key[2] == "spindle":
+        return KlipperSpindle
+    return TrinamicDriver if key[3] == "driver" and len(key) > 4 else KlipperAxis
 
 
 def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:

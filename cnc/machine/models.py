@@ -11,40 +11,20 @@ The descriptions of the fields are those in the JSON Schema of the machine file
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat
 
-from cnc.machine.program_codes import Codes, RunFile
-from cnc.machine.section import FilePath, Section
+from cnc.machine.board import Board
+from cnc.machine.program import Program
+from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import DialectName, GcodeSystem, MachineKind
-
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+from cnc.model.choices import MachineKind
 
 RATE_ROUNDING = 1e-12
 """Relative rounding error that the product of a speed and a resolution may have."""
-
-
-def _tuple(value: Any) -> Any:
-    """Return a TOML array as a tuple, because the frozen models hold tuples."""
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
-    if not ends[0] < ends[1]:
-        raise ValueError("must be [lowest, highest]")
-    return ends
-
-
-Span = Annotated[
-    tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple), AfterValidator(_ascending)
-]
-"""Lowest and highest coordinate."""
 
 
 class Header(Section):
@@ -161,121 +141,10 @@ class PathLimits(Section):
     )
 
 
-InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
-"""Inputs of the stepper board that have a switch; ``limits`` are the switches of all axes."""
-PulseTime = Annotated[FiniteFloat, Field(gt=0, le=60e-6)]
-"""Seconds, within the range of the board's 8-bit timer."""
-
-
-class Board(Section):
-    """The board that takes the motion.
-
-    ``max_spindle_rpm`` and the keys after it are for the stepper board. GRBL has its own settings.
-    """
-
-    kind: Annotated[str, Field(min_length=1)] = Field(
-        default="loopback",
-        description="Name of the board driver, such as loopback, file, grbl or stepper.",
-    )
-    port: str | None = Field(
-        default=None,
-        description=(
-            "Serial port of the board, such as /dev/ttyUSB0 or COM3; usb:NUMBER for the device "
-            "with this serial number; a pyserial URL such as socket://host:port; or the file of "
-            "the file board."
-        ),
-    )
-    baud: Annotated[int, Field(gt=0)] = Field(
-        default=115200,
-        description="Speed of the serial port, bits/s. Without it, the stepper board has 1000000.",
-    )
-    max_step_rate: Positive = Field(
-        default=200_000.0, description="Highest step rate of one axis, steps/s."
-    )
-    max_spindle_rpm: Positive = Field(
-        default=1000.0,
-        description="Speed of a PWM spindle while its output (D11) is on all the time, rpm.",
-    )
-    normally_closed: Annotated[tuple[InputName, ...], BeforeValidator(_tuple)] = Field(
-        default=(),
-        description=(
-            "Inputs with a switch that opens when it is pressed, so that a broken wire "
-            "counts as pressed (limits: $5 = 1 in GRBL, probe: $6 = 1)."
-        ),
-    )
-    invert_enable: bool = Field(
-        default=False,
-        description=(
-            "Whether the motor drivers are on while the enable pin (D8) is high ($4 = 1 in GRBL)."
-        ),
-    )
-    step_pulse: PulseTime = Field(
-        default=5e-6,
-        description="Time for which a step pin stays high ($0 in GRBL), and low after that, s.",
-    )
-    direction_setup: PulseTime = Field(
-        default=5e-6, description="Time from a change of direction to the next step, s."
-    )
-
-
-class Program(Section):
-    """How programs are read. File names are relative to the machine file."""
-
-    dialect: DialectName = Field(
-        default="auto", description="Dialect of G-code; auto recognises it in the program."
-    )
-    g_code_system: GcodeSystem = Field(
-        default="A",
-        description=(
-            "System of the G-codes of a FANUC or Haas lathe: in A G98 and G99 are the feed modes "
-            "and G90, G92 and G94 cycles; in B and C G94 and G95 are the feed modes."
-        ),
-    )
-    tool_table: FilePath | None = Field(
-        default=None,
-        description="File with the tool table. A run that changes the table writes the file.",
-    )
-    parameters: FilePath | None = Field(
-        default=None,
-        description=(
-            "File with the parameters that are kept between programs. A run that changes "
-            "them writes it."
-        ),
-    )
-    subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(_tuple)] = Field(
-        default=(),
-        description="Folders with subprograms, searched after the folder of the program.",
-    )
-    codes: Codes = Field(
-        default={},
-        description=(
-            'Effects of a builder\'s M-codes, such as M31 = "ignore", "pass-on" (to a GRBL board), '
-            '"pause", { file = "m31.ngc" } or { output = 3, on = true }.'
-        ),
-    )
-    max_repeated_lines: Annotated[int, Field(gt=0)] = Field(
-        default=2_000_000,
-        description="Repeated lines in loops and calls after which the program counts as endless.",
-    )
-    max_call_depth: Annotated[int, Field(gt=0, le=1000)] = Field(
-        default=100, description="Nesting of calls beyond which the program counts as endless."
-    )
-
-    def files(self) -> Iterator[tuple[str, Path]]:
-        """Yield key and path of each file that must exist; the first run makes the parameters."""
-        if self.tool_table is not None:
-            yield "tool_table", self.tool_table
-        for path in self.subroutines:
-            yield "subroutines", path
-        for action in self.codes.values():
-            if isinstance(action, RunFile):
-                yield "codes", action.file
-
-
 class HomingOrder(Section):
     """The sequence of the axes in a homing cycle."""
 
-    order: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple)] | None = Field(
+    order: Annotated[tuple[AxisLetter, ...], BeforeValidator(as_tuple)] | None = Field(
         default=None,
         description=(
             "Axes in the order in which they home. Without it: Z first, then the order of the file."
@@ -291,25 +160,12 @@ class Stock(Section):
     z: Span = Field(description="Lowest and highest Z, mm.")
 
 
-class Inconsistency(NamedTuple):
-    """A contradiction between keys of a machine file.
-
-    Attributes:
-        key: Full path of the key that the message is about.
-        message: The problem.
-        hint: The remedy.
-    """
-
-    key: tuple[str, ...]
-    message: str
-    hint: str
-
-
 class Machine(Section):
     """A machine. The order of ``axes`` is the order of the columns of every position."""
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
+    file: str = Field(default="", description="Name of the machine file.", exclude=True)
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )
@@ -359,6 +215,14 @@ class Machine(Section):
                     f"the machine has no axis {letter}",
                     f"its axes are {', '.join(self.axes)}",
                 )
+        if self.board.klipper is not None:
+            yield from self.board.klipper.inconsistencies(tuple(self.axes))
+        elif self.board.kind == "klipper":
+            yield Inconsistency(
+                ("board", "kind"),
+                "a Klipper board needs the pins of its motors",
+                "write the tables [board.klipper.x], ...; cncrun boards lists the pins of a board",
+            )
         if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
             yield Inconsistency(
                 ("stock",),

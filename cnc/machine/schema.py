@@ -42,7 +42,8 @@ def machine_schema() -> dict[str, Any]:
     tables = Machine.model_json_schema(schema_generator=_TomlSchema)
     header = Header.model_json_schema(schema_generator=_TomlSchema)
     keys = tables.pop("properties")
-    del keys["name"], keys["kind"]
+    for own in ("name", "kind", "file"):
+        del keys[own]
     return {
         "$schema": DRAFT,
         **tables,

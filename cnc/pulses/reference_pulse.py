@@ -48,6 +48,7 @@ class ReferencePulse:
             sooner after a step makes neither step.
         algorithm: None, or half steps, for half steps on lines and arcs and enclosing lines on all
             other curves.
+        separate_axes: moves of different axes may be as close as they fall due.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class ReferencePulse:
         min_pulse_ns: float = 0.0,
         *,
         algorithm: Algorithm | None = None,
+        separate_axes: bool = False,
     ) -> None:
         self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
         self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(
@@ -64,6 +66,7 @@ class ReferencePulse:
         )
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
+        self._min_row_ns = 0.0 if separate_axes else min_pulse_ns
         self._algorithm = CODES[algorithm]
         self._last_ns = 0
         self._released_ns = -(2**62)
@@ -122,6 +125,7 @@ class ReferencePulse:
                 buffers,
                 self._filled,
                 self.min_pulse_ns,
+                self._min_row_ns,
             )
             self._last_ns = int(state["last_ns"][0])
             self._error = float(state["error"][0])
@@ -177,7 +181,7 @@ class ReferencePulse:
         while (self._grid != target).any():
             step = np.sign(target - self._grid)
             self._grid += step
-            earliest = self._released_ns + int(self.min_pulse_ns)
+            earliest = self._released_ns + int(self._min_row_ns)
             self._last_ns = self._released_ns = max(
                 self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest
             )

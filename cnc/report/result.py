@@ -122,7 +122,7 @@ class Report:
         blocks: canonical blocks; each move of a run of lines counts.
         check_only: whether the board has only read the program.
         planned_by_board: whether the board plans its motion, so that the values along the path are
-            those of our plan.
+            those of a model of its planner.
         offset: the work offset of a check for a GRBL board; None otherwise.
         duration_s: machine time with dwells, as computed.
         played_s: measured time of a run on a board that plans its motion; None without one.

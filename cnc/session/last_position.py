@@ -6,7 +6,7 @@ Therefore the reported position is compared with the position at the end of the 
     STATE/positions/BOARD.json: `board`, `position` {axis: mm}, `ended`, `lost`
 
 STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended`
-is "" during a run (and after a crash of the computer), then "end", "stopped", or the code of a
+is "" during a run, and after a crash of the computer. Then it is "end", "stopped", or the code of a
 fault. `lost`: whether the position is unreliable.
 """
 

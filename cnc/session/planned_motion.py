@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from cnc.checks.travel import ROUNDING, TravelCheck
-from cnc.grbl_lines.smooth import smooth_path
+from cnc.checks.travel import TravelCheck
+from cnc.grbl_lines.exact_path import exact_path
 from cnc.model.blocks import Block
 from cnc.model.streams import SampleChunk
 from cnc.outputs.trace import TraceWriter, trace_writer
@@ -38,24 +38,24 @@ class PlannedMotion:
         self._context, self._machine = context, context.reader.machine
         self._step_deviation = 0.0
 
-    def path(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
+    def path(self, *, for_lines: bool) -> Iterator[PathChunk | Block]:
         """Read the path again and compare it with the travel.
 
-        A program may continue on another path than in the check pass, if it depends on the answers
-        of probes and inputs.
+        A program that depends on answers of probes and inputs may take another path than in the
+        check pass.
 
         Args:
-            smooth: Whether corners are rounded, for a board that plans for itself.
+            for_lines: Whether the path has no blends, for a board that plans for itself.
 
         Raises:
             MotionLimitError: If the path leaves the travel.
         """
         reader, machine = self._context.reader, self._machine
-        blocks, tolerance = self.reading_time.inside(reader.blocks()), machine.path.tolerance
-        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
+        blocks = self.reading_time.inside(reader.blocks())
+        survey = TravelCheck(machine)
         path = (
-            smooth_path(blocks, axes=machine.axis_names, start=reader.start, tolerance=tolerance)
-            if smooth
+            exact_path(blocks, axes=machine.axis_names, start=reader.start)
+            if for_lines
             else reader.path_of(blocks)
         )
         for item in path:

@@ -8,12 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import ChecksFeasibility, FeasibilityCheck, KnownInAdvance, PulseSink
+from cnc.boards.protocols import (
+    Capabilities,
+    ChecksFeasibility,
+    FeasibilityCheck,
+    KnownInAdvance,
+    PulseSink,
+)
 from cnc.boards.registry import board_factory
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
-from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
+from cnc.model.choices import Algorithm
+from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.outputs.pulses import pulse_writer
@@ -28,6 +35,8 @@ from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
 from cnc.session.stopwatch import TimedInterpolator
 
 OnPulses = Callable[[PulseChunk], None]
+SEPARATE: Algorithm = "crossings"
+"""Algorithm for boards with a queue for each axis: each axis steps by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +74,15 @@ class PulsePass:
         self._context, self._motion, self._board = context, motion, board
         self._machine, self._control = context.reader.machine, context.observer.control
         self._fastest = self._machine.board.max_step_rate
+        can = _expected(self._machine) if board is None else board.capabilities
         if board is not None:
             self._fastest = min(self._fastest, board.capabilities.max_step_rate)
+        self._algorithm: Algorithm | None = context.options.algorithm
+        self._separate = can is not None and can.separate_axes
+        if self._separate:
+            if self._algorithm not in (None, SEPARATE):
+                context.observer.warn(_other_algorithm(self._algorithm))
+            self._algorithm = SEPARATE
         self._schedule: Schedule | None = None
 
     def run(self, kept: PathItems | None, before_motion: Callable[[], None]) -> None:
@@ -85,7 +101,7 @@ class PulsePass:
             on_pulses = context.files.opened(writer).write
         if isinstance(board, ChecksFeasibility):
             self._schedule = self._rehearse(board.feasibility_check(), kept)
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
         planned = motion.recorded_plan(planner, path)
@@ -124,7 +140,8 @@ class PulsePass:
             self._machine.steps_per_mm,
             context.reader.start,
             1e9 / self._fastest,
-            algorithm=context.options.algorithm,
+            algorithm=self._algorithm,
+            separate_axes=self._separate,
         )
 
     def _rehearse(self, feasibility: FeasibilityCheck, kept: PathItems | None) -> Schedule:
@@ -134,7 +151,7 @@ class PulsePass:
             MotionLimitError: If the board cannot play the motion.
         """
         context, motion = self._context, self._motion
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         pulses = TimedInterpolator(self._interpolator(), motion.interpolating_time)
         rows, times, made, clock = [0], [0.0], 0, RunClock()
         planner = LookAhead(self._machine, Control(self._control.feed_override), slice_s=LONG)
@@ -231,6 +248,21 @@ def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk
         feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
+
+
+def _other_algorithm(asked: str) -> Diagnostic:
+    message = f"the board has a queue for each axis: {SEPARATE} is used instead of {asked}"
+    hint = f"leave --algorithm out, or name {SEPARATE}"
+    return Diagnostic("algorithm-not-used", message, hint=hint, severity="note")
+
+
+def _expected(machine: Machine) -> Capabilities | None:
+    """Return the capabilities of the board in the machine file, if its driver can tell."""
+    try:
+        factory = board_factory(machine.board.kind)
+    except UsageError:
+        return None
+    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None
 
 
 def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:

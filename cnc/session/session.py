@@ -176,7 +176,7 @@ class Session:
         if isinstance(board, LineSink):
             record.check_position(board)
         reader.begin_at(context.options.from_line)
-        check, kept = self._check_pass(capabilities, keep=not isinstance(board, LineSink))
+        check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
         context.observer.checking(report.lines)
         if not report.ok:
             return
@@ -197,9 +197,9 @@ class Session:
                 reader.saved.save(*reader.state)
 
     def _check_pass(
-        self, capabilities: CapabilityCheck, *, keep: bool
+        self, capabilities: CapabilityCheck, *, for_lines: bool
     ) -> tuple[CheckPass, PathItems | None]:
-        """Carry out the check pass. The path is of use to the run pass unless lines are made."""
+        """Carry out the check pass; return the path if the run pass can use it."""
         context, report, reader = self._context, self.report, self._context.reader
         check, target = CheckPass(context, capabilities, self._kernels), None
         if context.options.outputs.blocks is not None:
@@ -210,7 +210,7 @@ class Session:
             )
         try:
             with self._kernels.reading(reader.path):
-                kept = check.run(target, keep=keep)
+                kept = check.run(target, for_lines=for_lines)
         finally:
             report.timing.parse_s = check.reading_time.seconds
             # Path building draws from the reader, so its time includes the reading time.

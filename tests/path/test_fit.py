@@ -176,7 +176,7 @@ def test_a_speck_without_end_is_bounded_too():
 
     def stream():
         yield blend()
-        for _ in range(40):
+        for _ in range(share(40, 10)):
             yield lines(rng.normal(size=(4000, 3)) * 1e-4)
 
     path = list(build(stream(), axes=XYZ, start=np.zeros(3)))

@@ -137,6 +137,7 @@ class LineStream:
         """Wait until the machine rests with nothing to do, or the operator stops the run."""
         self.drain()
         link = self.link
+        link.poll_now()
         began = link.now()
         reports = 0
         while not self.stopping:

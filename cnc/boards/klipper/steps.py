@@ -18,13 +18,15 @@ class StepEncoder:
     Args:
         tolerance: Largest deviation of a step from its time, ticks.
         last: Time from which the first interval counts, ticks.
+        least: Least time between two steps, ticks. It protects the step after a part.
 
     Attributes:
         last: Time of the last step, ticks.
     """
 
-    def __init__(self, tolerance: int, last: int = 0) -> None:
+    def __init__(self, tolerance: int, last: int = 0, least: int = 0) -> None:
         self.tolerance = tolerance
+        self._least = least
         self.last = last
         self._runs = Runs(*(np.empty(ROWS, np.int64) for _ in range(6)))
         self._fit = Fit(
@@ -50,6 +52,7 @@ class StepEncoder:
                 due[at : at + ROWS],
                 sign[at : at + ROWS],
                 self.tolerance,
+                self._least,
                 self.last,
                 self._runs,
                 self._fit,

@@ -7,6 +7,7 @@ the position.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
@@ -214,18 +215,13 @@ class AxisWords:
         self, values: dict[int, float], start: list[float], *, machine: bool = False
     ) -> list[float]:
         """Return the machine position of axis values; arguments as of :meth:`target`."""
-        end = start.copy()
         coordinates = self.coordinates
+        if not machine and not coordinates.turned:
+            return self.shifted(values.items(), start)
+        end = start.copy()
         if machine:
             for index, value in values.items():
                 end[index] = value
-        elif not coordinates.turned:
-            absolute, zero = self._state.absolute, coordinates.zero
-            for index, value in values.items():
-                if absolute:
-                    end[index] = value + zero[index]
-                else:
-                    end[index] += value
         elif self._state.absolute:
             program = coordinates.to_program(start)
             for index, value in values.items():
@@ -239,6 +235,17 @@ class AxisWords:
             end = [
                 here + step for here, step in zip(start, coordinates.rotated(delta), strict=True)
             ]
+        return end
+
+    def shifted(self, values: Iterable[tuple[int, float]], start: list[float]) -> list[float]:
+        """Return the machine position of axis values, if the coordinates are shifted only."""
+        end, zero = start.copy(), self.coordinates.zero
+        if self._state.absolute:
+            for index, value in values:
+                end[index] = value + zero[index]
+        else:
+            for index, value in values:
+                end[index] += value
         return end
 
     # Feed

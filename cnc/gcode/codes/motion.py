@@ -384,14 +384,10 @@ class Motion(AxisWords):
 
     def _quick_end(self, axes: Sequence[tuple[int, Known]]) -> list[float] | None:
         """The end of a move; None if a value is out of range."""
-        scales, zero, absolute = self.scales, self.coordinates.zero, self._state.absolute
-        end = self.position.copy()
+        scales, values = self.scales, []
         for index, number in axes:
             value = number if number.__class__ is float else number(self.coordinates.parameters)  # type: ignore[operator]
             if not -MAX_NUMBER <= value <= MAX_NUMBER:
                 return None
-            if absolute:
-                end[index] = value * scales[index] + zero[index]
-            else:
-                end[index] += value * scales[index]
-        return end
+            values.append((index, value * scales[index]))
+        return self.shifted(values, self.position)

@@ -44,7 +44,7 @@ MOST_PECKS = 100_000
 
 
 @dataclass(slots=True)
-class _Series:
+class Series:
     """Consecutive cycles: the cycle, its plane, the position at the start, the words in effect."""
 
     cycle: G
@@ -53,16 +53,24 @@ class _Series:
     words: dict[str, Word] = field(default_factory=dict)
 
 
-def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
-    """Register the handlers of the canned cycles of the dialect."""
+def register(
+    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
+) -> DrillingCycles:
+    """Register the handlers of the canned cycles of the dialect, and return the cycles."""
     cycles = DrillingCycles(motion, dialect, state, performer)
     motion.handlers |= dict.fromkeys(cycles.cycles, cycles.make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
+    return cycles
 
 
 class DrillingCycles:
-    """Execution of the canned cycles for holes. ``cycles`` are those of the dialect."""
+    """Execution of the canned cycles for holes.
+
+    Attributes:
+        cycles: The cycles of the dialect.
+        series: The last series; None before the first.
+    """
 
     def __init__(
         self, motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
@@ -75,7 +83,7 @@ class DrillingCycles:
         self._rules = dialect.cycles
         self._state = state
         self._performer = performer
-        self._series: _Series | None = None
+        self.series: Series | None = None
 
     def make(self, words: LineWords, code: Code | None) -> None:
         """Execute a line of the cycle in effect; ``code`` is that of the line, if it has one."""
@@ -121,20 +129,20 @@ class DrillingCycles:
         holes = self._holes(plane, given, heights, repeats)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
-        self._series = series
+        self.series = series
         if not repeats:
             return
         self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
 
-    def _series_of(self, cycle: G) -> _Series:
+    def _series_of(self, cycle: G) -> Series:
         """The series that this line continues, or a new one."""
-        state, series, before = self._state, self._series, self._motion.motion_before
+        state, series, before = self._state, self.series, self._motion.motion_before
         if series is None or before not in self.cycles or series.plane != state.plane:
-            return _Series(cycle, state.plane, self._motion.position)
+            return Series(cycle, state.plane, self._motion.position)
         words = series.words if cycle == series.cycle or self._rules.words_stay else {}
-        return _Series(cycle, series.plane, series.start, words.copy())
+        return Series(cycle, series.plane, series.start, words.copy())
 
-    def _word(self, words: LineWords, series: _Series, letter: str, name: str, at: Word) -> Word:
+    def _word(self, words: LineWords, series: Series, letter: str, name: str, at: Word) -> Word:
         """A word that the cycle needs, of this line or of one before."""
         word = self._staying(words, series, letter, name)
         if word is None:
@@ -146,14 +154,14 @@ class DrillingCycles:
             )
         return word
 
-    def _staying(self, words: LineWords, series: _Series, letter: str, name: str) -> Word | None:
+    def _staying(self, words: LineWords, series: Series, letter: str, name: str) -> Word | None:
         word = words.take(letter, name) or series.words.get(letter)
         if word is not None:
             series.words[letter] = word
         return word
 
     def _settings(
-        self, words: LineWords, series: _Series, cycle: G, name: str, at: Word
+        self, words: LineWords, series: Series, cycle: G, name: str, at: Word
     ) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
         state, rules = self._state, self._rules
@@ -239,7 +247,7 @@ class DrillingCycles:
         return whole(found[0], "the repeats", least, MOST_REPEATS) if found else 1
 
     def _heights(
-        self, plane: CyclePlane, series: _Series, depth: Word, retract: Word
+        self, plane: CyclePlane, series: Series, depth: Word, retract: Word
     ) -> tuple[float, float, float]:
         """Heights of R, of the bottom, and of the end of the cycle, mm."""
         state, motion = self._state, self._motion

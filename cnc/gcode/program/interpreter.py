@@ -39,7 +39,6 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
     PLANES,
-    QUICK_MOTIONS,
     Code,
     Codes,
     ModalState,
@@ -59,7 +58,6 @@ from cnc.model.blocks import Abort, BoardCommand
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
-_QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
 class Interpreter:
@@ -69,8 +67,8 @@ class Interpreter:
         ended: Whether the program has ended.
         aborted: Whether it has aborted itself.
         begun: Whether a word was executed.
-        plain: Whether straight moves and arcs depend on units, offsets, distance mode and feed
-            only.
+        plain: Whether straight moves, arcs and cycles depend on units, offsets, distance mode and
+            feed only.
         here: The current line.
         out: The blocks.
     """
@@ -162,7 +160,7 @@ class Interpreter:
         g5_2.register(motion, modal, here, self.feed_codes.feed)
         bspline.register(motion, modal, here, self.feed_codes.feed)
         runner = CycleRunner(motion, modal, here, self.out)
-        drilling.register(motion, dialect, modal, runner)
+        self.drilling_cycles = drilling.register(motion, dialect, modal, runner)
         threading.register(motion, dialect, modal, runner)
         circular_pocket.register(motion, modal, here, self.tool_codes)
         probing.register(motion, modal, here, self.out, self.parameters)
@@ -281,8 +279,7 @@ class Interpreter:
         """Find again whether moves are plain, after a change of the state."""
         state, motion = self.modal, self.motion
         self.plain = (
-            state.motion in _QUICK_MOTIONS
-            and state.feed_mode == "per-minute"
+            state.feed_mode == "per-minute"
             and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned

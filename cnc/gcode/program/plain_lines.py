@@ -15,6 +15,8 @@ from cnc.kernels.gcode.line import execute_lines
 
 SHORTEST = 6
 """Lines. A shorter run is no faster in compiled code."""
+ROWS_OF_LINE = 5
+"""Rows for which there is space for each line of a run: a hole has as many."""
 
 WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
 """A distance that is not 0, without a decimal point. A comment may match too, which does no
@@ -48,7 +50,7 @@ class PlainLines:
         end = index + int(window.simple[index])
         if interpreter.points_wanted:
             end = window.find(WITHOUT_POINT, index, end)
-        job = self._machine.begin(min(MOST_ROWS, end - index))
+        job = self._machine.begin(min(MOST_ROWS, ROWS_OF_LINE * (end - index)))
         first, words = window.scan.lines.first, window.scan.words
         setup, state, position, rows, _ = job
         count = int(

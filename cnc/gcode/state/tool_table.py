@@ -22,7 +22,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
 
-from cnc.gcode.syntax.parameters import Parameters, replace_text
+from cnc.gcode.syntax.parameter_file import replace_text
+from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import AXES
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 from cnc.model.parameter_numbers import CURRENT_TOOL

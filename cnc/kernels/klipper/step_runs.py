@@ -80,7 +80,13 @@ class Fit(NamedTuple):
 
 @njit
 def encode_steps(
-    due: Ints, sign: NDArray[np.int8], tolerance: int, last: int, runs: Runs, fit: Fit
+    due: Ints,
+    sign: NDArray[np.int8],
+    tolerance: int,
+    least: int,
+    last: int,
+    runs: Runs,
+    fit: Fit,
 ) -> tuple[int, int, int]:
     """Encode steps as runs.
 
@@ -88,6 +94,7 @@ def encode_steps(
         due: Time of each step (n,), ticks, increasing.
         sign: Direction of each step (n,).
         tolerance: Largest deviation of a step from its time, ticks.
+        least: Least time from the last of these steps to a later one, ticks.
         last: Time of the last step before, ticks.
         runs: Space for n runs.
         fit: Scratch space for n steps.
@@ -100,7 +107,7 @@ def encode_steps(
     while at < len(due):
         until = min(len(due), at + min(max(REACH * guess, LEAST_REACH), MAX_COUNT))
         before = last if at == 0 else due[at - 1]
-        limit = _windows(due, sign, at, until, tolerance, begin, before, fit)
+        limit = _windows(due, sign, at, until, tolerance, least, begin, before, fit)
         if limit <= 0:
             return (NOT_RISING if limit == 0 else TOO_FAR), made, begin
         count = _longest(limit, guess, fit)
@@ -132,6 +139,7 @@ def _windows(
     at: int,
     until: int,
     tolerance: int,
+    least: int,
     begin: int,
     before: int,
     fit: Fit,
@@ -151,8 +159,8 @@ def _windows(
         if gap <= 0 or due[row] <= begin:
             return 0 if k == 0 else k
         moved = min(moved, gap // SHARE)
-        if row + 1 < len(due):
-            moved = min(moved, max(due[row + 1] - due[row], 0) // SHARE)
+        ahead = max(due[row + 1] - due[row], 0) if row + 1 < len(due) else least
+        moved = min(moved, ahead // SHARE)
         ahead = due[row] - begin
         if ahead > MAX_INTERVAL:
             return -1 if k == 0 else k

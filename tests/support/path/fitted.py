@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cnc.kernels.path.curve import LINE
 from cnc.model.blocks import PathMode
@@ -46,17 +47,25 @@ def sampled(chunks, count=64):
     return np.array(points), np.array(feeds), np.array(line)
 
 
-def distances(points, polygon):
-    """Return the distance of each point from the polygon, by brute force."""
+def distances(points, polygon, enough=0.0):
+    """Return the distance of each point from the polygon, by brute force.
+
+    A distance of up to ``enough`` may be that from the sides beside a near vertex only, which is
+    an upper bound.
+    """
     a, along = polygon[:-1], np.diff(polygon, axis=0)
     squared = np.maximum((along**2).sum(axis=1), 1e-300)
-    best = np.full(len(points), np.inf)
-    for first in range(0, len(points), 256):
-        p = points[first : first + 256, None]
-        x = np.clip(((p - a) * along).sum(axis=2) / squared, 0.0, 1.0)
-        best[first : first + 256] = np.linalg.norm(p - (a + x[..., None] * along), axis=2).min(
-            axis=1
-        )
+
+    def from_sides(points, a, along, squared):
+        x = np.clip(((points - a) * along).sum(axis=-1) / squared, 0.0, 1.0)
+        return np.linalg.norm(points - (a + x[..., None] * along), axis=-1)
+
+    _, near = cKDTree(polygon).query(points, k=min(3, len(polygon)))
+    near = near.reshape(len(points), -1)
+    sides = np.clip(np.concatenate((near - 1, near), axis=1), 0, len(along) - 1)
+    best = from_sides(points[:, None], a[sides], along[sides], squared[sides]).min(axis=1)
+    for k in np.flatnonzero(best > enough):
+        best[k] = from_sides(points[k], a, along, squared).min()
     return best
 
 
@@ -71,11 +80,11 @@ def assert_within(chunks, points, tolerance):
         points[:-1, None] + np.linspace(0, 1, 5)[None, :, None] * np.diff(points, axis=0)[:, None]
     )
     assert (
-        distances(curve[:, :3], points).max()
+        distances(curve[:, :3], points, tolerance).max()
         <= tolerance * (1 + 1e-9) + 1e-12 * np.abs(points).max()
     )
     assert (
-        distances(inside.reshape(-1, 3), curve[:, :3]).max()
+        distances(inside.reshape(-1, 3), curve[:, :3], tolerance).max()
         <= 1.02 * tolerance + 1e-12 * np.abs(points).max()
     )
 

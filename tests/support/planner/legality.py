@@ -245,11 +245,12 @@ def _check_path(
         for k, some in by_curve.items():
             # Only for rows that are not near enough to another piece.
             wanted = np.concatenate(some)
-            wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
+            enough = allowed[wanted] + 0.5 * APART
+            far = best[wanted] > enough
+            wanted, enough = wanted[far], enough[far]
             if len(wanted):
-                best[wanted] = np.minimum(
-                    best[wanted], path[k].distance(p[wanted], everywhere=everywhere)
-                )
+                apart = path[k].distance(p[wanted], enough, everywhere=everywhere)
+                best[wanted] = np.minimum(best[wanted], apart)
     found.apart = float((best - allowed).max())
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
