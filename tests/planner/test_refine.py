@@ -79,13 +79,13 @@ def test_the_examination_of_a_phase_finds_peaks_between_its_points():
     limits = SumLimits(np.full(2, 100.0), np.full(2, 1000.0))
     scratch = np.empty((SCRATCH, 2))
     for _ in range(300):
-        length, duration = 1.0, 0.1
+        length, duration = 1.0, 0.06
         v, a = rng.uniform(8.0, 10.0), rng.normal(0.0, 10.0)
         j = rng.normal(0.0, 300.0)
         s_end = duration * (v + duration * (0.5 * a + duration * j / 6.0))
         x = np.linspace(0.0, length, 5)
         bend, twist = (
-            rng.normal(0.0, size) * np.sin(rng.uniform(1.0, 4.0) * x + rng.uniform(0.0, 6.0))
+            rng.normal(0.0, size) * np.sin(rng.uniform(1.0, 3.0) * x + rng.uniform(0.0, 6.0))
             for size in (1.0, 1.0)
         )
         known = Intervals(

@@ -114,10 +114,10 @@ def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
 def peak(before: float, here: float, after: float) -> float:
     """Return the largest absolute value of the parabola through three values, evenly spaced.
 
-    Only a peak that is nearer to the second value than to the others is above the values.
+    It is the second value where the parabola has no peak between the first and the third.
     """
     bend = before - 2.0 * here + after
-    if here * bend >= 0.0 or abs(after - before) > abs(bend):
+    if here * bend >= 0.0 or abs(after - before) > 2.0 * abs(bend):
         return abs(here)
     return abs(here) + (after - before) ** 2 / (8.0 * abs(bend))
 
