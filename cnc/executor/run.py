@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
+from cnc.boards.protocols import HasButtons, MachineReport, PlaysAhead, ProbesByMotion, PulseSink
 from cnc.executor.motion_commands import CommandsInMotion
 from cnc.model.blocks import Abort, Block, End, Held, Probe, Spindle, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
@@ -72,6 +72,11 @@ class Progress:
         file: Program of the last motion sent.
         at: Line that the motion has reached with certainty, 0 if none is known.
         at_rest: Whether a hold has come to rest.
+        axes: Letters of the machine's axes, in the order of the positions.
+        machine: The last report of a board that plans its own motion.
+        text: Text of the line.
+        feed: Programmed feed of the line, mm/min; None for a traverse, or if it is not known.
+        tool: Number of the tool; None before the first tool change.
     """
 
     time: float
@@ -86,6 +91,11 @@ class Progress:
     file: str = ""
     at: int = 0
     at_rest: bool = False
+    axes: tuple[str, ...] = ()
+    machine: MachineReport | None = None
+    text: str = ""
+    feed: float | None = None
+    tool: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

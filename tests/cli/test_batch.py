@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -371,7 +370,6 @@ def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):
     for quiet, stream in (False, Terminal()), (True, Terminal()), (False, io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
         with progress.ProgressDisplay(Control(), quiet=quiet) as shown:
-            time.sleep(0.11)
             shown.count(3, 7)
         assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)
 
