@@ -42,7 +42,7 @@ from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
-UNHELD = 1.02
+UNHELD = 1.001
 """A cell is cut if it takes up this much more between its points than at them."""
 
 TIGHT = 0.8
