@@ -22,7 +22,7 @@ from cnc.kernels.path.fit_band import factorise, solve, times
 ITERATIONS = 30
 YIELDS = 1e-3
 """See above; divided by the first multiplier."""
-GAP = 1e-2
+GAP = 3e-3
 """The iteration ends when the duality gap is this part of the energy."""
 MISSED = 2e-3
 """Limits may be missed by this, in tolerances, when it ends."""
