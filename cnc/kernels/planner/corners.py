@@ -214,7 +214,7 @@ def choose(
             best -= saved
             choice = OVERLAP
     taken = 0.0
-    if turn.sine <= SHARPEST:
+    if turn.sine <= SHARPEST and math.isinf(bound[k]) == math.isinf(bound[k + 1]):
         ends = scratch.ends
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
         for i in range(u.shape[1]):
