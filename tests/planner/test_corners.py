@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from cnc.kernels.path.curve import SPAN
+from cnc.kernels.path.curve import LINE, SPAN
 from cnc.kernels.planner.legs import Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import Held, PathMode
+from cnc.model.blocks import Held, PathMode, Polyline
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
@@ -205,16 +205,26 @@ def test_ramps_overlap_where_the_motion_nearly_reverses(degrees):
     assert missed.max() <= eps * 1.001
 
 
-@pytest.mark.parametrize("degrees", [60.0, 90.0, 105.0])
-def test_a_blend_is_rated_by_speeds_that_change_along_it(degrees):
-    """The slowest place of a blend is short: at its speed all along, a stop would seem as good."""
-    mill = machine(tangential=600.0, normal=600.0, jerk=12_000.0)
-    angle = math.radians(degrees)
-    points = [(9, 0, 0), (9 + 8 * math.cos(angle), 8 * math.sin(angle), 0)]
-    chunks, ahead = planned(points, 0.25, mill, 160.0)
+@pytest.mark.parametrize("degrees", [40.0, 60.0, 90.0, 105.0])
+def test_a_blend_is_rated_by_speeds_that_a_plan_reaches(degrees):
+    """Both legs use both axes, so ramps cannot overlap. A blend saves what a stop takes."""
+    angle, first = math.radians(degrees), math.radians(20.0)
+    u1, u2 = (np.array([math.cos(a), math.sin(a), 0.0]) for a in (first, first + angle))
+    points = [9 * u1, 9 * u1 + 8 * u2]
+    chunks, ahead = planned(points, 0.1, PER_AXIS, 160.0)
     assert not ahead.audit.violations
-    assert SPAN in chunks[0].path.kind
-    assert duration(chunks) < 0.95 * duration(planned(points, 0.0, mill, 160.0)[0])
+    assert list(chunks[0].path.kind) == [LINE, SPAN, LINE]
+    assert duration(chunks) < 0.95 * duration(planned(points, 0.0, PER_AXIS, 160.0)[0])
+    assert_legal(chunks, PER_AXIS, (1e-3,))
+
+
+def test_there_is_no_blend_between_a_traverse_and_a_feed_move():
+    points = np.array([(9, 3, 0), (14, 9, 0), (30, 12, 0)], float)
+    for feeds, kinds in (([np.nan, 50.0, np.nan], {LINE}), ([np.nan] * 3, {LINE, SPAN})):
+        moves = Polyline("t.nc", 1, points, np.array(feeds), np.arange(1, 4, dtype=np.int32))
+        path = build([PathMode("t.nc", 1, "blend", 0.1), moves], axes=AXES, start=np.zeros(3))
+        (chunk,) = [c for c in LookAhead(PER_AXIS).plan(path) if isinstance(c, PlanChunk)]
+        assert set(chunk.path.kind.tolist()) == kinds
 
 
 def random_chain(rng):
