@@ -7,19 +7,23 @@ PROGRAM ?= programs/trident.nc
 # A process that has run out of tests takes some of another.
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
-.PHONY: run test quick soak bench lint docs picture wheel firmware flash simulator clean
+# Without compiled modules each process of a test would compile them again.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: run test quick soak bench lint format types layers warm docs picture wheel firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
 	$(BIN)/cncrun $(PROGRAM)
 
-# Everything that CI checks. The kernels are compiled once, before the tests share them.
-test: lint
-	$(BIN)/cncrun warm
+# Everything that CI checks. The kernels are compiled once, beside the linters, before the tests share them.
+test: $(VENV)/installed-test
+	$(MAKE) --jobs=2 lint warm
 	$(PYTEST)
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.
-quick: lint
+quick: $(VENV)/installed-test
+	$(MAKE) --jobs=2 lint
 	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report
 
 # The same tests with large amounts of work.
@@ -30,11 +34,20 @@ soak: $(VENV)/installed-test
 docs: $(VENV)/installed-docs
 	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
-lint: $(VENV)/installed-test
+lint: types format layers
+
+format: $(VENV)/installed-test
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+
+types: $(VENV)/installed-test
 	$(BIN)/mypy
+
+layers: $(VENV)/installed-test
 	$(BIN)/lint-imports
+
+warm: $(VENV)/installed-test
+	$(BIN)/cncrun warm
 
 # Speed of reading, planning and interpolating; how fast the planner's motions are, whether they are legal, what they cost.
 bench: $(VENV)/installed-test

@@ -165,7 +165,7 @@ def write_arcs(path: Path, lines: int) -> int:
     """Write half circles in a row; return the number of lines."""
     rng = random.Random(5)
     with path.open("w", newline="") as file:
-        file.write("G21 G90 G17 G91 G1 F500 X0\n")
+        file.write("G21 G17 G91 G1 F500 X0\n")
         for _ in range(lines - 2):
             radius = rng.randint(100, 3000) / 1000
             file.write(f"G{rng.choice('23')} X{2 * radius:.3f} I{radius:.3f}\n")

@@ -12,13 +12,13 @@ from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
+from cnc.cli.board_commands import boards, home
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
 from cnc.cli.options import (
     HYPHEN,
-    BoardOption,
     BoardOptions,
     CheckFormat,
     CheckOptions,
@@ -50,6 +50,8 @@ app = App(
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
+app.command(boards)
+app.command(home)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -70,7 +72,8 @@ def run(
     api = library()
     control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
-    with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
+    display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
+    with display, Keyboard(control) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,
@@ -216,81 +219,6 @@ def view(
     if report.ok and report.stopped_at_line is None and not quiet:
         print(f"picture      {output}", file=common.summary_file)
     return end([report], quiet=quiet)
-
-
-@app.command
-def boards(
-    *ports: Annotated[
-        str,
-        Parameter(
-            help="Ports to examine, also pyserial URLs; by default all serial ports of this "
-            "computer."
-        ),
-    ],
-    baud: Annotated[
-        int,
-        option("Baud rate. Stepper boards are tried at 1000000 if they do not answer at this one."),
-    ] = 115200,
-    terminal: TerminalOptions = TERMINAL,
-) -> int:
-    """List the serial ports and the board at each.
-
-    For a GRBL board its settings and a machine file made from them are printed (redirect the output
-    into a file), for a stepper board its version, axes, tick and buffer. Opening a port resets most
-    boards; nothing moves.
-    """
-    terminal.open_log()
-    from cnc.boards.discovery import port_report, probe_ports
-    from cnc.boards.serial_port import identity
-    from cnc.session.kept_offsets import write_offsets
-
-    found = probe_ports(ports, baud)
-    for each in found:
-        if each.info is not None:
-            write_offsets(identity(each.port), each.info.named_places())
-        print(*port_report(each, baud), sep="\n", flush=True)
-    if not found:
-        print("# this computer has no serial port; is the board plugged in and switched on?")
-    return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)
-
-
-@app.command
-def home(
-    *axes: Annotated[str, Parameter(help="Axes to home; by default all that have a switch.")],
-    machine: MachineOption = None,
-    board: BoardOption = None,
-    port: Annotated[
-        str | None, option("Port of the board (/dev/ttyUSB0); by default the machine file's.")
-    ] = None,
-    terminal: TerminalOptions = TERMINAL,
-) -> int:
-    """Home the machine on its limit switches.
-
-    With a stepper board each axis moves to its switch twice, then off it. A GRBL board homes all
-    axes in its own cycle ($H).
-    """
-    terminal.open_log(machine)
-    api = library()
-    control = Control()
-    with ProgressDisplay(control, quiet=terminal.quiet) as display, Keyboard(control):
-        positions = api.home(
-            machine,
-            axes,
-            board=board,
-            port=port,
-            callbacks=display.callbacks(),
-            control=control,
-            on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
-        )
-    if not terminal.quiet:
-        from cnc.report.number_format import position
-
-        known = {axis.upper(): value for axis, value in positions.items() if value is not None}
-        print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
-        lost = [axis.upper() for axis, value in positions.items() if value is None]
-        if lost:
-            print("not known:", *lost)
-    return 0
 
 
 @app.command

@@ -53,7 +53,8 @@ MachineOption = Annotated[
 BoardOption = Annotated[
     str | None,
     option(
-        "loopback, stepper, grbl, grbl-sim, file, or an installed driver; by default the board "
+        "loopback, stepper, grbl, grbl-sim, klipper, klipper-sim, file, or an installed driver; "
+        "by default the board "
         "of the machine file."
     ),
 ]
@@ -232,6 +233,10 @@ class BoardOptions:
     spindle_override: Annotated[
         float | None, option("Per cent of the spindle speeds on a GRBL board, 10 to 200.")
     ] = None
+    plain: Annotated[
+        bool,
+        option("Print a line every ten seconds in place of the screen, as without a terminal."),
+    ] = False
     yes: Annotated[
         bool,
         option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),
@@ -345,9 +350,13 @@ def check_files(
 def library() -> ModuleType:
     """Return :mod:`cnc.api`, with its objects excluded from garbage collection.
 
-    They live as long as the process, and the collector would visit them again and again.
+    They live as long as the process, and the collector would visit them again and again: during
+    the import it would take a tenth of the time.
     """
-    from cnc import api
-
-    gc.freeze()
+    gc.disable()
+    try:
+        from cnc import api
+    finally:
+        gc.freeze()
+        gc.enable()
     return api

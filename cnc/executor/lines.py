@@ -1,12 +1,12 @@
-"""Execution of a plan on a line board, as lines that are sent as fast as the board accepts them.
+"""Execution of a path on a line board, as lines that are sent as fast as the board accepts them.
 
-    plan ──► translator ──► steps (lines, then a block at which the board rests) ──► board
+    path ──► translator ──► steps (lines, then a block at which the board rests) ──► board
 
 Steps can be made during the run, where the board's answers decide how the program continues, or
 before any motion: a list of them is small.
 
 The board itself carries out the requests of the operator
-(:meth:`cnc.boards.protocols.LineSink.connect_operator`), so the plan does not contain them. Hold,
+(:meth:`cnc.boards.protocols.LineSink.connect_operator`), so the lines do not contain them. Hold,
 resume and override act on the current motion.
 """
 
@@ -19,15 +19,14 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.boards.protocols import LineSink, board_error
+from cnc.boards.protocols import LineSink, ReportsState, board_error
 from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
-from cnc.planner.plan import PlanChunk
-from cnc.planner.run_clock import RunClock
+from cnc.path.chunk import PathChunk
 
 POSITION_ROUNDING = 0.003
 """Rounding error of a reported position, beside one step, mm: three decimals, even in inches."""
@@ -36,14 +35,14 @@ END = End("", 0)
 
 
 class LineTranslator(Protocol):
-    """A translator of plans, such as :class:`cnc.grbl_lines.translator.Translator`."""
+    """A translator of paths, such as :class:`cnc.grbl_lines.translator.Translator`."""
 
     @property
     def position(self) -> Sequence[float] | None:
         """End point of the lines so far, x y z in mm (machine coordinates); None if not known."""
 
-    def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
-        """Yield lines for the next item of the plan, as far as they are final."""
+    def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
+        """Yield lines for the next item of the path, as far as they are final."""
 
     def end(self) -> Iterator[GcodeLine]:
         """Yield the remaining lines."""
@@ -51,60 +50,54 @@ class LineTranslator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The lines of one item of a plan.
+    """The lines of one item of a path.
 
     Attributes:
         file: The program.
         lines: Lines for the board.
-        clock: Machine time at the end of the item, s.
         block: Block after the lines at which the board rests, or None.
         position: End point of the lines so far, x y z in mm; None if not known.
     """
 
     file: str
     lines: PackedLines
-    clock: float
     block: Block | None
     position: tuple[float, ...] | None
 
 
-def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
-    """Yield the steps of a plan, each as soon as its lines are final.
+def steps(
+    path: Iterable[PathChunk | Block],
+    translator: LineTranslator,
+    on_lines: Callable[[Sequence[GcodeLine]], None] | None = None,
+) -> Iterator[Step]:
+    """Yield the steps of a path, each as soon as its lines are final.
 
     The answer of a probe must be set before the next step is requested.
 
     Args:
-        planned: Chunks of the plan, and the blocks between them.
+        path: Chunks of the path, and the blocks between them.
         translator: Makes lines of them.
+        on_lines: Called with the lines of each step.
     """
-    clock, file = RunClock(), ""
-    for item in planned:
-        file = item.path.file if isinstance(item, PlanChunk) else item.file
+    file = ""
+
+    def step(lines: Sequence[GcodeLine], block: Block | None) -> Step:
+        if on_lines is not None:
+            on_lines(lines)
+        position = translator.position
+        end = None if position is None else tuple(position)
+        return Step(file, PackedLines.of(lines), block, end)
+
+    for item in path:
+        file = item.file
         lines = list(translator.lines(item))
-        clock.add(item)
         if isinstance(item, BoardCommand):
             # A locked board accepts only $H and $X, so they precede the modes of the first line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
         block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
-            yield _step(file, lines, clock.seconds, block, translator.position)
-    yield _step(file, list(translator.end()), clock.seconds, None, translator.position)
-
-
-def _step(
-    file: str,
-    lines: Sequence[GcodeLine],
-    clock: float,
-    block: Block | None,
-    position: Sequence[float] | None,
-) -> Step:
-    return Step(
-        file,
-        PackedLines.of(lines),
-        clock,
-        block,
-        None if position is None else tuple(position),
-    )
+            yield step(lines, block)
+    yield step(list(translator.end()), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +105,12 @@ class LineOutcome:
     """Result of a run on a line board.
 
     Attributes:
-        duration: Planned machine time of the lines sent, s.
         position: Position of each axis that the board reports, mm.
         lines: Number of lines sent.
         stopped_at_line: None after a complete run, else the last source line that the board has
             accepted.
     """
 
-    duration: float
     position: tuple[float, ...]
     lines: int
     stopped_at_line: int | None = None
@@ -143,7 +134,6 @@ class _Stream:
         self.pause_text = pause_text
         self.pause: Block | None = None
         self.text: tuple[Block | None, str] = (None, "")
-        self.clock = 0.0
         self.sent = 0
         self.file = ""
         self.wanted: tuple[float, ...] | None = None
@@ -157,7 +147,7 @@ class _Stream:
                 # The board has not answered M0 yet.
                 line, reason = self.pause.line, reason or self.text_of(self.pause)
             now = Progress(
-                self.clock,
+                0.0,
                 line,
                 self.sent,
                 self.control.held,
@@ -167,6 +157,7 @@ class _Stream:
                 file=self.file,
                 at=board.moving_line,
                 at_rest=self.control.held and board.holds,
+                machine=board.report if isinstance(board, ReportsState) else None,
             )
             self.on_progress(now)
 
@@ -180,12 +171,12 @@ class _Stream:
         """Send a step, and carry out its block."""
         self.file, block = step.file, step.block
         self.send(step.lines)
-        self.clock, self.wanted = step.clock, step.position
+        self.wanted = step.position
         if block is None or self.control.stopped:
             return
         # The board continues after a pause only when the operator resumes.
         self.pause = block if isinstance(block, Stop | Tool) else None
-        answer = self.board.execute(block, round(self.clock * 1e9))
+        answer = self.board.execute(block, 0)
         self.pause = None
         if isinstance(block, Probe):
             block.answer.values = answer
@@ -241,9 +232,7 @@ class _Stream:
 
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
-        return LineOutcome(
-            self.clock, board.position, self.sent, board.confirmed_line if stopped else None
-        )
+        return LineOutcome(board.position, self.sent, board.confirmed_line if stopped else None)
 
 
 def stream(

@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +50,45 @@ STRAIGHT = 0.999999
 """Cosine above which two directions are the same or opposite."""
 NO_LIMIT = 1e12
 """Square of the speed at a junction without a change of direction."""
+SHORT_LINE_TIME = 2.4e-3
+"""s. GRBL on an AVR takes that long to read and plan a short line."""
 FULL_TURN = 5e-7
 """rad. GRBL takes an arc that turns by less for a full circle."""
 
 
+@dataclass(slots=True)
+class Largest:
+    """Largest values of the motion at 100 %.
+
+    Attributes:
+        speed: Along the path, mm/s.
+        acceleration: Along the path, mm/s^2.
+        velocities: Of x, y, z (3,), mm/s.
+        accelerations: Of x, y, z (3,), mm/s^2, along the path.
+    """
+
+    speed: float = 0.0
+    acceleration: float = 0.0
+    velocities: list[float] = field(default_factory=lambda: [0.0] * 3)
+    accelerations: list[float] = field(default_factory=lambda: [0.0] * 3)
+
+    def add(self, units: Floats, speeds: Floats, accelerations: Floats) -> None:
+        """Add moves: directions (k, 3), highest speeds (k,), accelerations (k,), 0 without one."""
+        self.speed = max(self.speed, float(speeds.max()))
+        self.acceleration = max(self.acceleration, float(accelerations.max()))
+        sizes = np.abs(units)
+        for mine, new in (
+            (self.velocities, (sizes * speeds[:, None]).max(axis=0)),
+            (self.accelerations, (sizes * accelerations[:, None]).max(axis=0)),
+        ):
+            mine[:] = np.maximum(mine, new).tolist()
+
+
 class BoardTime:
     """Adds up the time of lines in their order.
+
+    Attributes:
+        largest: Largest values of the motion so far.
 
     Args:
         limits: The limits of the board.
@@ -62,6 +96,7 @@ class BoardTime:
     """
 
     def __init__(self, limits: BoardLimits, start: Point = (0.0, 0.0, 0.0)) -> None:
+        self.largest = Largest()
         self._limits = limits
         self._at = start
         self._lines = 0
@@ -122,7 +157,11 @@ class BoardTime:
             self._flush(rests=True)
         if effect is None:
             return
-        if effect.kind is LineKind.DWELL:
+        if effect.kind is LineKind.REST:
+            # The board reads the next move only when it rests.
+            self._total = self._total + SHORT_LINE_TIME
+            self._keep([(self._lines, self._total)])
+        elif effect.kind is LineKind.DWELL:
             self._total = self._total + effect.seconds
             self._keep([(self._lines, self._total)])
         elif effect.kind in MOTIONS:
@@ -245,6 +284,8 @@ class BoardTime:
         peak = np.minimum(nominal[:done], np.sqrt(0.5 * (v0 * v0 + v1 * v1) + a * d))
         peak = np.maximum(peak, np.maximum(v0, v1))
         ramps = (2.0 * peak * peak - v0 * v0 - v1 * v1) / (2.0 * a)
+        if self._cases[case] == (1.0, 1.0):
+            self.largest.add(units[:done], peak, np.where(peak > np.minimum(v0, v1), a, 0.0))
         times: Floats = (2.0 * peak - v0 - v1) / a + np.maximum(d - ramps, 0.0) / peak
         return times
 

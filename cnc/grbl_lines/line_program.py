@@ -1,11 +1,10 @@
 """A program as lines for a GRBL board: to a file (``--lines``), and the time that they take.
 
-    blocks ──► smooth path ──► plan ──► Translator ──► lines ──► file
-                                                         `─────► BoardTime
+    blocks ──► exact path ──► Translator ──► lines ──► file
+                                               `─────► BoardTime
 
-The plan is not that of the pulses: pulses follow the path exactly, while lines may deviate by the
-tolerance and the board rounds corners by itself. A command that the board does not support ends the
-translation with a GcodeError at its line, before anything has moved.
+The board plans the motion. A command that it does not support ends the translation with a
+GcodeError at its line, before anything has moved.
 """
 
 from __future__ import annotations
@@ -17,16 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.exact_path import exact_path
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.number_format import LETTERS
-from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.parameter_numbers import G54_ORIGIN
 from cnc.model.streams import GcodeLine
-from cnc.planner.lookahead import LookAhead
 
 
 @dataclass(slots=True)
@@ -57,10 +55,7 @@ class LineProgram:
         )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
         self.lowered = translator.lowered
-        path = smooth_path(
-            blocks, axes=machine.axis_names, start=self.start, tolerance=translator.tolerance
-        )
-        for item in LookAhead(machine, judged=False).plan(path):
+        for item in exact_path(blocks, axes=machine.axis_names, start=self.start):
             yield from translator.lines(item)
         yield from translator.end()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cnc.model.blocks import Block
 
@@ -27,15 +28,14 @@ class PlaneArc:
     fitted: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(NamedTuple):
     """A line or an arc to ``end``.
 
     Attributes:
         end: End point x, y, z, mm (machine coordinates).
         arc: The arc; None for a straight move.
         first: Index of the interval of the path samples where the move begins.
-        speed: Highest planned speed along the move, mm/s.
+        speed: Highest speed along the move, mm/s.
         feed: Programmed feed, mm/s; NaN for a traverse.
         line: Source line of the end.
         rests: Whether the motion comes to rest at the end.

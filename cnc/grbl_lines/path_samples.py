@@ -1,4 +1,4 @@
-r"""Dense samples of the path of a plan, with speed, feed and source line of each interval.
+r"""Dense samples of a path, with highest speed, feed and source line of each interval.
 
                      cut            cut
     ...o..o..o..o..o..O-------------O~~~
@@ -9,31 +9,30 @@ programmed feed changes, at commands that go with the motion, and at both ends o
 which is one interval whatever its length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
-tolerance. The planned speed of an interval is the highest speed of the plan there.
+tolerance. The speed of an interval is that of :mod:`cnc.grbl_lines.speed_limits`, or the feed.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.moves import PlaneArc
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
+from cnc.grbl_lines.speed_limits import SpeedLimits
 from cnc.grbl_lines.travel_margin import TravelMargin
-from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
+from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, U0, U1, curve_eval
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import Commands, command_array, joined, places_of
 from cnc.path.chunk import PathChunk
-from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ROUNDING = 1e-9
-"""mm of a piece that rounding may leave when the plan has passed it."""
 CORNER_COSINE = math.cos(math.radians(30.0))
 """A sharper turn is a corner, where lines meet exactly, as in :mod:`cnc.path.fit`."""
 NO_ARC = -1
@@ -49,9 +48,10 @@ class PathSamples:
     Attributes:
         points: x, y, z of each point (k + 1, 3), mm; 0 for an axis that the machine lacks.
         rest: Whether the motion comes to rest at each point (k + 1,).
-        speed: Planned speed of each interval (k,), mm/s.
+        speed: Highest speed in each interval (k,), mm/s, at most its feed.
         feed: Programmed feed of each interval (k,), mm/s; NaN for a traverse.
         line: Source line of each interval (k,).
+        straight: Whether an interval is a straight move of the program (k,).
         arc: Index in ``arcs`` of the programmed arc of each interval (k,), or NO_ARC.
         arcs: The programmed arcs.
         commands: Commands that take effect at the start of an interval (k,); None without any.
@@ -62,6 +62,7 @@ class PathSamples:
     speed: Floats
     feed: Floats
     line: NDArray[np.int32]
+    straight: Flags
     arc: NDArray[np.int64]
     arcs: tuple[PlaneArc, ...]
     commands: Commands | None = None
@@ -93,6 +94,7 @@ class PathSamples:
             np.concatenate((before.speed, after.speed)),
             np.concatenate((before.feed, after.feed)),
             np.concatenate((before.line, after.line)),
+            np.concatenate((before.straight, after.straight)),
             np.concatenate((before.arc, arc)),
             before.arcs + after.arcs,
             joined(((before.commands, len(before)), (after.commands, len(after)))),
@@ -116,112 +118,87 @@ class PathSamples:
 
 
 class PathSampler:
-    """Samples the pieces of a plan, each when the plan has passed its end.
-
-    A plan comes in slices that may end inside a piece. The speeds that are known by then are kept.
+    """Samples the pieces of a path.
 
     Args:
         axes: Letters of the machine's axes.
         chord_error: Largest distance of chords between the samples from the path, mm.
         travel: Limits of the travel; an arc that leaves them is sampled as a curve.
+        limits: Limits of the speed.
     """
 
-    def __init__(self, axes: tuple[str, ...], chord_error: float, travel: TravelMargin) -> None:
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        chord_error: float,
+        travel: TravelMargin,
+        limits: SpeedLimits,
+    ) -> None:
         self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
         self._other_axes = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
         self._chord_error = chord_error
         self._travel = travel
-        self._nodes: tuple[Floats, Floats] | None = None
+        self._limits = limits
 
-    def sample(self, plan: PlanChunk) -> PathSamples | None:
-        """Return samples of the pieces that end in this slice of the plan; None without any."""
-        nodes_s, nodes_v = speed_nodes(plan)
-        ends = plan.piece_s[1:]
-        first = 0
-        if self._nodes is not None:
-            nodes_s, nodes_v = (
-                np.concatenate((self._nodes[0], nodes_s)),
-                np.concatenate((self._nodes[1], nodes_v)),
-            )
-        else:
-            first = int(np.searchsorted(ends, plan.phase_s[0] + ROUNDING, side="right"))
-        last = int(np.searchsorted(ends, plan.phase_s[-1] + ROUNDING, side="right"))
-        self._nodes = None
-        open_s = float(plan.piece_s[last])
-        if plan.phase_s[-1] > open_s + ROUNDING:
-            behind = slice(max(int(np.searchsorted(nodes_s, open_s)) - 1, 0), None)
-            self._nodes = nodes_s[behind] - open_s, nodes_v[behind]
-        return (
-            self._sample_pieces(plan.path, plan.piece_s, first, last, nodes_s, nodes_v)
-            if last > first
-            else None
-        )
-
-    def _sample_pieces(
-        self,
-        path: PathChunk,
-        piece_s: Floats,
-        first: int,
-        last: int,
-        nodes_s: Floats,
-        nodes_v: Floats,
-    ) -> PathSamples:
-        """Return samples of pieces [first, last): runs of lines at once, others one by one."""
-        self._check_axes(path, slice(first, last))
-        kinds = path.kind[first:last]
-        borders = (
-            np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1 + first
-        ).tolist()
-        n = len(path.axes)
-        head = int(path.at[first]) + START
+    def sample(self, path: PathChunk) -> PathSamples:
+        """Return samples of all pieces: runs of lines at once, others one by one."""
+        self._check_axes(path)
+        kinds, n = path.kind, len(path.axes)
+        borders = np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1
+        head = int(path.at[0]) + START
         points = [self._xyz(path.data[head : head + n][None])]
-        places, faster = [piece_s[first : first + 1]], [np.ones(1)]
+        speeds: list[Floats] = []
         counts: list[int] = []
         arcs: list[PlaneArc] = []
         arc: list[int] = []
-        for begin, end in zip([first, *borders], [*borders, last], strict=True):
-            if kinds[begin - first] == LINE:
+        for begin, end in pairwise([0, *borders.tolist(), len(path)]):
+            before = points[-1][-1:]
+            programmed = None
+            if kinds[begin] == LINE:
                 ends = path.at[begin:end, None] + (START + n + np.arange(n))
-                points.append(self._xyz(path.data[ends]))
-                places.append(piece_s[begin + 1 : end + 1])
-                faster.append(np.ones(end - begin))
+                rows = self._xyz(path.data[ends])
+                speeds.append(self._limits.straight(np.diff(rows, axis=0, prepend=before)))
                 counts += [1] * (end - begin)
-                arc += [NO_ARC] * (end - begin)
-                continue
-            programmed = self._programmed_arc(path, begin)
-            if programmed is None:
-                rows, share, fast = self._curve(path, begin)
-                arc.append(NO_ARC)
+            elif (programmed := self._programmed_arc(path, begin)) is not None:
+                rows = self._ends(path, begin)[1:]
+                speeds.append(np.array([self._arc_speed(programmed, before[0], rows[0])]))
+                counts.append(1)
             else:
-                rows, share, fast = self._ends(path, begin)[1:], np.ones(1), np.ones(1)
-                arc.append(len(arcs))
-                arcs.append(programmed)
+                rows = self._curve(path, begin)
+                speeds.append(self._limits.curve(np.concatenate((before, rows))))
+                counts.append(len(rows))
             points.append(rows)
-            places.append(piece_s[begin] + share * (piece_s[begin + 1] - piece_s[begin]))
-            faster.append(fast)
-            counts.append(len(rows))
-        each = np.repeat(np.arange(first, last), counts)
+            arc += [NO_ARC if programmed is None else len(arcs)] * (end - begin)
+            arcs += [] if programmed is None else [programmed]
+        each = np.repeat(np.arange(len(path)), counts)
         rest = np.zeros(len(each) + 1, np.bool_)
-        rest[np.cumsum(counts)] = path.stop_after[first:last]
-        factor = np.concatenate(faster)
+        rest[np.cumsum(counts)] = path.stop_after
+        feed = path.feed[each]
+        most = np.fmin(np.where(np.isnan(feed), np.inf, self._limits.feed), feed)
         return PathSamples(
             points=self._travel.inside(np.concatenate(points)),
             rest=rest,
-            speed=highest_speeds(nodes_s, nodes_v, np.concatenate(places))
-            * np.maximum(factor[1:], factor[:-1]),
-            feed=path.feed[each],
+            speed=np.minimum(np.concatenate(speeds), most),
+            feed=feed,
             line=path.line[each],
+            straight=kinds[each] == LINE,
             arc=np.repeat(np.array(arc), counts),
             arcs=tuple(arcs),
-            commands=self._commands(path, first, counts),
+            commands=self._commands(path, counts),
         )
 
-    def _commands(self, path: PathChunk, first: int, counts: list[int]) -> Commands | None:
-        """Return the commands of pieces from ``first`` on, each at its first interval."""
-        if path.commands is None:
+    def _arc_speed(self, arc: PlaneArc, start: Floats, end: Floats) -> float:
+        """Return the highest speed along an arc of the program, mm/s."""
+        i, j, across = PLANE_COLUMNS[arc.plane]
+        radius = math.dist((float(start[i]), float(start[j])), arc.center)
+        return self._limits.arc(arc, radius, float(end[across] - start[across]))[0]
+
+    def _commands(self, path: PathChunk, counts: list[int]) -> Commands | None:
+        """Return the commands of the pieces, each at its first interval."""
+        carried = path.commands
+        if carried is None:
             return None
         starts = np.cumsum([0, *counts])
-        carried = path.commands[first : first + len(counts)]
         return command_array(
             int(starts[-1]), {int(starts[k]): carried[k] for k in places_of(carried)}
         )
@@ -231,13 +208,8 @@ class PathSampler:
         n, at = len(path.axes), int(path.at[k]) + START
         return self._xyz(path.data[at : at + 2 * n].reshape(2, n))
 
-    def _curve(self, path: PathChunk, k: int) -> tuple[Floats, Floats, Floats]:
-        """Sample a curve.
-
-        Returns:
-            The points after its start (k, 3), the part of its length at each (k,), and the speed
-            there relative to the plan (k,).
-        """
+    def _curve(self, path: PathChunk, k: int) -> Floats:
+        """Return samples of a curve after its start (m, 3)."""
         kind, at, data = int(path.kind[k]), int(path.at[k]), path.data
         n = len(path.axes)
         body = at + START + 2 * n
@@ -261,11 +233,7 @@ class PathSampler:
             count = min(
                 MOST_CHORDS, max(2 * count, math.ceil(count * math.sqrt(bend / self._chord_error)))
             )
-        along = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
-        if kind == SPAN and data[at + TABLE] == 0.0:
-            # in a timed piece the plan's coordinate is its parameter
-            return points[1:], u, np.gradient(along, u * (u1 - u0))
-        return points[1:], along / along[-1], np.ones(count)
+        return points[1:]
 
     def _programmed_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
         """Return the piece as an arc in a plane of x, y, z; None if it has no single radius."""
@@ -291,14 +259,14 @@ class PathSampler:
                 out[:, to] = rows[:, column]
         return out
 
-    def _check_axes(self, path: PathChunk, run: slice) -> None:
+    def _check_axes(self, path: PathChunk) -> None:
         """Raise GcodeError `axis-not-on-board` where an axis moves that GRBL does not have."""
         n = len(path.axes)
         for column in self._other_axes:
-            at = path.at[run] + START + column
+            at = path.at + START + column
             moves = np.flatnonzero(path.data[at] != path.data[at + n])
             if len(moves):
-                line = int(path.line[run][moves[0]])
+                line = int(path.line[moves[0]])
                 axis = path.axes[column].upper()
                 message = f"a GRBL board moves X, Y and Z only; this line moves {axis}"
                 raise GcodeError(
@@ -330,34 +298,3 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
     sums = rows @ basis
     points: Floats = (sums[1:] / sums[0]).T
     return points
-
-
-def speed_nodes(plan: PlanChunk) -> tuple[Floats, Floats]:
-    """Return arc lengths and speeds at the quarters and the speed peak of each phase of a plan.
-
-    They are dense enough to find the highest speed of a stretch.
-    """
-    t = np.diff(plan.phase_t)
-    v, a, j, s = plan.phase_v[:-1], plan.phase_a[:-1], plan.phase_j, plan.phase_s[:-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        peak = np.where(j != 0.0, -a / j, 0.0)
-    peak = np.clip(np.nan_to_num(peak), 0.0, t)
-    dt = np.sort(np.stack((np.zeros_like(t), 0.25 * t, 0.5 * t, 0.75 * t, peak), axis=1), axis=1)
-    speeds = v[:, None] + dt * (a[:, None] + 0.5 * dt * j[:, None])
-    places = s[:, None] + dt * (v[:, None] + dt * (0.5 * a[:, None] + dt * j[:, None] / 6.0))
-    return np.append(places.ravel(), plan.phase_s[-1]), np.append(speeds.ravel(), plan.phase_v[-1])
-
-
-def highest_speeds(nodes_s: Floats, nodes_v: Floats, s: Floats) -> Floats:
-    """Return the highest speed in each of the intervals s[k] .. s[k + 1]."""
-    at = np.interp(s, nodes_s, nodes_v)
-    top = np.maximum(at[:-1], at[1:])
-    begin = np.searchsorted(nodes_s, s[:-1], side="right")
-    end = np.searchsorted(nodes_s, s[1:], side="left")
-    inside = end > begin
-    if inside.any():
-        peaks = np.maximum.reduceat(
-            np.append(nodes_v, 0.0), np.stack((begin[inside], end[inside]), axis=1).ravel()
-        )[::2]
-        top[inside] = np.maximum(top[inside], peaks)
-    return top

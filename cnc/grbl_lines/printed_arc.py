@@ -24,6 +24,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,8 +55,7 @@ that is fitted to a path.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Printed:
+class Printed(NamedTuple):
     """A point as a line gives it: numbers x, y, z in mm, and their text.
 
     The text of an axis is None where its position is known only roughly.
@@ -81,7 +82,7 @@ class PrintedArc:
     closed: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ArcPrinter:
     """The rules by which arcs become lines.
 
@@ -95,7 +96,7 @@ class ArcPrinter:
     tolerance: float
     chord: float
 
-    @property
+    @cached_property
     def digits(self) -> int:
         """Decimals of coordinates: four for the usual hundredth of a millimetre.
 
@@ -105,11 +106,12 @@ class ArcPrinter:
 
     def printed(self, point: Point) -> Printed:
         """Return the coordinates of a line for a point in machine coordinates."""
-        digits = self.digits
-        x, y, z = (
-            number(value - offset, digits) for value, offset in zip(point, self.offset, strict=True)
-        )
+        x, y, z = (self.text(value, axis) for axis, value in enumerate(point))
         return Printed((float(x), float(y), float(z)), (x, y, z))
+
+    def text(self, value: float, axis: int) -> str:
+        """Return the number of a line for a machine coordinate of an axis, 0 to 2."""
+        return number(value - self.offset[axis], self.digits)
 
     def chords_of(self, printed: PrintedArc, arc: PlaneArc) -> int:
         """Return the number of chords that replace an arc."""

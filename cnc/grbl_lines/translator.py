@@ -1,11 +1,11 @@
-r"""Translation of a plan into lines of G-code for a GRBL 1.1 board.
+r"""Translation of a path into lines of G-code for a GRBL 1.1 board.
 
 Arcs stay arcs. All other motion becomes lines and arcs within a tolerance.
 
-    PlanChunk ──► PathSampler ──► samples ──► fit_moves ──► LineWriter ──► GcodeLine
+    PathChunk ──► PathSampler ──► samples ──► fit_moves ──► LineWriter ──► GcodeLine
     Block ──────► CommandLines ───────────────────────────────────────────►
 
-**Coordinates.** The plan is in machine coordinates. GRBL takes these for straight moves only (G53
+**Coordinates.** The path is in machine coordinates. GRBL takes these for straight moves only (G53
 holds for one line and not for arcs), so lines are in work coordinates with G54 selected. The
 Translator must know the offset that the board adds to them:
 
@@ -18,9 +18,13 @@ Once the first line has been carried out, and before any motion, it compares WCO
 ``work_offset``. For a file it is the offset of G54 with which the program was read: the file runs
 wherever G54 is set on the part.
 
-**Speed.** A line has the highest speed of the plan along it, so that curves and corners are taken
-as planned; the board makes its own ramps. An F word stands where the speed differs by more than 5 %
-from the feed in effect. It never exceeds the programmed feed. Traverses are G0.
+**Speed.** The board makes its own ramps and slows down at corners. A straight move of the program
+has its feed. A curve has the highest speed at which the axes keep their acceleration and jerk. An F
+word stands where the speed differs by more than 5 % from the feed in effect. It never exceeds the
+programmed feed. Traverses are G0.
+
+**Short moves.** A board on an AVR reads about 385 lines a second. The program's own moves stay as
+they are where that is enough. Elsewhere fewer lines and arcs replace them, but no slower ones.
 
 **Rests.** Where the path rests between two moves (G61.1), G4 P0 makes GRBL come to rest. GRBL also
 comes to rest for every line of CommandLines but comments.
@@ -30,42 +34,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from cnc.grbl_lines.arc_fit import fit_moves
+from cnc.grbl_lines.arc_fit import Fit, fit_moves
 from cnc.grbl_lines.commands import CommandLines, probe_word
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
 from cnc.grbl_lines.path_samples import PathSampler, PathSamples
-from cnc.grbl_lines.smooth import SMOOTHING
+from cnc.grbl_lines.speed_limits import SpeedLimits
 from cnc.grbl_lines.travel_margin import TravelMargin
-from cnc.grbl_lines.writer import LineWriter
+from cnc.grbl_lines.writer import LineWriter, line_time
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, End, Message, Probe
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.line_effects import MODES, REST, LineEffect, LineKind
 from cnc.model.streams import GcodeLine
-from cnc.planner.plan import PlanChunk
+from cnc.path.chunk import PathChunk
 
 PREAMBLE = "G21 G90 G94 G17 G54"
 SHORT_REST = "G4 P0"
 SAMPLING = 0.02
 """Part of the tolerance by which chords between the samples of a curve may deviate from it."""
-FITTING = 0.96 - SAMPLING - SMOOTHING
+FITTING = 0.96 - SAMPLING
 """Part of the tolerance by which lines and arcs may be off the samples. The rest is for rounded
 numbers and for sums of 32-bit floats.
 """
 ARC_TOLERANCE = 0.002
 """mm: GRBL's default for $12."""
+JUNCTION_DEVIATION = 0.01
+"""mm: GRBL's default for $11."""
+SHORT_LINE = 17
+"""Characters of a line with two axes."""
 MIN_TOLERANCE = 1e-3
 """mm. The board computes with 32-bit floats, at 300 mm accurate to a hundredth of this."""
 
 
 class Translator:
-    """Translates the items of one plan, in their order.
+    """Translates the items of one path, in their order.
 
     Raises GcodeError ``not-on-board``, ``axis-not-on-board`` or ``board-command-moves`` at the line
     of a command that GRBL does not support.
@@ -73,16 +80,16 @@ class Translator:
     Args:
         machine: The machine file.
         tolerance: Largest distance of the lines from the program, mm; None for ``path.tolerance``
-            of the machine. The path is that of :func:`~cnc.grbl_lines.smooth.smooth_path` with the
-            same tolerance.
+            of the machine. The path is that of :func:`~cnc.grbl_lines.exact_path.exact_path`.
         work_offset: See the head of this module.
         arc_tolerance: The board's $12, mm: largest distance of its chords from an arc.
+        junction_deviation: The board's $11, mm.
         mist: Whether the board has M7.
         margin: Distance of lines from the ends of the travel, mm
             (:mod:`cnc.grbl_lines.travel_margin`).
         moving: For a program that may start anywhere: the axes, of "xyz", that move in it. A
             traverse names each of them before the first feed move. None for a board that stands at
-            the start of the plan.
+            the start of the path.
     """
 
     def __init__(
@@ -92,6 +99,7 @@ class Translator:
         *,
         work_offset: Sequence[float] = (0.0, 0.0, 0.0),
         arc_tolerance: float = ARC_TOLERANCE,
+        junction_deviation: float = JUNCTION_DEVIATION,
         mist: bool = False,
         margin: float = 0.0,
         moving: str | None = None,
@@ -103,15 +111,18 @@ class Translator:
         letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
         self._axes = axes
         self._commands = CommandLines(mist=mist)
-        self._chord = arc_tolerance
-        given = [machine.axes.get(letter) for letter in ("x", "y", "z")]
-        self._accelerations = [
-            math.inf if axis is None else axis.max_acceleration or math.inf for axis in given
-        ]
-        self._normal = machine.path.max_normal_acceleration or math.inf
-        self._fit = FITTING * self.tolerance
-        self._travel = TravelMargin.of(machine, margin)
-        self._sampler = PathSampler(axes, SAMPLING * self.tolerance, self._travel)
+        travel = TravelMargin.of(machine, margin)
+        self._travel = travel
+        self._limits = SpeedLimits.of(machine)
+        self._fit = Fit(
+            FITTING * self.tolerance,
+            arc_tolerance,
+            junction_deviation,
+            line_time(SHORT_LINE, machine.board.baud),
+            travel,
+            self._limits,
+        )
+        self._sampler = PathSampler(axes, SAMPLING * self.tolerance, travel, self._limits)
         self._writer = LineWriter(
             work_offset, self.tolerance, machine.board.baud, letters, arc_tolerance
         )
@@ -137,12 +148,12 @@ class Translator:
         """
         return self._position
 
-    def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
-        """Yield the lines that the next item of the plan makes certain.
+    def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
+        """Yield the lines that the next item of the path makes certain.
 
         The others come with later items, or with :meth:`end`.
         """
-        if isinstance(item, PlanChunk):
+        if isinstance(item, PathChunk):
             yield from self._chunk(item)
             return
         if not isinstance(item, Message):
@@ -169,10 +180,8 @@ class Translator:
             self._begun = True
             yield GcodeLine(PREAMBLE, line, MODES)
 
-    def _chunk(self, plan: PlanChunk) -> Iterator[GcodeLine]:
-        samples = self._sampler.sample(plan)
-        if samples is None:
-            return
+    def _chunk(self, path: PathChunk) -> Iterator[GcodeLine]:
+        samples = self._sampler.sample(path)
         if self._probing is not None:
             # The motion of the probe: a single line has been sent for it.
             if samples.rest[-1]:
@@ -206,7 +215,7 @@ class Translator:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
         last: Move | None = None
-        for move in fit_moves(samples, self._fit, self._chord, self._travel):
+        for move in fit_moves(samples, self._fit):
             if last is not None:
                 yield from self._move(last)
             last = move
@@ -232,27 +241,22 @@ class Translator:
             yield from writer.name_axes(missing, move)
         if arc is not None:
             if not writer.position_known and self._position is not None:
-                yield from writer.move(replace(move, end=self._position, arc=None))
+                yield from writer.move(move._replace(end=self._position, arc=None))
             most, length = self._arc_speed(arc, move.end)
             writer.lowered.lowered("small arcs", move.line, length, most, move.feed)
-            if arc.fitted:
-                move = replace(move, speed=min(move.speed, most))
+            move = move._replace(speed=min(move.speed, most))
         yield from writer.move(move)
         self._position, self._rests = move.end, move.rests
 
     def _arc_speed(self, arc: PlaneArc, end: Point) -> tuple[float, float]:
-        """Return the speed, mm/s, at which an arc takes up the acceleration of its axes.
+        """Return the highest speed along an arc from the present position, mm/s, and its length.
 
-        The second value is its length, mm. A fitted arc may be bent more than the path that it
-        replaces.
+        A fitted arc may be bent more than the path that it replaces.
         """
         i, j, across = PLANE_COLUMNS[arc.plane]
         radius = math.dist((end[i], end[j]), arc.center)
         climb = 0.0 if self._position is None else end[across] - self._position[across]
-        level = radius * abs(arc.sweep)
-        acceleration = min(self._normal, self._accelerations[i], self._accelerations[j])
-        length = math.hypot(level, climb)
-        return math.sqrt(acceleration * radius) * length / max(level, 1e-9), length
+        return self._limits.arc(arc, radius, climb)
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):

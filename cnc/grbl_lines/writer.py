@@ -43,6 +43,11 @@ MOTION_WORDS = {
 }
 
 
+def line_time(characters: int, baud: int) -> float:
+    """Return the time in which the board receives, reads and plans a line, s."""
+    return max(characters * BITS_PER_BYTE / baud, LINE_TIME + characters * BYTE_TIME)
+
+
 class LineWriter:
     """Writes lines from the present position of the board.
 
@@ -61,9 +66,11 @@ class LineWriter:
         self, offset: Sequence[float], tolerance: float, baud: int, letters: str, chord: float
     ) -> None:
         self._arcs = ArcPrinter(offset, tolerance, chord)
-        self._byte_time = BITS_PER_BYTE / baud
+        self._baud = baud
         self._letters = letters
+        self._axes = [(k, letter) for k, letter in enumerate(LETTERS) if letter in letters]
         self._at = Printed((0.0, 0.0, 0.0), (None, None, None))
+        self._point: Point | None = None
         self._motion = self._feed_text = ""
         self._plane = 0
         self._feed = self._printed_feed = 0.0
@@ -79,11 +86,12 @@ class LineWriter:
 
     def stands_at(self, point: Point) -> None:
         """Set the position of the board, mm (machine coordinates)."""
+        self._point = point
         self._at = self._arcs.printed(point)
 
     def position_lost(self) -> None:
         """The board is near its last position only: the next line names all axes."""
-        self._at = Printed(self._at.values, (None, None, None))
+        self._at, self._point = Printed(self._at.values, (None, None, None)), None
 
     def program_ended(self) -> None:
         """M2 sets the modes back: G1, G17, and others that never change."""
@@ -156,21 +164,51 @@ class LineWriter:
         )
 
     def _straight(self, move: Move) -> Iterator[GcodeLine]:
-        printed = self._arcs.printed(move.end)
-        letters = self._changed(printed)
-        if not letters:
+        at, printed = self._at, self._printed(move.end)
+        words: list[str] = []
+        target = [math.nan, math.nan, math.nan]
+        for k, letter in self._axes:
+            text = printed.texts[k]
+            if text != at.texts[k]:
+                words.append(f"{letter}{text}")
+                target[k] = printed.values[k]
+        if not words:
             return
-        length = math.dist(printed.values, self._at.values)
+        if len(self._named) < len(self._axes):
+            self._named.update(word[0] for word in words)
+        length = math.dist(printed.values, at.values)
         if math.isnan(move.feed):
-            yield self._line(move, LineKind.RAPID, printed, letters)
-            self._ahead = min(
-                self._ahead + length / max(move.speed, 1e-6), BLOCKS_AHEAD * LINE_TIME
-            )
+            kind = LineKind.RAPID
+            seconds = length / max(move.speed, 1e-6)
+            self._ahead = min(self._ahead + seconds, BLOCKS_AHEAD * LINE_TIME)
         else:
-            characters = len(" ".join(letter + _text(printed, letter) for letter in letters))
-            feed = self._feed_word(length, characters, move)
-            yield self._line(move, LineKind.FEED, printed, letters, feed=feed)
+            kind = LineKind.FEED
+            characters = sum(map(len, words)) + len(words) - 1
+            if feed := self._feed_word(length, characters, move):
+                words.append(feed)
+        if MOTION_WORDS[kind] != self._motion:
+            self._motion = MOTION_WORDS[kind]
+            words.insert(0, self._motion)
+        if self._power:
+            words.append(self._power)
+            self._power = ""
         self._at = printed
+        x, y, z = target
+        effect = LineEffect(kind, (x, y, z), self._printed_feed, self._plane)
+        yield GcodeLine(" ".join(words), move.line, effect)
+
+    def _printed(self, point: Point) -> Printed:
+        """Return the coordinates of a line for a point; most points keep one of them."""
+        before, self._point = self._point, point
+        if before is None or None in self._at.texts:
+            return self._arcs.printed(point)
+        texts, values = list(self._at.texts), list(self._at.values)
+        for k in range(3):
+            if point[k] != before[k]:
+                text = self._arcs.text(point[k], k)
+                texts[k], values[k] = text, float(text)
+        x, y, z = values
+        return Printed((x, y, z), (texts[0], texts[1], texts[2]))
 
     def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:
         end = self._arcs.printed(move.end)
@@ -199,7 +237,7 @@ class LineWriter:
         yield self._line(
             move, kind, end, letters, feed=feed, arc=(arc.plane, printed.center, centers)
         )
-        self._at = end
+        self._at, self._point = end, move.end
 
     def _in_parts(
         self, move: Move, arc: PlaneArc, parts: int, *, chords: bool = False
@@ -218,7 +256,7 @@ class LineWriter:
             to[i], to[j] = arc.center[0] + cos * x - sin * y, arc.center[1] + sin * x + cos * y
             to[across] += (move.end[across] - begin[across]) * k / parts
             end = move.end if k == parts else (to[0], to[1], to[2])
-            yield from self.move(replace(move, end=end, arc=part))
+            yield from self.move(move._replace(end=end, arc=part))
 
     def _changed(self, printed: Printed) -> list[str]:
         """Return the letters of the axes that a line to a point has to name."""
@@ -240,14 +278,14 @@ class LineWriter:
         """
         feed = move.feed
         characters += LINE_END + len(self._power)
-        line_time = max(characters * self._byte_time, LINE_TIME + characters * BYTE_TIME)
+        needed = line_time(characters, self._baud)
         speed = max(min(move.speed, feed), 1e-6)
-        if length / speed + self._ahead < line_time:
-            speed = length / (line_time - self._ahead)
+        if length / speed + self._ahead < needed:
+            speed = length / (needed - self._ahead)
             self.lowered.lowered("short lines", move.line, length, speed, feed)
         if length < math.inf:
             self.lowered.moved(length, speed)
-        self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD * LINE_TIME)
+        self._ahead = min(self._ahead + length / speed - needed, BLOCKS_AHEAD * LINE_TIME)
         wanted = feed if speed >= (1.0 - FEED_STEP) * feed else speed
         if (
             abs(self._feed - wanted) <= FEED_STEP * wanted

@@ -125,19 +125,38 @@ def _digest(files: frozenset[Path]) -> str:
 
 
 @cache
-def folder_name(source: Path) -> str | None:
+def folder_name(source: Path) -> str:
     """Return the name of the folder for the compiled code of a source file.
 
-    Returns:
-        The name; None for a file that cannot be read, such as one in a zip file. Its kernels are
-        not kept on disk.
+    The code of a file that cannot be read, such as one in a zip file, stays in memory.
     """
     if not source.is_file():
-        return None
+        return f"{_UNREADABLE}{source}"
     name = source.stem
     if source.is_relative_to(_SOURCES):
         name = ".".join(source.relative_to(_SOURCES).with_suffix("").parts)
     return f"{name}-{_TAG}-{_digest(_imported(source))}"
+
+
+_UNREADABLE = "?"
+"""Begins the name of the folder of a source file that cannot be read."""
+_unwritten: dict[str, bytes] = {}
+"""Code of this process that could not be written, by file."""
+
+
+def find(file: str) -> bytes | None:
+    """Return the contents of a file, of installed code or of this computer; None if it has none."""
+    for place in (SHIPPED, cache_folder()):
+        code = read(place / file)
+        if code is not None:
+            return code
+    return _unwritten.get(file)
+
+
+def keep(file: str, code: bytes) -> None:
+    """Write a file of compiled code; keep it in memory if that fails, as on a full disk."""
+    if file.startswith(_UNREADABLE) or not write(cache_folder() / file, code):
+        _unwritten[file] = code
 
 
 def read(path: Path) -> bytes | None:
@@ -150,9 +169,9 @@ def read(path: Path) -> bytes | None:
     return code if hashlib.sha256(code).digest() == digest else None
 
 
-def write(path: Path, code: bytes) -> None:
-    """Write a file of compiled code, all of it or nothing. A full disk is no error."""
-    with suppress(OSError):
+def write(path: Path, code: bytes) -> bool:
+    """Write a file of compiled code, all of it or nothing; return whether that succeeded."""
+    try:
         _make_folder(path.parent)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
             temporary = Path(file.name)
@@ -162,6 +181,9 @@ def write(path: Path, code: bytes) -> None:
                 temporary.replace(path)
             finally:
                 temporary.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True
 
 
 def _make_folder(folder: Path) -> None:

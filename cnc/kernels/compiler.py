@@ -1,4 +1,4 @@
-"""Compilation of kernels by numba, and their code on disk.
+"""Compilation of kernels by numba, to files of code.
 
 numba puts the code of all kernels that a kernel calls into its own code, and optimises all of it
 again. Most of the time of a compilation went into that. Here a kernel contains only the small
@@ -7,12 +7,15 @@ kernels that it calls, which LLVM would inline. It refers to the others by name:
     pulses ---calls---> half_step_rows ---calls---> curve_eval       three files of compiled code
        '--contains---> rests                                         inside the file of pulses
 
-A file lists the kernels that its code refers to. They are loaded before it. So the names of
+A file lists the files that its code refers to (:mod:`cnc.kernels.loader`). So the names of
 compiled functions must be the same in all processes: numba's count of compilations, which it puts
 into them, is left out.
 
 A kernel that Python calls needs a function that converts the arguments. It is made, and kept,
 apart, and only for kernels that are called so.
+
+Nothing that is compiled here runs before it has been loaded from its file. numba would also
+generate machine code for each of its own functions that a kernel contains; that is left out.
 
 numba's documented interface has no means for this, so the classes here derive from its compiler
 (0.68): a change of numba's version needs a run of the tests in ``tests/kernels``.
@@ -20,18 +23,16 @@ numba's documented interface has no means for this, so the classes here derive f
 
 from __future__ import annotations
 
-import hashlib
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import copy
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
-import llvmlite
-import numba
 from llvmlite import binding
-from numba.core.caching import _Cache
+from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -41,7 +42,7 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.types import unliteral  # type: ignore[attr-defined]
 
-from cnc.kernels import code_cache
+from cnc.kernels import code_cache, loader
 from cnc.kernels.jit import Kernel, kernels
 
 INLINED = 100
@@ -54,8 +55,6 @@ OPTIONS = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
-PORTABLE = ("generic", "")
-"""Name and features of the processor for which installed code was compiled."""
 
 Types = tuple[Any, ...]
 watchers: list[Callable[[Kernel], None]] = []
@@ -70,6 +69,20 @@ class Callee(NamedTuple):
     arguments: Types
 
 
+class InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A function of numba that kernels contain, which are optimised and compiled as a whole."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: it is never called by itself."""
+        return 0
+
+
 class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
     """The compiled code of one kernel.
 
@@ -77,17 +90,17 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         kernel: the kernel and its argument types.
         symbol: name of its function.
         callees: kernels to which the code refers, in the order of their calls.
+        code: the machine code, an object file.
     """
 
     def __init__(self, codegen: Any, kernel: Callee) -> None:
         super().__init__(codegen, kernel.name)
         self.kernel = kernel
-        self.symbol = ""
+        self.symbol, self.code = "", b""
         self.callees: dict[Callee, None] = {}
         self._bitcode = b""
         self._linking_libraries: list[Any] = []
         self._shared_module: Any = None
-        self.enable_object_caching()
 
     def finalize(self) -> None:
         """Link the small kernels and numba's own functions, and compile."""
@@ -103,6 +116,11 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._linking_libraries = linked
         super().finalize()
 
+    def _finalize_final_module(self) -> None:
+        self._verify_declare_only_symbols()
+        self.code = self._codegen._tm.emit_object(self._final_module)
+        self._finalized = True
+
     @cached_property
     def is_small(self) -> bool:
         """Whether callers contain this code."""
@@ -114,38 +132,22 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
             self._shared_module = binding.parse_bitcode(self._bitcode)
         return super()._get_module_for_linking()
 
-    def state(self) -> tuple[Any, ...]:
-        """Return what :meth:`restored` needs."""
-        bitcode = self._get_module_for_linking().as_bitcode() if self.is_small else b""
-        return self.kernel, self.symbol, list(self.callees), self._get_compiled_object(), bitcode
+    def bitcode(self) -> bytes:
+        """Return the code that callers contain; nothing if they do not contain this kernel."""
+        return self._get_module_for_linking().as_bitcode() if self.is_small else b""
 
     @classmethod
-    def restored(cls, codegen: Any, state: tuple[Any, ...]) -> KernelLibrary:
-        """Load the code of :meth:`state`, behind that of the kernels to which it refers."""
-        kernel, symbol, callees, code, bitcode = state
+    def restored(
+        cls, codegen: Any, kernel: Callee, callees: list[Callee], symbol: str, bitcode: bytes
+    ) -> KernelLibrary:
+        """Return code that is on disk. The kernels that it calls are compiled if need be."""
         for callee in callees:
             kernels[callee.module, callee.name].dispatcher.compile(callee.arguments)
         self = cls(codegen, kernel)
         self.symbol, self.callees = symbol, dict.fromkeys(callees)
         self.is_small, self._bitcode = bool(bitcode), bitcode
-        self._set_compiled_object(code)
-        self._finalize_final_module()
-        codegen._engine._defined_symbols.add(symbol)
+        self._finalized = True
         return self
-
-
-class Wrapper(NamedTuple):
-    """The function by which Python calls a kernel.
-
-    Attributes:
-        library: its code.
-        descriptor: names of the kernel and its environment, from numba.
-        environment: Python objects that the function uses, such as the classes of named tuples.
-    """
-
-    library: KernelLibrary
-    descriptor: Any
-    environment: Any
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]
@@ -154,6 +156,7 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
     def define_pipelines(self) -> list[Any]:
         """Return numba's passes."""
         state = self.state
+        state.flags.no_compile = True  # the machine code is not loaded, but written to a file
         function = state.func_id
         function.unique_id, function.unique_name = 0, function.func_qualname
         kernel = Callee(function.modname, function.func_qualname, tuple(state.args))
@@ -161,14 +164,24 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
+@contextmanager
+def _no_inner_code(codegen: Any) -> Iterator[None]:
+    """Do not generate machine code for numba's own functions, which kernels contain."""
+    with (
+        patch.object(codegen, "_library_class", InnerLibrary),
+        patch.object(codegen, "set_env", lambda name, environment: None),
+    ):
+        yield
+
+
 class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
-    """Compiles, loads and calls a kernel."""
+    """Compiles a kernel, for Python and for the kernels that call it."""
 
     def __init__(self, kernel: Kernel) -> None:
         super().__init__(kernel.py_func, targetoptions=OPTIONS, pipeline_class=KernelCompiler)
         self._kernel = kernel
-        self._cache = KernelFiles(kernel)
-        self._entries: list[Any] = []  # numba's C code refers to them, but does not keep them
+        self._cache = NullCache()
+        self._files: dict[Types, str] = {}
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the type of a call by another kernel.
@@ -179,183 +192,133 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         return super().get_call_template(tuple(map(unliteral, args)), kws)
 
     def compile(self, sig: Any) -> Any:
-        """Compile the kernel for these types, or load it, for calls by other kernels."""
+        """Compile the kernel for these types, unless there is a file of its code.
+
+        Returns:
+            numba's key for the function, for calls by other kernels.
+        """
         arguments = tuple(sig)
         with global_compiler_lock:
-            if arguments in self.overloads:
-                return self.overloads[arguments].entry_point
-            if self._load(arguments):
-                return self.overloads[arguments].entry_point
-            with code_cache.locked(f"{self._kernel.label} {arguments}"):
-                if self._load(arguments):  # another process has compiled it meanwhile
-                    return self.overloads[arguments].entry_point
-                for watcher in watchers:
-                    watcher(self._kernel)
-                return super().compile(sig)
+            if not self._is_known(arguments):
+                with code_cache.locked(f"{self._kernel.label} {arguments}"):
+                    if not self._is_known(arguments):  # another process may have compiled it
+                        self._compile(arguments)
+        return self.overloads[arguments].entry_point
 
-    def _load(self, arguments: Types) -> bool:
-        """Load the code for these types, if there is some."""
-        result = self._cache.load(arguments, self.targetctx)
-        if result is None:
-            return False
-        self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+    def _compile(self, arguments: Types) -> None:
+        for watcher in watchers:
+            watcher(self._kernel)
+        rtsys.initialize(self.targetctx)
+        with _no_inner_code(self.targetctx.codegen()):
+            super().compile(arguments)
+            result = self.overloads[arguments]
+            result.library.finalize()
+        library, descriptor = result.library, result.fndesc
+        descriptor.typemap = descriptor.calltypes = None
+        needs = [_file(callee) for callee in library.callees]
+        state = library.kernel, list(library.callees), library.bitcode(), descriptor
+        code = loader.Code(library.symbol, needs, library.code, dumps((*state, result.signature)))
+        loader.keep(self._kept(arguments), code)
+
+    def _paths(self, arguments: Types) -> list[str]:
+        """Return the files in which code for these types may be."""
+        folder = self._kernel.folder
+        return loader.file_names(folder, self._kernel.name, str(arguments), ".code")
+
+    def _kept(self, arguments: Types) -> str:
+        """Return the file to write; it is that of the code for these types from now on."""
+        self._files[arguments] = self._paths(arguments)[-1]
+        return self._files[arguments]
+
+    def file(self, arguments: Types) -> str:
+        """Return the file of compiled code for these types."""
+        return self._files[arguments]
+
+    def _is_known(self, arguments: Types) -> bool:
+        """Return whether there is code for these types; read the file if it is not known yet."""
+        if arguments in self.overloads:
+            return True
+        for file in self._paths(arguments):
+            code = loader.read(file)
+            if code is not None:
+                try:
+                    self._restore(code)
+                except (AttributeError, ImportError, LookupError):
+                    continue  # it refers to something that this installation does not have
+                self._files[arguments] = file
+                return True
+        return False
+
+    def _restore(self, code: loader.Code) -> None:
+        """Make code of a file known to numba.
+
+        Raises:
+            LookupError: If it needs a file that is missing, and has another name when it is made.
+        """
+        kernel, callees, bitcode, descriptor, signature = pickle.loads(code.rest)
+        library = KernelLibrary.restored(
+            self.targetctx.codegen(), kernel, callees, code.symbol, bitcode
+        )
+        if code.needs != [_file(callee) for callee in callees]:
+            raise LookupError
+        result = CompileResult(
+            target_context=self.targetctx,
+            typing_context=self.targetctx.typing_context,
+            library=library,
+            environment=None,
+            entry_point=None,
+            fndesc=descriptor,
+            type_annotation="",
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            typing_error=None,
+            call_helper=None,
+            metadata=None,
+            reload_init=(),
+            referenced_envs=(),
+        )
         self.add_overload(result)
-        return True
 
     def add_overload(self, cres: Any) -> None:
-        """Keep compiled code; Python does not call it as it is."""
+        """Make compiled code known to the kernels that call it."""
+        entry = object()  # numba's key for the function; nothing calls it here
         cres.library.symbol = cres.fndesc.llvm_func_name
-        self.overloads[tuple(cres.signature.args)] = cres
+        self.targetctx.insert_user_function(entry, cres.fndesc, [cres.library])
+        self.overloads[tuple(cres.signature.args)] = cres._replace(entry_point=entry)
 
-    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
-        """Compile for a call by Python; numba's C code calls this for types that are new."""
-        arguments = tuple(unliteral(self.typeof_pyval(each)) for each in args)
+    def wrap(self, values: tuple[Any, ...], file: str) -> None:
+        """Make the function by which Python calls the kernel with values of these types.
+
+        Args:
+            values: the arguments.
+            file: the file to write.
+        """
+        arguments = tuple(unliteral(self.typeof_pyval(each)) for each in values)
         with global_compiler_lock:
             self.compile(arguments)
-            wrapper = self._cache.load_wrapper(arguments, self.targetctx) or self._wrap(arguments)
-            entry = self.targetctx.get_executable(*wrapper)
-            self._insert([each._code for each in arguments], entry, False)
-            self._entries.append(entry)
-        return entry
+            with code_cache.locked(file):
+                if loader.read(file) is None:
+                    loader.keep(file, self._wrapper(arguments))
 
-    def _wrap(self, arguments: Types) -> Wrapper:
-        """Make the function that converts the arguments of a call by Python."""
+    def _wrapper(self, arguments: Types) -> loader.Code:
         result, context = self.overloads[arguments], self.targetctx.subtarget(enable_nrt=True)
         context.refresh()
+        rtsys.initialize(context)
         library = KernelLibrary(context.codegen(), result.library.kernel)
         library.callees = {result.library.kernel: None}
+        library.add_linking_library(rtsys.library)
         descriptor = copy(result.fndesc)
         descriptor.env_name += ".wrapper"
         environment = Environment.from_fndesc(descriptor)
         with context.push_code_library(library):
             context.create_cpython_wrapper(library, descriptor, environment, None)
         library.finalize()
-        library.symbol, library.is_small = descriptor.llvm_cpython_wrapper_name, False
-        wrapper = Wrapper(library, descriptor, environment)
-        self._cache.save_wrapper(arguments, wrapper)
-        return wrapper
+        rest = dumps((descriptor.env_name, environment.consts))
+        needs = [self._files[arguments]]
+        return loader.Code(descriptor.llvm_cpython_wrapper_name, needs, library.code, rest)
 
 
-@cache
-def target() -> tuple[str, str, str]:
-    """Return system, name and features of the processor for which kernels are compiled."""
-    return CPUDispatcher.targetdescr.target_context.codegen().magic_tuple()
-
-
-def version(processor: tuple[str, str] | None = None) -> tuple[str, ...]:
-    """Return everything besides the kernels on which their code depends.
-
-    Args:
-        processor: name and features; by default those of this computer.
-    """
-    triple, *host = target()
-    return triple, *(processor or host), numba.__version__, llvmlite.__version__
-
-
-class KernelFiles(_Cache):  # type: ignore[misc]
-    """Files of the compiled code of one kernel: one for each set of argument types.
-
-    Installed code is looked up first, then code that was compiled on this computer.
-    """
-
-    def __init__(self, kernel: Kernel) -> None:
-        self._folder, self._name = kernel.folder, kernel.name
-
-    @property
-    def cache_path(self) -> str:
-        """Folder of the code that was compiled on this computer."""
-        return str(code_cache.cache_folder() / (self._folder or ""))
-
-    @cache  # noqa: B019 - dispatchers live as long as the process
-    def _paths(self, arguments: Types) -> tuple[Path, ...]:
-        """Return the files in which code may be, the first to look at first."""
-        if self._folder is None:
-            return ()
-        paths = []
-        for place, processor in ((code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), None)):
-            key = hashlib.sha256(repr((str(arguments), version(processor))).encode()).hexdigest()
-            paths.append(place / self._folder / f"{self._name}-{key[:16]}.code")
-        return tuple(paths)
-
-    def _load(self, arguments: Types, suffix: str, rebuild: Callable[[Any], Any]) -> Any:
-        """Return what ``rebuild`` makes of the first file that can be used; None for none."""
-        for path in self._paths(arguments):
-            code = code_cache.read(path.with_suffix(suffix))
-            if code is not None:
-                try:
-                    return rebuild(pickle.loads(code))
-                except (AttributeError, ImportError, KeyError):
-                    continue  # it refers to something that this installation does not have
-        return None
-
-    def load_overload(self, sig: Any, target_context: Any) -> None:
-        """Return nothing: numba asks when :meth:`load` has found nothing."""
-
-    def load(self, arguments: Types, target_context: Any) -> Any:
-        """Return compiled code; None if there is none.
-
-        numba's own cache imports the whole compiler first, which is not needed to load code.
-        """
-
-        def rebuild(state: Any) -> Any:
-            library, descriptor, signature = state
-            loaded = KernelLibrary.restored(target_context.codegen(), library)
-            environment = Environment.from_fndesc(descriptor)
-            return CompileResult(
-                target_context=target_context,
-                typing_context=target_context.typing_context,
-                library=loaded,
-                environment=environment,
-                entry_point=target_context.get_executable(loaded, descriptor, environment),
-                fndesc=descriptor,
-                type_annotation="",
-                signature=signature,
-                objectmode=False,
-                lifted=(),
-                typing_error=None,
-                call_helper=None,
-                metadata=None,
-                reload_init=(),
-                referenced_envs=(),
-            )
-
-        rtsys.initialize(target_context)
-        return self._load(arguments, ".code", rebuild)
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Write compiled code.
-
-        The Python objects that numba's own functions use for messages are left out. Kernels make no
-        messages, and loading them takes longer than loading the code.
-        """
-        arguments, descriptor = tuple(sig), data.fndesc
-        if self._folder is not None and not data.reload_init:
-            descriptor.typemap = descriptor.calltypes = None
-            state = data.library.state(), descriptor, data.signature
-            code_cache.write(self._paths(arguments)[-1], dumps(state))
-
-    def load_wrapper(self, arguments: Types, target_context: Any) -> Wrapper | None:
-        """Return the function that converts arguments; None if there is none."""
-
-        def rebuild(state: Any) -> Wrapper:
-            library, descriptor, environment = state
-            loaded = KernelLibrary.restored(target_context.codegen(), library)
-            return Wrapper(loaded, descriptor, environment)
-
-        return self._load(arguments, ".wrapper", rebuild)
-
-    def save_wrapper(self, arguments: Types, wrapper: Wrapper) -> None:
-        """Write the function that converts arguments."""
-        if self._folder is not None:
-            state = wrapper.library.state(), wrapper.descriptor, wrapper.environment
-            path = self._paths(arguments)[-1].with_suffix(".wrapper")
-            code_cache.write(path, dumps(state))
-
-    def enable(self) -> None:
-        """Do nothing: the cache is always in use."""
-
-    def disable(self) -> None:
-        """Do nothing: the cache is always in use."""
-
-    def flush(self) -> None:
-        """Do nothing: code of another text has another name."""
+def _file(callee: Callee) -> str:
+    """Return the file of the compiled code of a kernel."""
+    return str(kernels[callee.module, callee.name].dispatcher.file(callee.arguments))

@@ -1,9 +1,9 @@
-"""The ``njit`` decorator: functions that numba compiles when they are first called.
+"""The ``njit`` decorator: functions that are compiled when they are first called.
 
-Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`). A kernel is compiled for one set of
-argument types, or loaded, when it is called from Python or when a kernel that calls it is compiled
-(:mod:`cnc.kernels.compiler`). numba is imported then, because its import takes as long as
-``cncrun --help``.
+Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`) and loaded from there
+(:mod:`cnc.kernels.loader`). numba compiles a kernel for one set of argument types when it is called
+from Python, or when a kernel that calls it is compiled (:mod:`cnc.kernels.compiler`). LLVM and
+numba are imported then, because that takes as long as ``cncrun --help``.
 
 Inside :func:`as_python`, a kernel whose code has not been loaded runs as plain Python. A small
 program is read so, while nothing is compiled.
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from cnc.kernels import code_cache
+from cnc.kernels.argument_types import kind, types_text
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -39,23 +40,41 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.py_func = function
         self.name = function.__qualname__
-        self._call: Callable[..., Any] = self._first_call
+        self._entries: dict[Any, Callable[..., Any]] = {}
         kernels[function.__module__, function.__qualname__] = self
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function; compile it if need be."""
-        return self._call(*arguments)
+        entries = self._entries
+        entry = entries.get(tuple([kind(each) for each in arguments])) if entries else None
+        return (entry or self._first_call)(*arguments)
 
     def _first_call(self, *arguments: Any) -> Any:
+        """Call the kernel for types that are new."""
         modules = _compiled.get()
         if modules is not None and self.__module__ not in modules:
             return self.py_func(*arguments)
-        self._call = self.dispatcher
-        return self.dispatcher(*arguments)
+        entry = self._entry(arguments)
+        self._entries[tuple(map(kind, arguments))] = entry
+        return entry(*arguments)
+
+    def _entry(self, arguments: tuple[Any, ...]) -> Callable[..., Any]:
+        """Load the compiled function for such arguments; compile it if need be."""
+        from cnc.kernels import loader
+
+        types = ",".join(types_text(kind(each)) for each in arguments)
+        files = loader.file_names(self.folder, self.name, types, ".wrapper")
+        variables = self.py_func.__globals__
+        entry = loader.first_entry(files, variables)
+        if entry is None:
+            self.dispatcher.wrap(arguments, files[-1])
+            entry = loader.first_entry(files, variables)
+            assert entry is not None
+        return entry
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """The dispatcher of numba for this function, which compiles and loads it."""
+        """The dispatcher of numba for this function, which compiles it."""
         from cnc.kernels.compiler import KernelDispatcher
 
         return KernelDispatcher(self)
@@ -66,15 +85,15 @@ class Kernel:
         return self.dispatcher._numba_type_
 
     @property
-    def folder(self) -> str | None:
-        """Name of the folder of its compiled code; None if that is not kept on disk."""
+    def folder(self) -> str:
+        """Name of the folder of its compiled code."""
         return code_cache.folder_name(Path(self.py_func.__code__.co_filename))
 
     @property
     def is_on_disk(self) -> bool:
         """Whether there is compiled code, for whatever types and processor."""
         places = (code_cache.SHIPPED, code_cache.cache_folder())
-        return self.folder is not None and any(
+        return any(
             next((place / self.folder).glob(f"{self.name}-*.code"), None) is not None
             for place in places
         )

@@ -12,18 +12,20 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from cnc.machine.board import Board
+from cnc.machine.kinematics import KINEMATICS, OF_TIP
+from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.locate import locate
 from cnc.machine.models import (
     Axis,
-    Board,
     Header,
     Homing,
     HomingOrder,
     Machine,
     PathLimits,
-    Program,
     Stock,
 )
+from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
 from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
@@ -101,17 +103,49 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    for key in ("name", "kind"):
+    for key in ("name", "kind", "file"):
         if key in tables:
-            hint = f"put the {key} into [machine]"
+            hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
+    _complete_axes(file, text, tables)
     try:
-        machine = Machine.model_validate({"name": header.name, "kind": header.kind, **tables})
+        machine = Machine.model_validate(
+            {"name": header.name, "kind": header.kind, "file": str(file), **tables}
+        )
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in machine.inconsistencies():
         raise _error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
+
+
+def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None:
+    """Give the axes that joints move the scale and the speed of the fastest of these joints.
+
+    Tables of a wrong form are left for the validation.
+    """
+    kinematics, axes, joints = (tables.get(name) for name in ("kinematics", "axes", "joints"))
+    if not isinstance(kinematics, dict) or not isinstance(axes, dict):
+        return
+    kinds = {kind: model for model in KINEMATICS for kind in model.kinds()}
+    if "type" in kinematics and kinematics["type"] not in kinds:
+        message = f"must be one of {', '.join(kinds)}, not {_toml(kinematics['type'])}"
+        raise _error(file, text, ("kinematics", "type"), message)
+    model = kinds.get(kinematics.get("type", "cartesian"))
+    given = [joint for joint in (joints or {}).values() if isinstance(joint, dict)]
+    for letter in model.axes if model is not None else ():
+        table = axes.get(letter)
+        if not isinstance(table, dict):
+            continue
+        for key in table:
+            if key in Axis.model_fields and key not in OF_TIP:
+                hint = f"write it into [joints.{model.joints[0]}] and its fellows" if model else ""
+                message = "belongs to the joints that move this axis"
+                raise _error(file, text, ("axes", letter, key), message, hint)
+        for key in ("steps_per_mm", "max_velocity"):
+            values = [joint.get(key) for joint in given]
+            numbers = [float(value) for value in values if isinstance(value, int | float)]
+            table[key] = max(numbers, default=1.0)
 
 
 def _resolve(path: Path | str | None) -> Traversable:
@@ -137,6 +171,23 @@ def _read(file: Traversable) -> str:
         code, message = "machine-file-unreadable", f"the machine file is not readable: {reason}"
     hint = f"shipped machines: {', '.join(shipped_machines())}" if code == "no-such-file" else ""
     raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
+
+
+def error_in(machine: Machine, key: tuple[str, ...], message: str, hint: str) -> MachineFileError:
+    """Return an error in the file of a machine, such as one that only the board can tell.
+
+    Args:
+        machine: The machine.
+        key: Full path of the key.
+        message: The problem.
+        hint: The remedy.
+    """
+    file = Path(machine.file)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError):
+        text = ""
+    return _error(file, text, key, message, hint)
 
 
 def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
@@ -190,10 +241,15 @@ def _validation_error(
     found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
     # pydantic appends its own locations to the key (an index, "[key]"); users see the keys only.
     key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
+    if key[0] == "kinematics" and len(key) > 2:
+        key = ("kinematics", *key[2:])  # pydantic names the type of the kinematics, too
     if _is_unknown_key(found):
         return _unknown_key(file, text, key)
     kind = found["type"]
     context = found.get("ctx", {})
+    if kind == "union_tag_not_found":
+        kinds = ", ".join(kind for model in KINEMATICS for kind in model.kinds())
+        return _error(file, text, ("kinematics",), f"type is missing: {kinds}")
     if kind == "value_error":
         message = str(context["error"])
     elif kind == "missing" and isinstance(found["loc"][-1], int):
@@ -222,18 +278,32 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
     if len(key) == 1:
         known = [
             "machine",
-            *(field for field in Machine.model_fields if field not in Header.model_fields),
+            *(each for each in Machine.model_fields if each not in ("name", "kind", "file")),
         ]
-    elif key[0] == "axes":
+    elif key[0] == "kinematics":
+        fields = [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
+        known = fields
+    elif key[0] in ("axes", "joints"):
         if len(key) > 3:
             known = list(Homing.model_fields)
         else:
             known = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
     else:
-        known = list(_SECTIONS[key[0]].model_fields)
+        known = list(_section(key).model_fields)
     close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
     return _error(file, text, key, "there is no such key", hint)
+
+
+def _section(key: tuple[str, ...]) -> type[Section]:
+    """Return the model of the table in which a key stands."""
+    if key[:2] != ("board", "klipper") or len(key) == 2:
+        return _SECTIONS[key[0]]
+    if len(key) == 3:
+        return KlipperBoard
+    if key[2] == "spindle":
+        return KlipperSpindle
+    return TrinamicDriver if key[3] == "driver" and len(key) > 4 else KlipperAxis
 
 
 def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:

@@ -1,11 +1,11 @@
-"""Basis of the tables of a machine file: strict, frozen models, and file names."""
+"""Basis of the tables of a machine file: strict, frozen models, numbers, and file names."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 
 class Section(BaseModel):
@@ -20,3 +20,37 @@ def _path(value: Any) -> Any:
 
 
 FilePath = Annotated[Path, BeforeValidator(_path)]
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+def as_tuple(value: Any) -> Any:
+    """Return a TOML array as a tuple, because the frozen models hold tuples."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError("must be [lowest, highest]")
+    return ends
+
+
+Span = Annotated[
+    tuple[FiniteFloat, FiniteFloat], BeforeValidator(as_tuple), AfterValidator(_ascending)
+]
+"""Lowest and highest coordinate."""
+
+
+class Inconsistency(NamedTuple):
+    """A contradiction between keys of a machine file.
+
+    Attributes:
+        key: Full path of the key that the message is about.
+        message: The problem.
+        hint: The remedy.
+    """
+
+    key: tuple[str, ...]
+    message: str
+    hint: str

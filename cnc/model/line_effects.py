@@ -6,8 +6,8 @@ Whoever writes a line knows its motion. The line carries it, so that no receiver
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 NOT_NAMED = (math.nan, math.nan, math.nan)
 """The target of a line that names no axis."""
@@ -42,8 +42,7 @@ MOTIONS = frozenset(
 ARCS = frozenset((LineKind.CLOCKWISE, LineKind.COUNTERCLOCKWISE))
 
 
-@dataclass(frozen=True, slots=True)
-class LineEffect:
+class LineEffect(NamedTuple):
     """The effect of one line, in the numbers that stand in its text.
 
     Attributes:

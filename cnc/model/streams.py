@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +54,7 @@ class SampleChunk:
     line: NDArray[np.int32]
 
 
-@dataclass(frozen=True, slots=True)
-class GcodeLine:
+class GcodeLine(NamedTuple):
     """A line of G-code for a board that plans its own motion.
 
     Attributes:

@@ -40,6 +40,27 @@ POSITION = 1e-12
 """mm; the accuracy of the arc lengths of the path, and so of a position at an instant."""
 
 
+def values_allowed(limits: Limits) -> NDArray[np.float64]:
+    """Return the limits in the order of the largest values: along the path, then of each axis."""
+    along = np.full(ENTRIES, inf)
+    along[ACCEL], along[JERK], along[OVERSPEED] = (
+        limits.tangential_acceleration,
+        limits.tangential_jerk,
+        1.0,
+    )
+    along[NORMAL_ACCEL], along[CHORD_ERROR], along[STEP_DEVIATION] = (
+        limits.normal_acceleration,
+        limits.chord_error,
+        limits.step_deviation,
+    )
+    return np.concatenate((along, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk))
+
+
+def largest_values(values: NDArray[np.float64]) -> Largest:
+    """Return views of the values in that order, as kernels take them."""
+    return Largest(values[:ENTRIES], *values[ENTRIES:].reshape(3, -1))
+
+
 class Audit:
     """Checks plans in the order in which they run, and keeps the largest values.
 
@@ -54,19 +75,7 @@ class Audit:
         self._judges = judges
         n = len(limits.axis_velocity)
         self.violations: dict[str, int] = {}
-        along = np.full(ENTRIES, inf)
-        along[ACCEL], along[JERK], along[OVERSPEED] = (
-            limits.tangential_acceleration,
-            limits.tangential_jerk,
-            1.0,
-        )
-        along[NORMAL_ACCEL], along[CHORD_ERROR], along[STEP_DEVIATION] = (
-            limits.normal_acceleration,
-            limits.chord_error,
-            limits.step_deviation,
-        )
-        axes = np.stack((limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk))
-        self._limits = np.concatenate((along, axes.reshape(-1)))
+        self._limits = values_allowed(limits)
         # The error of a difference of order k of positions is up to 2^k times POSITION.
         order = np.arange(1, 4)
         self._unsure = np.concatenate(
@@ -187,7 +196,7 @@ class Audit:
         limits, path, plan = self.limits, chunk.path, chunk.arrays
         pieces = Pieces(path.kind, path.at, path.data)
         values = self._legal.copy()
-        largest = Largest(values[:ENTRIES], *values[ENTRIES:].reshape(3, -1))
+        largest = largest_values(values)
         audit_phases(pieces, plan, limits.feeds(path), limits.period, largest)
         # Before this plan the machine rests at its start: three instants are as good as more.
         standing = ceil(chunk.t0 / limits.period) - 3

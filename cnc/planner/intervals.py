@@ -16,6 +16,9 @@ from cnc.planner.limits import Limits
 STANDSTILL = Junction(0.0, True, 1.0, 0.0)
 """A junction at which the motion rests."""
 
+REFINED = 2.0
+"""Usual ratio of the speed for which intervals are cut to their bound of the speed."""
+
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:
     """Return the junction of two chunks that follow each other."""
@@ -34,8 +37,19 @@ def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Jun
     )
 
 
-def intervals_of(path: PathChunk, limits: Limits, before: Junction, after: Junction) -> Intervals:
-    """Cut a chunk into intervals with constant bounds; arc lengths begin with 0."""
+def intervals_of(
+    path: PathChunk,
+    limits: Limits,
+    before: Junction,
+    after: Junction,
+    refined: float = REFINED,
+) -> Intervals:
+    """Cut a chunk into intervals with constant bounds; arc lengths begin with 0.
+
+    The refinement may cross an interval faster than the bound that leaves acceleration for any
+    direction. ``refined`` is the ratio for which the intervals are cut. Faster motion is compared
+    with the path itself.
+    """
     space = 4 * len(path) + 1024
     while True:
         found = Intervals(
@@ -46,6 +60,7 @@ def intervals_of(path: PathChunk, limits: Limits, before: Junction, after: Junct
             jerk=np.empty((space, LEVELS)),
             flat=np.empty(space, np.bool_),
             share=np.empty(space),
+            reliable=np.empty(space),
             sampled=np.empty((space, 2)),
             samples=np.empty((space, SAMPLES, 3, len(path.axes))),
         )
@@ -57,6 +72,7 @@ def intervals_of(path: PathChunk, limits: Limits, before: Junction, after: Junct
             before,
             after,
             limits.arrays,
+            refined,
             found,
         )
         if count >= 0:

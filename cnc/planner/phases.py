@@ -6,10 +6,11 @@ import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
-from cnc.kernels.planner.phases import PHASE, Phases
+from cnc.kernels.planner.phases import PHASE, Phases, phase_at
 from cnc.kernels.planner.refine import refine
 from cnc.kernels.planner.scurve import phase_time
 from cnc.planner.intervals import between
+from cnc.planner.known_path import rounding_of
 from cnc.planner.limits import Limits
 
 TOUCHING = 1e-6
@@ -25,7 +26,13 @@ NO_PHASES: Phases = np.empty(0, PHASE)
 
 
 def plan_to_rest(
-    start: float, known: Intervals, v_start: float, limits: Limits, lead: Phases = NO_PHASES
+    start: float,
+    known: Intervals,
+    v_start: float,
+    limits: Limits,
+    lead: Phases = NO_PHASES,
+    *,
+    refined: bool = True,
 ) -> tuple[int, Phases]:
     """Plan from ``start`` to rest at the end of ``known``.
 
@@ -39,6 +46,7 @@ def plan_to_rest(
         v_start: speed at the start, mm/s.
         limits: of the machine.
         lead: phases to the start, over the first of the intervals; they become part of the plan.
+        refined: whether the plan may be refined. Without a refinement there is none behind a lead.
 
     Returns:
         The status of :func:`cnc.kernels.planner.lookahead.plan_window`, and the phases.
@@ -50,6 +58,8 @@ def plan_to_rest(
     rough = status == START_TOO_FAST
     if not (rough or status == PLANNED):
         return status, phases
+    if not refined:
+        return (START_TOO_FAST, phases[:0]) if rough or len(lead) else (status, phases)
     if rough:
         freer = known._replace(
             speed=np.where(known.flat, known.speed, np.minimum(known.top, ROUGHLY * known.speed)),
@@ -146,13 +156,17 @@ def cut_inside(phases: Phases, k: int, t: float) -> tuple[Phases, Phases]:
 
 
 def cut_at_length(phases: Phases, s: float) -> tuple[Phases, Phases]:
-    """Return the phases before and behind arc length ``s``; ``phases`` itself changes."""
+    """Return the phases before and behind arc length ``s``; ``phases`` itself changes.
+
+    A phase that starts or ends at ``s`` but for rounding stays whole.
+    """
     k = int(np.searchsorted(phases["s"], s, side="right")) - 1
     duration, start, v, a, j = phases[k].tolist()
-    t = phase_time(v, a, j, duration, s - start)
-    if t <= 0.0:
+    near = rounding_of(s)
+    if s - start <= near:
         return phases[:k], phases[k:]
-    if t >= duration:
+    t = phase_time(v, a, j, duration, s - start)
+    if t >= duration or phase_at(duration, start, v, a, j)[0] <= s + near:
         return phases[: k + 1], phases[k + 1 :]
     head, tail = cut_inside(phases, k, t)
     tail[0]["s"] = s

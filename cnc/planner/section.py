@@ -9,8 +9,14 @@ import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
 from cnc.path.chunk import PathChunk
-from cnc.planner.intervals import STANDSTILL, intervals_of, junction_between
+from cnc.planner.intervals import REFINED, STANDSTILL, intervals_of, junction_between
 from cnc.planner.limits import Limits
+
+FINER = 4.0
+"""Factor of the speed for which the intervals are cut again, where a plan exceeds a limit."""
+
+FINEST = 32.0
+"""The largest ratio of that speed to the usual bound."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,14 +27,17 @@ class Stretch:
     previous: PathChunk | None
     following: PathChunk | None
 
-    def intervals(self, limits: Limits) -> Intervals:
-        """Return its intervals, with arc lengths from its start."""
+    def intervals(self, limits: Limits, refined: float = REFINED) -> Intervals:
+        """Return its intervals, with arc lengths from its start.
+
+        ``refined``: see :func:`cnc.planner.intervals.intervals_of`.
+        """
         before = after = STANDSTILL
         if self.previous is not None:
             before = junction_between(self.previous, self.path, limits)
         if self.following is not None:
             after = junction_between(self.path, self.following, limits)
-        return intervals_of(self.path, limits, before, after)
+        return intervals_of(self.path, limits, before, after, refined)
 
 
 class Section:
@@ -50,12 +59,21 @@ class Section:
         self.piece_s = np.concatenate(([0.0], np.cumsum(stretch.path.length)))
         self.base = base
         self.travelled = travelled
-        self.intervals = known = stretch.intervals(limits)
+        self._refined = REFINED
+        self.intervals = known = stretch.intervals(limits, self._refined)
         stops = np.flatnonzero(known.flat & (known.speed == 0.0))
         opens = np.flatnonzero(~known.flat)
         self.last_stop = float(known.end[stops[-1]]) if len(stops) else -inf
         self.last_open = float(known.end[opens[-1]]) if len(opens) else -inf
         self.top = float(known.speed.max())
+
+    def cut_finer(self, limits: Limits) -> bool:
+        """Cut into intervals for faster motion; return whether they were not the finest yet."""
+        if self._refined >= FINEST:
+            return False
+        self._refined *= FINER
+        self.intervals = self.stretch.intervals(limits, self._refined)
+        return True
 
     @property
     def end(self) -> float:

@@ -23,6 +23,7 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
+from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
@@ -83,13 +84,22 @@ class SlowedPlan:
 
 
 def slowed(request: Request) -> SlowedPlan | None:
-    """Return a plan for the request; None if there is none."""
+    """Return a plan for the request; None if there is none.
+
+    While it slows, the motion does not end its acceleration early across a place that it has to
+    cross at constant speed.
+    """
     plan = request.plan
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
     if acceleration > 0.0 and (released := release(plan)) is not None:
-        leads.append((released, *end_of(released)))
+        s, v = end_of(released)
+        if (
+            s < request.goal
+            and not request.path.intervals(request.path.limits, request.at, s).flat.any()
+        ):
+            leads.append((released, s, v))
     if not len(lead):
         leads.append((lead, float(plan[0]["s"]), speed))
     elif len(lead) < len(plan):
@@ -161,8 +171,15 @@ class _Search:
                 end = min(end, _beyond_flat(self.far, up_to + self.far_off))
             parts.append(between(self.far, up_to, end))
         known = joined(parts, [0.0] * len(parts))
-        status, phases = plan_to_rest(self.s, known, self.v, self.slowing, self.lead)
-        return phases if status == PLANNED else None
+        for refined in (True, False):
+            status, phases = plan_to_rest(
+                self.s, known, self.v, self.slowing, self.lead, refined=refined
+            )
+            if status != PLANNED:
+                return None
+            if not exceeding_sections(self.request.path, phases, known):
+                return phases
+        return phases
 
     def _first(self) -> tuple[float, float, Phases] | None:
         """Return a length that is too short, a longer one that is enough, and the plan for it."""

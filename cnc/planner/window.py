@@ -26,6 +26,7 @@ from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST
 from cnc.kernels.planner.phases import Phases
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
+from cnc.planner.acceptance import accepted_plan
 from cnc.planner.current_plan import CurrentPlan
 from cnc.planner.known_path import SAME_PLACE, KnownPath, rounding_of
 from cnc.planner.limits import Limits
@@ -145,9 +146,8 @@ class Window:
             return False
         self._rebase()
         goal, _ = self._path.goal(self._at)
-        known = self._path.intervals(self.limits, self._at, goal)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases = plan_to_rest(self._at, known, v, self.limits)
+        status, phases, known = accepted_plan(self._path, self._at, goal, v)
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.

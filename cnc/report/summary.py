@@ -161,8 +161,8 @@ def _limits(report: Report) -> RenderableType:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    # The board makes its own ramps.
-    title = "along the path, as planned" if report.planned_by_board else "along the path"
+    # The board makes its own ramps, which our model of its planner follows.
+    title = "along the path, as computed" if report.planned_by_board else "along the path"
     for name in (title, "largest", "limit", "", "used"):
         table.add_column(name, justify="left" if name in (title, "") else "right", no_wrap=True)
     for name in LIMIT_NAMES:

@@ -8,7 +8,7 @@ from typing import cast
 from cnc.boards.protocols import LineSink, board_error
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.translator import ARC_TOLERANCE, Translator
+from cnc.grbl_lines.translator import ARC_TOLERANCE, JUNCTION_DEVIATION, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
@@ -115,6 +115,7 @@ def line_translator(board: LineSink, machine: Machine) -> Translator:
         machine,
         work_offset=work_offset,
         arc_tolerance=settings.get(12) or ARC_TOLERANCE,
+        junction_deviation=settings.get(11, JUNCTION_DEVIATION),
         mist=board.mist,
         margin=MARGIN if settings.get(20) else 0.0,
     )

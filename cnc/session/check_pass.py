@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
+from cnc.grbl_lines.exact_path import exact_path
 from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe, WaitInput
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
@@ -45,25 +46,31 @@ class CheckPass:
         self._reader, self._report, self._observer = reader, report, context.observer
         self._capabilities, self._kernels = capabilities, needs
 
-    def run(self, target: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
+    def run(self, target: BlockWriter | None, *, for_lines: bool) -> list[PathChunk | Block] | None:
         """Check the whole program.
 
         Args:
             target: Where the blocks are written, or None.
-            keep: Whether the path is of use to the run pass.
+            for_lines: Whether the board plans for itself: the path has no blends and is not kept.
 
         Returns:
             The path. None if it is not to be kept, is too long, or may differ at the next reading.
         """
         reader, report, hints = self._reader, self._report, self.hints
-        survey, capacity = TravelCheck(reader.machine), KEPT_NUMBERS if keep else -1
+        survey, capacity = TravelCheck(reader.machine), -1 if for_lines else KEPT_NUMBERS
         kept: list[PathChunk | Block] | None = []
         blocks = self.reading_time.inside(reader.blocks(self._observer.warn, self._at_line))
         if target is not None:
             blocks = target.passed(blocks)
         if hints is not None:
             blocks = hints.passed(blocks)
-        for item in self.path_time.inside(reader.path_of(self._counted(blocks))):
+        counted = self._counted(blocks)
+        path = (
+            exact_path(counted, axes=reader.machine.axis_names, start=reader.start)
+            if for_lines
+            else reader.path_of(counted)
+        )
+        for item in self.path_time.inside(path):
             if isinstance(item, PathChunk):
                 self._kernels.see_path(item)
                 capacity -= len(item.data) + 8 * len(item)

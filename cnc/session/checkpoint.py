@@ -32,7 +32,8 @@ WRITE_INTERVAL = 0.5
 class Checkpoint(BaseModel):
     """Checkpoint of a run that has not reached the program's end."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # Most runs need no checkpoint: its validator is built when the first is made or read.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     program: str = Field(description="File name of the program.")
     sha256: str = Field(description="SHA-256 of the program's text, hexadecimal.")

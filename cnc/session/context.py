@@ -34,3 +34,9 @@ class SessionContext:
     files: OpenOutputs
     has_operator: bool
     on_plan: Callable[[PlanChunk], None] | None
+
+    @property
+    def needs_plan(self) -> bool:
+        """Whether an output describes our own plan."""
+        options = self.options
+        return options.sampled or options.outputs.picture is not None or self.on_plan is not None

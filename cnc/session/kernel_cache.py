@@ -73,11 +73,11 @@ def _file_name(job: str) -> str:
 
 def _marks(job: str) -> list[Path]:
     """Return the files that record the job: beside installed code, and on this computer."""
-    from cnc.kernels.compiler import PORTABLE, version
+    from cnc.kernels.loader import PORTABLE, host, version
 
     files = [Path(import_module(name).__file__ or "") for name in sorted(JOBS[job].modules)]
     names = [code_cache.folder_name(file) for file in files]
-    places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), None)
+    places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), host())
     marks = []
     for folder, processor in places:
         key = hashlib.sha256(repr((names, version(processor))).encode()).hexdigest()[:16]

@@ -114,7 +114,7 @@ def write_lines() -> None:
     from cnc.grbl_lines.translator import Translator
 
     translator = Translator(_machine())
-    for _ in translator.lines(_steady()):
+    for _ in translator.lines(_steady().path):
         pass
     for _ in translator.end():
         pass
@@ -131,6 +131,14 @@ def encode() -> None:
         PulseChunk(moves * 100_000, np.ones((4, len(AXES)), np.int8), moves.astype(np.int32))
     )
     encoder.flush()
+
+
+def encode_runs() -> None:
+    """Encode steps as runs for a Klipper board."""
+    from cnc.boards.klipper.steps import StepEncoder
+
+    moves = np.arange(1, 5, dtype=np.int64)
+    StepEncoder(80).encode(moves * 1600, np.ones(4, np.int8))
 
 
 def draw() -> None:
@@ -173,6 +181,7 @@ JOBS = {
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
     "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
+    "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
     "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
 }
 """All jobs; the longest and those of which others need much come first."""

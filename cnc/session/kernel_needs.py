@@ -63,10 +63,11 @@ class KernelNeeds:
         """
         options = self._context.options
         lines = isinstance(board, LineSink) or options.outputs.lines is not None
-        jobs = list(PLANNING)
+        plans = self._context.needs_plan or not isinstance(board, LineSink)
+        jobs = list(PLANNING) if plans else []
         if reads_again or lines:
             jobs += self._path_jobs
-        if self._blends or lines:
+        if self._blends and plans:
             jobs += BLENDS
         if not isinstance(board, LineSink):
             jobs.append("pulses")
@@ -75,7 +76,7 @@ class KernelNeeds:
         if lines:
             jobs.append("GRBL lines")
         if isinstance(board, ChecksFeasibility):
-            jobs.append("segments")
+            jobs.append("step runs" if board.capabilities.separate_axes else "segments")
         if options.outputs.picture is not None:
             jobs.append("drawing")
         self._compile(*jobs)

@@ -1,29 +1,30 @@
-"""The run pass on a board that plans for itself: the plan as lines, and the operator's requests.
+"""The run pass on a board that plans for itself: the path as lines, and the operator's requests.
 
 All lines are made before the first is sent, so that nothing moves if one of them cannot be made.
-They are kept in memory. If answers decide how the program continues, or there are too many lines,
-they are made again while they are sent.
+They are kept in memory. They are made again while they are sent, if there are too many or if
+answers decide how the program continues.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from cnc.boards.protocols import LineSink
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
-from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.streams import GcodeLine
+from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
+from cnc.report.result import Extremes
 from cnc.session.board_offsets import board_timing, line_translator, offset_lines
 from cnc.session.context import SessionContext
 from cnc.session.pauses import pause_reason, pause_text
 from cnc.session.planned_motion import PlannedMotion
+from cnc.session.present_line import PresentLine
 
 KEPT_BYTES = 192_000_000
 """Limit on the lines that are kept before the first is sent: about two million of them."""
@@ -34,7 +35,7 @@ class LinePass:
 
     Args:
         context: The session.
-        motion: Plans the path.
+        motion: Reads the path, and plans it for the outputs.
         board: The board.
         warn: Reports findings.
         depends_on_answers: Whether a probe or an input decides how the program continues.
@@ -61,10 +62,12 @@ class LinePass:
         """Send all lines. ``before_motion`` is called when the lines are known."""
         context, board = self._context, self._board
         report, machine, control = context.report, context.reader.machine, context.observer.control
-        recorded = not self._depends_on_answers
-        kept = self._collected(self._steps(recorded=recorded), self.timing)
+        self._write_plan()
+        kept = self._collected()
+        report.largest = self._largest()
         self._warn(self._lowered.findings())
         countdown = Countdown(self.timing)
+        present = PresentLine(context.reader.path, report.program)
 
         def changed_offsets() -> Iterable[GcodeLine]:
             state = context.reader.state
@@ -79,17 +82,21 @@ class LinePass:
                 feed_override=control.feed_override,
                 rapid_override=board.rapid_override,
             )
-            context.observer.sent(replace(progress, left=left))
+            time = self.timing.seconds - left
+            context.observer.sent(
+                present.described(replace(progress, time=time, left=left, axes=machine.axis_names))
+            )
 
         before_motion()
         began = board.now()
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
-                self._steps(recorded=not recorded) if kept is None else kept,
+                present.steps(self._steps() if kept is None else kept),
                 board,
                 control=control,
                 on_progress=on_progress,
+                on_line=present.sent,
                 afterwards=changed_offsets,
                 pause_text=lambda block: pause_text(block, context.reader),
             )
@@ -98,36 +105,56 @@ class LinePass:
             raise
         report.stopped_at_line = outcome.stopped_at_line
         if outcome.stopped_at_line is not None:
-            report.duration_s = outcome.duration
+            report.duration_s = self.timing.seconds - self.timing.remaining(outcome.lines)
         if not board.check_only:
             report.played_s = board.now() - began
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
-    def _steps(self, *, recorded: bool) -> Iterator[Step]:
-        """Yield the program as lines; ``recorded``: the report describes this plan."""
-        motion, machine = self._motion, self._context.reader.machine
-        planner = LookAhead(machine, judged=False)
-        path = motion.path(smooth=True)
-        planned = motion.recorded_plan(planner, path) if recorded else motion.plan(planner, path)
+    def _steps(
+        self, on_lines: Callable[[Sequence[GcodeLine]], None] | None = None
+    ) -> Iterator[Step]:
+        """Yield the program as lines."""
+        path = self._motion.path(for_lines=True)
         if self._context.options.pauses == "skip":
-            planned = (
-                item for item in planned if isinstance(item, PlanChunk) or not pause_reason(item)
-            )
-        translator = line_translator(self._board, machine)
+            path = (item for item in path if isinstance(item, PathChunk) or not pause_reason(item))
+        translator = line_translator(self._board, self._context.reader.machine)
         self._lowered = translator.lowered
-        try:
-            yield from steps(planned, translator)
-        finally:
-            if recorded:
-                motion.record_audit(planner)
+        yield from steps(path, translator, on_lines)
 
-    def _collected(self, program: Iterable[Step], timing: BoardTime) -> list[Step] | None:
+    def _write_plan(self) -> None:
+        """Write the outputs that describe our plan: the trace and the picture."""
+        context = self._context
+        if not context.needs_plan:
+            return
+        planner = LookAhead(context.reader.machine, judged=False)
+        for _ in self._motion.recorded_plan(planner, self._motion.path(for_lines=True)):
+            pass
+
+    def _largest(self) -> Extremes:
+        """Return the largest values of the motion as the board plans it."""
+        found = self.timing.largest
+        return Extremes(
+            feed=found.speed,
+            accel=found.acceleration,
+            axes={
+                letter: {"velocity": velocity, "acceleration": acceleration, "jerk": None}
+                for letter, velocity, acceleration in zip(
+                    "xyz", found.velocities, found.accelerations, strict=True
+                )
+                if letter in self._context.reader.machine.axes
+            },
+        )
+
+    def _collected(self) -> list[Step] | None:
         """Return all steps, None if they cannot be kept; add up their duration."""
         kept: list[Step] | None = None if self._depends_on_answers else []
-        capacity = KEPT_BYTES
-        for step in program:
-            for line in step.lines:
+        capacity, timing = KEPT_BYTES, self.timing
+
+        def add(lines: Sequence[GcodeLine]) -> None:
+            for line in lines:
                 timing.add(line)
+
+        for step in self._steps(add):
             capacity -= step.lines.size
             if capacity < 0:
                 kept = None

@@ -6,12 +6,13 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from cnc.checks.travel import ROUNDING, TravelCheck
-from cnc.grbl_lines.smooth import smooth_path
+from cnc.checks.travel import TravelCheck
+from cnc.grbl_lines.exact_path import exact_path
 from cnc.model.blocks import Block
 from cnc.model.streams import SampleChunk
 from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
@@ -38,24 +39,24 @@ class PlannedMotion:
         self._context, self._machine = context, context.reader.machine
         self._step_deviation = 0.0
 
-    def path(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
+    def path(self, *, for_lines: bool) -> Iterator[PathChunk | Block]:
         """Read the path again and compare it with the travel.
 
-        A program may continue on another path than in the check pass, if it depends on the answers
-        of probes and inputs.
+        A program that depends on answers of probes and inputs may take another path than in the
+        check pass.
 
         Args:
-            smooth: Whether corners are rounded, for a board that plans for itself.
+            for_lines: Whether the path has no blends, for a board that plans for itself.
 
         Raises:
             MotionLimitError: If the path leaves the travel.
         """
         reader, machine = self._context.reader, self._machine
-        blocks, tolerance = self.reading_time.inside(reader.blocks()), machine.path.tolerance
-        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
+        blocks = self.reading_time.inside(reader.blocks())
+        survey = TravelCheck(machine)
         path = (
-            smooth_path(blocks, axes=machine.axis_names, start=reader.start, tolerance=tolerance)
-            if smooth
+            exact_path(blocks, axes=machine.axis_names, start=reader.start)
+            if for_lines
             else reader.path_of(blocks)
         )
         for item in path:
@@ -84,11 +85,12 @@ class PlannedMotion:
         largest.step_deviation = (
             self._step_deviation if self._context.options.sampled else audit.step_deviation
         )
+        joints, tip = self._machine.joint_tables, planner.limits.tip_columns
         each = zip(
-            self._machine.axes,
-            audit.axis_velocity.tolist(),
-            audit.axis_acceleration.tolist(),
-            audit.axis_jerk.tolist(),
+            joints,
+            audit.axis_velocity[tip:].tolist(),
+            audit.axis_acceleration[tip:].tolist(),
+            audit.axis_jerk[tip:].tolist(),
             strict=True,
         )
         largest.axes = {
@@ -119,7 +121,8 @@ class PlannedMotion:
     def _sampled(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
         """Yield the plan; sample each chunk and write the trace."""
         context = self._context
-        sampler = Sampled(self._machine.path.period, context.reader.start)
+        start = Joints(self._machine).columns(context.reader.start)
+        sampler = Sampled(self._machine.path.period, start)
         target = context.options.outputs.trace
         trace = None
         if target is not None:

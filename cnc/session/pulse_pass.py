@@ -8,15 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import ChecksFeasibility, FeasibilityCheck, KnownInAdvance, PulseSink
+from cnc.boards.protocols import (
+    Capabilities,
+    ChecksFeasibility,
+    FeasibilityCheck,
+    KnownInAdvance,
+    PulseSink,
+)
 from cnc.boards.registry import board_factory
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
-from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
+from cnc.model.choices import Algorithm
+from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.outputs.pulses import pulse_writer
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
@@ -28,6 +36,8 @@ from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
 from cnc.session.stopwatch import TimedInterpolator
 
 OnPulses = Callable[[PulseChunk], None]
+SEPARATE: Algorithm = "crossings"
+"""Algorithm for boards with a queue for each axis: each axis steps by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +74,17 @@ class PulsePass:
     ) -> None:
         self._context, self._motion, self._board = context, motion, board
         self._machine, self._control = context.reader.machine, context.observer.control
+        self._joints = Joints(self._machine)
         self._fastest = self._machine.board.max_step_rate
+        can = _expected(self._machine) if board is None else board.capabilities
         if board is not None:
             self._fastest = min(self._fastest, board.capabilities.max_step_rate)
+        self._algorithm: Algorithm | None = context.options.algorithm
+        self._separate = can is not None and can.separate_axes
+        if self._separate:
+            if self._algorithm not in (None, SEPARATE):
+                context.observer.warn(_other_algorithm(self._algorithm))
+            self._algorithm = SEPARATE
         self._schedule: Schedule | None = None
 
     def run(self, kept: PathItems | None, before_motion: Callable[[], None]) -> None:
@@ -81,11 +99,11 @@ class PulsePass:
         on_pulses: OnPulses | None = None
         target = context.options.outputs.pulses
         if target is not None:
-            writer = pulse_writer(target, self._machine, interpolator.origin_steps)
+            writer = pulse_writer(target, self._joints.machine, interpolator.origin_steps)
             on_pulses = context.files.opened(writer).write
         if isinstance(board, ChecksFeasibility):
             self._schedule = self._rehearse(board.feasibility_check(), kept)
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
         planned = motion.recorded_plan(planner, path)
@@ -121,10 +139,12 @@ class PulsePass:
     def _interpolator(self) -> ReferencePulse:
         context = self._context
         return ReferencePulse(
-            self._machine.steps_per_mm,
-            context.reader.start,
+            self._joints.machine.steps_per_mm,
+            self._joints.at(context.reader.start),
             1e9 / self._fastest,
-            algorithm=context.options.algorithm,
+            algorithm=self._algorithm,
+            separate_axes=self._separate,
+            tip_columns=self._joints.tip_columns,
         )
 
     def _rehearse(self, feasibility: FeasibilityCheck, kept: PathItems | None) -> Schedule:
@@ -134,7 +154,7 @@ class PulsePass:
             MotionLimitError: If the board cannot play the motion.
         """
         context, motion = self._context, self._motion
-        path = kept if kept is not None else motion.path(smooth=False)
+        path = kept if kept is not None else motion.path(for_lines=False)
         pulses = TimedInterpolator(self._interpolator(), motion.interpolating_time)
         rows, times, made, clock = [0], [0.0], 0, RunClock()
         planner = LookAhead(self._machine, Control(self._control.feed_override), slice_s=LONG)
@@ -154,8 +174,8 @@ class PulsePass:
     ) -> None:
         """Make, count and write the pulses without a board."""
         report, observer = self._context.report, self._context.observer
-        feasibility = _expected_feasibility(self._machine)
-        steps = np.zeros(len(self._machine.axes), np.int64)
+        feasibility = _expected_feasibility(self._joints.machine)
+        steps = np.zeros(len(self._joints.machine.axes), np.int64)
 
         def count(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
@@ -174,7 +194,7 @@ class PulsePass:
             if isinstance(item, PlanChunk):
                 count(pulses.pulses(item), item)
         count(pulses.settle())
-        report.steps = dict(zip(self._machine.axes, steps.tolist(), strict=True))
+        report.steps = dict(zip(self._joints.machine.axes, steps.tolist(), strict=True))
 
     def _send(
         self,
@@ -203,7 +223,7 @@ class PulsePass:
         except BoardError:
             self._record_position(board.position_steps)
             raise
-        report.steps = dict(zip(self._machine.axes, outcome.steps.tolist(), strict=True))
+        report.steps = dict(zip(self._joints.machine.axes, outcome.steps.tolist(), strict=True))
         report.pulse_rows = outcome.rows
         report.stopped_at_line = outcome.stopped_at_line
         if not outcome.finished:
@@ -214,15 +234,13 @@ class PulsePass:
         if self._schedule is not None:
             left = self._schedule.left(progress, self._control.feed_override)
             progress = replace(progress, left=left)
-        self._context.observer.sent(progress)
+        self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
 
     def _record_position(self, grid: NDArray[np.int64]) -> None:
         """Record the position of the board after a program that did not reach its end."""
-        axes = self._machine.axes.items()
-        self._context.report.end_position = {
-            letter: steps / axis.steps_per_mm
-            for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)
-        }
+        tip = self._joints.tip(grid / self._joints.machine.steps_per_mm)
+        each = zip(self._machine.axes, tip.tolist(), strict=True)
+        self._context.report.end_position = dict(each)
 
 
 def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
@@ -231,6 +249,21 @@ def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk
         feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
+
+
+def _other_algorithm(asked: str) -> Diagnostic:
+    message = f"the board has a queue for each axis: {SEPARATE} is used instead of {asked}"
+    hint = f"leave --algorithm out, or name {SEPARATE}"
+    return Diagnostic("algorithm-not-used", message, hint=hint, severity="note")
+
+
+def _expected(machine: Machine) -> Capabilities | None:
+    """Return the capabilities of the board in the machine file, if its driver can tell."""
+    try:
+        factory = board_factory(machine.board.kind)
+    except UsageError:
+        return None
+    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None
 
 
 def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.syntax.parameters import Parameters, read_parameters, write_parameters
+from cnc.gcode.syntax.parameter_file import read_parameters, write_parameters
+from cnc.gcode.syntax.parameters import Parameters
 from cnc.machine.models import Machine
 
 

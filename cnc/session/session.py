@@ -9,29 +9,32 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
-from cnc.boards.protocols import BoardTraits, LineSink, PulseSink, RemembersPosition
-from cnc.boards.serial_port import identity
+from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.executor.homing import home
-from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
+from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError
 from cnc.model.operator_control import Control
 from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
-from cnc.report.result import AssumedOffset, Extremes, Report
-from cnc.session.board_offsets import board_parameters, offset_parameters, offsets_in
+from cnc.report.result import Extremes, Report
+from cnc.session.board_choices import (
+    Board,
+    adopt_board,
+    adopt_kept_offsets,
+    is_attended,
+    reading_policy,
+    refuse_lines,
+    refuse_overrides,
+)
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
-from cnc.session.kept_offsets import read_offsets
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.known_position import locate
 from cnc.session.line_pass import LinePass
@@ -41,14 +44,12 @@ from cnc.session.outputs import OpenOutputs, check_outputs
 from cnc.session.planned_motion import PathItems, PlannedMotion
 from cnc.session.program_reader import ProgramReader, start_position
 from cnc.session.pulse_pass import PulsePass
-from cnc.session.required_capabilities import CapabilityCheck, takes_lines
+from cnc.session.required_capabilities import CapabilityCheck
 from cnc.session.run_record import RunRecord
 from cnc.session.saved_state import SavedState
 from cnc.session.source import Source, display_name, readable_file, with_source_lines
 
 log = logging.getLogger(__name__)
-
-Board = PulseSink | LineSink
 
 
 class Session:
@@ -81,6 +82,8 @@ class Session:
     ) -> None:
         options = options or RunOptions()
         check_outputs(options.outputs)
+        if machine.kinematics.joints:
+            refuse_lines(machine, options)
         name = display_name(program)
         self.report = Report(name, machine, limits=Extremes.limits(machine))
         self._program = program
@@ -121,19 +124,19 @@ class Session:
         """
         context, report, began = self._context, self.report, perf_counter()
         reader = context.reader
-        reader.policy = self._policy(board)
+        reader.policy = reading_policy(context.options, reader.machine, board)
         report.board = board_name
         self._log_begin()
         try:
             if isinstance(board, LineSink):
-                self._adopt_board(board)
+                adopt_board(context, board)
         except BoardError as error:
             report.faults.append(error)
             return report
         if board is None:
-            self._adopt_kept_offsets()
+            adopt_kept_offsets(context)
         elif not isinstance(board, LineSink):
-            _refuse_overrides(context.observer.control)
+            refuse_overrides(context.observer.control)
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))
@@ -162,50 +165,11 @@ class Session:
         self._log_end()
         return report
 
-    def _policy(self, board: Board | None) -> ReadingPolicy:
-        """Return the user's choices. A machine never moves by lengths that nobody gave."""
-        options, machine = self._context.options, self._context.reader.machine
-        lengths = options.tool_lengths
-        if lengths is None:
-            traits = getattr(board, "traits", BoardTraits())
-            moves = board is not None and not traits.simulated
-            lengths = "table" if moves or options.outputs.lines is not None else "zero"
-        return ReadingPolicy(
-            lengths, options.unknown_codes, machine.program.codes, options.default_feed
-        )
-
-    def _adopt_board(self, board: LineSink) -> None:
-        """Read the program with the travel, offsets and position of the board."""
-        if self._context.options.outputs.pulses is not None:
-            message = "a board that plans for itself takes lines, not pulses"
-            hint = "leave --pulses out, or check the program without the board"
-            raise UsageError(Diagnostic("no-pulses", message, hint=hint))
-        self.report.check_only, self.report.planned_by_board = board.check_only, True
-        reader = self._context.reader
-        reader.machine = board.limited_to_board(reader.machine)
-        reader.start = np.array(board.position)
-        reader.homed = board.homed_position
-        reader.ceiling = board.ceiling
-        reader.saved.adopt(board_parameters(board, reader.machine))
-
-    def _adopt_kept_offsets(self) -> None:
-        """Read the program for a GRBL board with the offsets of its last run, if they are known."""
-        reader = self._context.reader
-        if not takes_lines(reader.machine.board.kind):
-            return
-        port = reader.machine.board.port
-        kept = None if port is None else read_offsets(identity(port))
-        if kept is not None:
-            reader.saved.adopt(offset_parameters(kept))
-        values = reader.saved.parameters(macro=False).values
-        offset = offsets_in(values, reader.machine)["G54"]
-        self.report.offset = AssumedOffset(kept is not None, offset)
-
     def _process(self, board: Board | None) -> None:
         """Carry out both passes; raise the first fault that ends them."""
         context, report, reader = self._context, self.report, self._context.reader
         capabilities = CapabilityCheck.of(
-            board, report.board, reader.machine, self._is_attended(board)
+            board, report.board, reader.machine, is_attended(context, board)
         )
         capabilities = replace(capabilities, skips_commands=reader.dialect == "auto")
         record = RunRecord(context, capabilities)
@@ -215,7 +179,7 @@ class Session:
         if isinstance(board, LineSink):
             record.check_position(board)
         reader.begin_at(context.options.from_line)
-        check, kept = self._check_pass(capabilities, keep=not isinstance(board, LineSink))
+        check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
         context.observer.checking(report.lines)
         if not report.ok:
             return
@@ -236,9 +200,9 @@ class Session:
                 reader.saved.save(*reader.state)
 
     def _check_pass(
-        self, capabilities: CapabilityCheck, *, keep: bool
+        self, capabilities: CapabilityCheck, *, for_lines: bool
     ) -> tuple[CheckPass, PathItems | None]:
-        """Carry out the check pass. The path is of use to the run pass unless lines are made."""
+        """Carry out the check pass; return the path if the run pass can use it."""
         context, report, reader = self._context, self.report, self._context.reader
         check, target = CheckPass(context, capabilities, self._kernels), None
         if context.options.outputs.blocks is not None:
@@ -249,7 +213,7 @@ class Session:
             )
         try:
             with self._kernels.reading(reader.path):
-                kept = check.run(target, keep=keep)
+                kept = check.run(target, for_lines=for_lines)
         finally:
             report.timing.parse_s = check.reading_time.seconds
             # Path building draws from the reader, so its time includes the reading time.
@@ -308,16 +272,6 @@ class Session:
                 report.duration_s,
             )
         return timing
-
-    def _is_attended(self, board: Board | None) -> bool:
-        """Whether a pause does not end the program.
-
-        A board that plans for itself waits at a pause, so an operator must continue the program.
-        """
-        pauses, has_operator = self._context.options.pauses, self._context.has_operator
-        return pauses == "skip" or (
-            pauses == "wait" and (has_operator or not isinstance(board, LineSink))
-        )
 
     def _begin_motion(self, board: Board, record: RunRecord) -> None:
         """Home the machine if requested, and begin the records. Raises HomingStopped."""
@@ -397,14 +351,3 @@ class Session:
             len(report.warnings) + report.hidden_warnings,
             report.timing.total_s,
         )
-
-
-def _refuse_overrides(control: Control) -> None:
-    """Raise UsageError for overrides that only GRBL boards have."""
-    for code, name, percent in (
-        ("rapid-override", "traverses", control.rapid_override),
-        ("spindle-override", "the spindle", control.spindle_override),
-    ):
-        if percent != 100:
-            message = f"this board has no override of {name}"
-            raise UsageError(Diagnostic(code, message, hint="leave it out; GRBL boards have it"))

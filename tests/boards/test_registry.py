@@ -13,7 +13,8 @@ import pytest
 from cnc.boards import registry
 from cnc.boards.file import FileBoard
 from cnc.boards.loopback import Loopback
-from cnc.machine.models import Axis, Board, Machine
+from cnc.machine.board import Board
+from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import UsageError
 
 
@@ -52,6 +53,8 @@ def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> 
         "gone",
         "grbl",
         "grbl-sim",
+        "klipper",
+        "klipper-sim",
         "loopback",
         "mine",
         "stepper",

@@ -22,7 +22,7 @@ from typing import Any
 from tests.gcode import test_language_programs
 from tests.gcode.syntax import test_malformed
 from tests.golden.golden import MANIFEST, Case
-from tests.support.gcode import flow_author, fuzzing
+from tests.support.gcode import flow_author, flow_writers, fuzzing
 from tests.support.paths import ROOT
 from tests.support.planner.random_jobs import random_job
 from tests.support.programs.geometry_programs import geometry
@@ -164,10 +164,10 @@ def _random(to: Collection) -> None:
             ("blocks",),
         )
     for seed in range(FLOWS):
-        words = flow_author.OWords(flow_author.Author(seed).program(), seed).text()
+        words = flow_writers.OWords(flow_author.Author(seed).program(), seed).text()
         name = to.write(f"random/o-words-{seed}.nc", "\n".join(words))
         to.check(name, "--machine machines/xyz.toml --dialect linuxcnc", EVERY_FILE)
-        macros = flow_author.MacroB(
+        macros = flow_writers.MacroB(
             flow_author.Author(seed, most_loops=3, repeats=False).program(), seed
         ).text()
         name = to.write(f"random/macro-b-{seed}.nc", "\n".join(macros))

@@ -276,3 +276,15 @@ def test_modules_can_be_excepted_from_running_as_python() -> None:
     with jit.as_python(except_in=frozenset({"example"})):
         assert kernel(1.0) == 2.0
     assert "dispatcher" in vars(kernel)
+
+
+def test_code_on_disk_is_called_without_the_compiler(place: Place) -> None:
+    value, _ = place.call()
+    code = """
+import json, sys
+import example
+value = example.top(1.5, 10)
+assert not [name for name in ("numba", "numba.core") if name in sys.modules]
+print(json.dumps([value, []]))
+"""
+    assert answer(place.start(code)) == (value, [])

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.chains import chain, distance, duration, moves, path, sampled, smooth
 from cnc.model.blocks import NurbsFeed
-from tests.path.test_fit import assert_sound
+from tests.support.path.fitted import assert_sound
 from tests.support.soak import share
 
 SEEDS = range(500, 500 + share(400, 10))

@@ -57,6 +57,7 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
         jerk=np.full((4, LEVELS), 100.0),
         flat=np.zeros(4, bool),
         share=np.ones(4),
+        reliable=np.full(4, np.inf),
         sampled=np.zeros((4, 2)),
         samples=np.zeros((4, 5, 3, 2)),
     )

@@ -33,6 +33,7 @@ def planned(bound_s, speeds, accels, jerks, flat, v_start):
         jerk=jerks,
         flat=flat,
         share=np.ones(n),
+        reliable=np.full(n, np.inf),
         sampled=np.zeros((n, 2)),
         samples=np.zeros((n, SAMPLES, 3, 1)),
     )

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-import cnc.planner.window
+import cnc.planner.acceptance
 from cnc.model.blocks import Block, Polyline
 from cnc.model.operator_control import Control
 from cnc.planner.lookahead import LookAhead
@@ -74,7 +74,7 @@ def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(
 def test_each_stretch_is_planned_about_twice(monkeypatch):
     monkeypatch.setattr("cnc.path.gatherer.MOST_PIECES", 64)
     planned, cut = [0], [0]
-    plan, add = cnc.planner.window.plan_to_rest, Window.add
+    plan, add = cnc.planner.acceptance.plan_to_rest, Window.add
 
     def counted(start, known, *others):
         planned[0] += len(known.end)
@@ -85,7 +85,7 @@ def test_each_stretch_is_planned_about_twice(monkeypatch):
         add(self, *chunk)
         cut[0] += self._plan.arrived - before
 
-    monkeypatch.setattr(cnc.planner.window, "plan_to_rest", counted)
+    monkeypatch.setattr(cnc.planner.acceptance, "plan_to_rest", counted)
     monkeypatch.setattr(Window, "add", added)
     for make in (chain, straight, splines):
         planned[0] = cut[0] = 0

@@ -15,12 +15,11 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.countdown import Countdown
-from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.smooth import smooth_path
+from cnc.grbl_lines.exact_path import exact_path
+from cnc.grbl_lines.grbl_timing import SHORT_LINE_TIME, BoardTime
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.planner.lookahead import LookAhead
 from tests.support.boards.line_reader import lines_with_effects
 from tests.support.paths import PROGRAMS
 from tests.support.programs.random_programs import random_program
@@ -55,7 +54,8 @@ def ramp(length: float, v: float, a: float) -> float:
         # there and back, and at a dwell, it rests
         (["G1 X10 F600", "G1 X0"], 2.0 * ramp(10.0, 10.0, 200.0)),
         (["G1 X10 F600", "G4 P1.5", "G1 X20"], 2.0 * ramp(10.0, 10.0, 200.0) + 1.5),
-        (["G1 X10 F600", "M3 S100", "G1 X20"], 2.0 * ramp(10.0, 10.0, 200.0)),
+        # behind an M code the next line is read at rest
+        (["G1 X10 F600", "M3 S100", "G1 X20"], 2.0 * ramp(10.0, 10.0, 200.0) + SHORT_LINE_TIME),
         # straight on it doesn't slow down
         (["G1 X10 F600", "G1 X20"], ramp(20.0, 10.0, 200.0)),
     ],
@@ -83,13 +83,8 @@ def lines_of(program: Path | str, machine: Machine) -> list[str]:
     """Return the lines of a program, without those that wait for the operator."""
     blocks = parse(program, machine, dialect="auto")
     translator = Translator(machine)
-    path = smooth_path(
-        blocks,
-        axes=machine.axis_names,
-        start=start_position(machine),
-        tolerance=translator.tolerance,
-    )
-    lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
+    path = exact_path(blocks, axes=machine.axis_names, start=start_position(machine))
+    lines = [line for item in path for line in translator.lines(item)]
     return [
         line.text
         for line in (*lines, *translator.end())
@@ -190,7 +185,8 @@ def test_lines_without_motion_reduce_no_time():
         ["G21 G90 G94 G17 G54", "(MSG, on)", "G0 X100", "M8", "G4 P5", "G1 X0 F1200"], LIMITS
     )
     there, back = ramp(100.0, 50.0, 200.0), ramp(100.0, 20.0, 200.0)
-    expected = [there + 5.0 + back] * 3 + [5.0 + back] * 2 + [back, 0.0]
+    waits = 5.0 + SHORT_LINE_TIME
+    expected = [there + waits + back] * 3 + [waits + back, 5.0 + back, back, 0.0]
     assert [clock.remaining(k) for k in range(7)] == pytest.approx(expected)
 
 

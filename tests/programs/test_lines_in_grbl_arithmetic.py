@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 from cnc.api import start_position
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
-from cnc.grbl_lines.smooth import smooth_path
+from cnc.grbl_lines.exact_path import exact_path
 from cnc.grbl_lines.translator import Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.lookahead import LookAhead
 from tests.support.boards.grbl_replay import (
     PLANES,
     Refused,
@@ -55,8 +54,8 @@ def lines_of(
         Text.of_lines(program, "p.nc"), axes=machine.axis_names, start=start, dialect="auto"
     )
     translator = Translator(machine, tolerance, **options)  # type: ignore[arg-type]
-    path = smooth_path(blocks, axes=machine.axis_names, start=start, tolerance=translator.tolerance)
-    lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
+    path = exact_path(blocks, axes=machine.axis_names, start=start)
+    lines = [line for item in path for line in translator.lines(item)]
     return [line.text for line in (*lines, *translator.end())]
 
 
@@ -70,7 +69,7 @@ def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) 
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 
-@settings(max_examples=share(1000, 18))
+@settings(max_examples=share(1000, 8))
 @given(
     seed=st.integers(0, 10**6),
     offset=OFFSETS,
@@ -91,7 +90,7 @@ def test_random_programs_are_the_same_motion_in_grbl(seed, offset, tolerance, ar
     )
 
 
-@settings(max_examples=share(500, 12))
+@settings(max_examples=share(500, 6))
 @given(
     seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3)
 )

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,9 +13,11 @@ from cnc.api import start_position
 from cnc.executor.packed_lines import PackedLines
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.exact_path import exact_path
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.moves import Move as PlannedMove
 from cnc.grbl_lines.moves import PlaneArc
-from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import PREAMBLE, Translator
 from cnc.grbl_lines.writer import LineWriter
 from cnc.machine.load import load_machine
@@ -27,10 +28,8 @@ from cnc.model.line_effects import ARCS, MOTIONS, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
 from tests.support.boards.board_reader import Move, Reader
-from tests.support.boards.line_reader import LineReader
+from tests.support.boards.line_reader import LineReader, lines_with_effects
 from tests.support.deviation import dense, deviation, farthest, path_points
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program
@@ -39,6 +38,11 @@ from tests.support.soak import share
 FOLDER = ROOT / "programs"
 MILL = load_machine(None)
 TOLERANCE = MILL.path.tolerance
+ANYWHERE = {
+    letter: axis.model_copy(update={"travel": None})
+    for letter, axis in load_machine("grbl-uno").axes.items()
+}
+"""The axes of a router without travel."""
 
 
 def blocks_of(program: str, machine: Machine = MILL) -> list[Block]:
@@ -54,15 +58,10 @@ def blocks_of(program: str, machine: Machine = MILL) -> list[Block]:
 def translated(
     blocks: Iterable[Block], machine: Machine = MILL, **options: object
 ) -> list[GcodeLine]:
-    """Return the lines of a program, planned as for a board that takes lines."""
+    """Return the lines of a program."""
     translator = Translator(machine, **options)
-    path = smooth_path(
-        blocks,
-        axes=machine.axis_names,
-        start=start_position(machine),
-        tolerance=translator.tolerance,
-    )
-    lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
+    path = exact_path(blocks, axes=machine.axis_names, start=start_position(machine))
+    lines = [line for item in path for line in translator.lines(item)]
     return lines + list(translator.end())
 
 
@@ -211,35 +210,78 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
         assert total * radius == pytest.approx(sweep * radius, abs=0.005)
 
 
-def test_feeds_are_those_of_the_plan():
-    """A feed exceeds neither the programmed feed nor, by more than a step, the plan."""
-    planned: list[float] = []
+def test_feeds_on_small_arcs_keep_acceleration_and_jerk():
+    """Centripetal acceleration v^2 / r and its change v^3 / r^2, at most one axis' limits."""
     machine = load_machine("grbl-uno")
     program = (
         "G21 G90 G17\nG1 X20 F1500\nG3 X20.4 Y0.4 I0 J0.4\nG1 Y20 F900\nX21\n"
-        "G2 X23 I1 J0 F2000\nM2\n"
+        "G2 X21.2 I0.1 J0 F1900\nG2 X33.2 I6 J0\nM2\n"
     )
-    lines = translated(blocks_of(program, machine), machine)
-    path = smooth_path(
-        blocks_of(program, machine),
-        axes=machine.axis_names,
-        start=start_position(machine),
-        tolerance=0.01,
+    feeds = [move.feed for move in read(translated(blocks_of(program, machine), machine))]
+    limits = [
+        60.0 * min(math.sqrt(250.0 * radius), math.cbrt(10000.0 * radius * radius))
+        for radius in (0.4, 0.1)
+    ]
+    expected = [1500.0, limits[0], 900.0, 900.0, limits[1], 1900.0]
+    assert feeds == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 4.0])
+def test_feeds_on_a_curve_keep_acceleration_and_jerk(scale):
+    """Along a spline of scipy, v^2 |q''| and v^3 |q'''| by arc length, for each axis."""
+    machine = load_machine("grbl-uno")
+    points = scale * np.array([[0, 0], [6, 9], [12, -9], [15, 12], [21, 0], [30, 3.0]])
+    knots = [0, 0, 0, 0, 1, 2, 3, 3, 3, 3]
+    curve = NurbsFeed(
+        "p.nc", 1, 3, np.array(knots, float), np.pad(points, ((0, 0), (0, 1))), np.ones(6), 30.0
     )
-    for item in LookAhead(machine).plan(path):
-        if isinstance(item, PlanChunk):
-            for first, last in pairwise(item.piece_s.tolist()):
-                s = np.linspace(first, last, 200)
-                planned.append(60.0 * float(np.interp(s, item.phase_s, item.phase_v).max()))
-    feeds = [move.feed for move in read(lines)]
-    programmed = [1500.0, 1500.0, 900.0, 900.0, 2000.0]
-    for feed, most, highest in zip(feeds, programmed, planned, strict=True):
-        assert feed is not None
-        assert feed <= most
-        assert feed <= 1.06 * highest
-    # round the small arc it is slower
-    assert feeds[1] is not None
-    assert feeds[1] < 0.6 * 1500.0
+    spline = BSpline(knots, points, 3)
+    u = np.linspace(0.0, 3.0, 30001)
+    speed = np.linalg.norm(spline(u, 1), axis=1)
+    s = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(u))))
+    tangent = spline(u, 1) / speed[:, None]
+    bend = np.gradient(tangent, s, axis=0)
+    cap = np.minimum(
+        np.sqrt(250.0 / np.abs(bend).max(axis=1)),
+        np.cbrt(10000.0 / np.abs(np.gradient(bend, s, axis=0)).max(axis=1)),
+    )
+    here = 0.0
+    for move in read(translated([curve], machine)):
+        first, here = here, here + np.linalg.norm(np.diff(move.points, axis=0), axis=1).sum()
+        inside = (s >= first - 0.02) & (s <= here + 0.02)
+        most = min(30.0, float(cap[inside].max()))
+        assert move.feed is not None
+        assert 0.7 * min(30.0, float(cap[inside].min())) <= move.feed / 60.0 <= 1.08 * most
+
+
+def test_straight_moves_of_the_program_keep_its_feed():
+    """The board itself slows down at the corners; a sender that plans them too is slower."""
+    steps = np.random.default_rng(5).normal(0.15, 0.1, (400, 2))
+    points = np.cumsum(steps, axis=0)
+    program = "G21 G90\nF1200\n" + "".join(f"G1 X{x:.3f} Y{y:.3f}\n" for x, y in points) + "M2\n"
+    machine = load_machine("grbl-uno")
+    moves = read(translated(blocks_of(program, machine), machine))
+    assert {move.feed for move in moves if move.mode == 1} == {1200.0}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_short_moves_take_no_longer_than_as_they_stand(seed):
+    """The time on the board, by the model of its planner, is that of the program's own lines."""
+    generator = np.random.default_rng(seed)
+    turns = generator.normal(0.0, 0.05 * 3.0**seed, 1500)
+    angles = np.cumsum(turns) * 0.5
+    points = np.cumsum(0.2 * np.column_stack((np.cos(angles), np.sin(angles))), axis=0)
+    own = ["G21 G90 F1800", *(f"G1 X{x:.3f} Y{y:.3f}" for x, y in points)]
+    machine = load_machine("grbl-uno").model_copy(update={"axes": ANYWHERE})
+    ours = [line.text for line in translated(blocks_of("\n".join(own), machine), machine)]
+    times = []
+    for lines in (own, ours):
+        clock = BoardTime(BoardLimits.of_machine(machine))
+        for line in lines_with_effects(lines):
+            clock.add(line)
+        clock.end()
+        times.append(clock.seconds)
+    assert times[1] <= 1.01 * times[0]
 
 
 def assert_effects_match(lines: list[GcodeLine]) -> None:

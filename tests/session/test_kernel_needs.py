@@ -63,7 +63,7 @@ def test_outputs_ask_for_their_kernels(tmp_path: Path, asked) -> None:
 
 def test_lines_for_a_board_ask_for_their_kernels(tmp_path: Path, asked) -> None:
     checked(tmp_path, "G61\n" + CORNER, outputs=Outputs(lines=str(tmp_path / "lines.gcode")))
-    assert asked == MOTION | {"reading", "paths", "GRBL lines", *BLENDS}
+    assert asked == MOTION | {"reading", "paths", "GRBL lines"}
 
 
 def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatch) -> None:
@@ -115,16 +115,19 @@ def test_what_a_program_calls_it_has_asked_for(name: str, asked, called) -> None
 def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
     """The examples of the jobs call the kernels with the types with which programs call them."""
     code = """
-from cnc.kernels import jit
+from collections import Counter
+from cnc.kernels.loader import loader
 from cnc.session.kernel_jobs import JOBS
 from cnc.api import check
 for job in JOBS.values():
     job.example()
 for name in ("trident", "engraving"):
     check(f"programs/{name}.nc")
-several = [k.label for k in jit.kernels.values()
-           if "dispatcher" in vars(k) and len(k.dispatcher.overloads) > 1
-           and not k.label.startswith("gcode.")]  # text comes in two kinds of arrays
+# folder/kernel-types.code; text comes in two kinds of arrays
+types = Counter(file.rpartition("-")[0] for file in loader.files
+                if file.endswith(".code") and not file.startswith("gcode."))
+assert types
+several = [kernel for kernel, count in types.items() if count > 1]
 assert not several, several
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)

@@ -15,18 +15,22 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.executor.run import Progress
-from cnc.machine.load import load_machine
+from cnc.model import state_folder
 from cnc.model.diagnostics import BoardError, UsageError
-from cnc.session import last_position
 from cnc.session.last_position import LastPosition
+from tests.support.session.position_runs import (
+    END,
+    FAST,
+    MACHINE,
+    SQUARE,
+    SWITCHES,
+    ran,
+    refused,
+    stopping,
+    tool,
+)
 from tests.support.session.runs import run_with
 from tests.support.waiting import wait_until
-
-MACHINE = load_machine("grbl-uno")
-FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
-SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
-SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
-END = (4.0, 3.0, -1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -38,44 +42,6 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def program(tmp_path: Path) -> Path:
     (tmp_path / "p.ngc").write_text(SQUARE)
     return tmp_path / "p.ngc"
-
-
-def tool(simulator: GrblSimulator) -> tuple[float, ...]:
-    """Return the position of the tool from its first position; the board counts from its start."""
-    began = simulator.core.environment.of_travels(*simulator.core.per_axis(130)).offset
-    return tuple(
-        round(p + o - b, 3)
-        for p, o, b in zip(
-            simulator.position, simulator.core.environment.offset, began, strict=True
-        )
-    )
-
-
-def ran(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:
-    """Run a program on a port that keeps DTR high, as the serial port does."""
-    port = GrblSimulatorPort(simulator, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
-    board.connect()
-    try:
-        return run_with(program, MACHINE, board=board, **arguments)
-    finally:
-        board.close()
-
-
-def refused(report: Report) -> str:
-    """Return message and hint of the only fault, ``position-lost``."""
-    (fault,) = report.faults
-    assert fault.diagnostic.code == "position-lost", fault.diagnostic
-    assert fault.exit_code == 3
-    return f"{fault.diagnostic.message}\n{fault.diagnostic.hint}"
-
-
-def stopping(control: Control, at_x: float) -> Callbacks:
-    def on_sent(sent: Progress) -> None:
-        if sent.position is not None and sent.position[0] > at_x:
-            control.stop()
-
-    return Callbacks(on_sent=on_sent)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
@@ -354,11 +320,11 @@ def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) ->
     assert first.resume_line == 5
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
-    for file in last_position.folder().iterdir():
+    for file in state_folder.folder().iterdir():
         file.unlink()
     simulator.power_up()
     assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
-    for file in last_position.folder().iterdir():
+    for file in state_folder.folder().iterdir():
         file.unlink()
     LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
     assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
@@ -383,7 +349,7 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
-    (file,) = last_position.folder().iterdir()
+    (file,) = state_folder.folder().iterdir()
     for text in (
         "{",
         "[]",
@@ -402,11 +368,11 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
 
 def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert last_position.folder() == tmp_path / "cnc" / "positions"
+    assert state_folder.folder() == tmp_path / "cnc" / "positions"
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "me"))
-    monkeypatch.setattr(last_position.sys, "platform", "linux")
-    assert last_position.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
+    monkeypatch.setattr(state_folder.sys, "platform", "linux")
+    assert state_folder.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
-    monkeypatch.setattr(last_position.sys, "platform", "win32")
-    assert last_position.folder() == tmp_path / "local" / "cnc" / "positions"
+    monkeypatch.setattr(state_folder.sys, "platform", "win32")
+    assert state_folder.folder() == tmp_path / "local" / "cnc" / "positions"

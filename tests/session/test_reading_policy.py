@@ -9,8 +9,8 @@ import pytest
 
 from cnc.api import check, load_machine
 from cnc.boards.protocols import BoardTraits
+from cnc.session.board_choices import reading_policy
 from cnc.session.options import Outputs, RunOptions
-from cnc.session.session import Session
 
 PROGRAM = "%\nO1000\nT1 M6\nG0 X1.\nG43 H1 Z5.\nM30\n%\n"
 
@@ -39,13 +39,15 @@ def test_a_check_takes_lengths_as_zero_and_names_the_dialect(program: Path) -> N
     assert "O1000 in line 2" in report.recognition
 
 
-def test_lengths_of_zero_are_refused_where_a_machine_moves(program: Path) -> None:
-    session = Session(program, load_machine())
-    assert session._policy(None).tool_lengths == "zero"
-    assert session._policy(RealBoard()).tool_lengths == "table"  # type: ignore[arg-type]
-    options = RunOptions(tool_lengths="zero")
-    session = Session(program, load_machine(), options)
-    assert session._policy(RealBoard()).tool_lengths == "zero"  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("chosen", "board", "lengths"),
+    [(None, None, "zero"), (None, RealBoard(), "table"), ("zero", RealBoard(), "zero")],
+)
+def test_lengths_of_zero_are_refused_where_a_machine_moves(
+    chosen: Any, board: Any, lengths: str
+) -> None:
+    options = RunOptions(tool_lengths=chosen)
+    assert reading_policy(options, load_machine(), board).tool_lengths == lengths
 
 
 def test_lines_for_a_board_need_a_tool_table(program: Path, tmp_path: Path) -> None:

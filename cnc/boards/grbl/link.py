@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import (
@@ -29,6 +27,7 @@ from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
 from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.welcome import wait_for_welcome
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
@@ -42,20 +41,6 @@ POLL_FAST = 0.05
 """The same while the machine comes to rest."""
 SILENCE = 2.0
 """Seconds without an answer to ``?`` after which the board counts as dead."""
-WELCOME_TIMEOUT = 6.0
-"""Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
-RESET_AFTER = 2.6
-"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
-else.
-"""
-RAISE_DTR_AFTER = 3.0
-"""Seconds without a byte after which DTR is raised: some boards send only then. A board that this
-resets still greets in time. Where DTR is up, nothing else can be tried.
-"""
-FOREIGN = 2.0
-"""Seconds from the first line or noise of another device until it counts as one: a boot loader may
-send bytes before the welcome.
-"""
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 RESETS = 3
@@ -70,10 +55,6 @@ DROP_ATTEMPTS = 20
 """Stops that are sent to a board that does not answer: bytes may get lost."""
 OLDEST_VERSION = (1, 1)
 """The version of this protocol."""
-
-
-_OLD_REPORT = re.compile(r"<\w+,MPos:")
-"""The begin of a status report of GRBL 0.9 and older."""
 
 
 class _ReconnectError(BoardError):
@@ -102,6 +83,7 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.greeted_unasked = False
+        self._queued = b""
         self._port = LoggedPort(port, name, log, text=True)
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
@@ -113,13 +95,18 @@ class GrblLink:
         """Return the present time, s."""
         return self.clock.now()
 
+    def queue(self, data: bytes) -> None:
+        """Write with the next bytes, or before the next :meth:`pump`."""
+        self._queued += data
+
     def write(self, data: bytes) -> None:
         """Write at once; PortLost."""
+        data, self._queued = self._queued + data, b""
         self._port.write(data)
 
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
-        self._port.write(command.value)
+        self.write(command.value)
 
     def close(self) -> None:
         """Close the port."""
@@ -141,10 +128,12 @@ class GrblLink:
         """
         now = self.clock.now()
         if now >= self._next_poll and not self._writing(now):
-            self._port.write(b"?")
+            self.write(b"?")
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
+        elif self._queued:
+            self.write(b"")
         data = self._port.read(timeout)
         events = self._received(data) if data else []
         asked = self._unanswered_since
@@ -160,6 +149,15 @@ class GrblLink:
     def due(self) -> bool:
         """Return whether it is time for the next ``?``."""
         return self.clock.now() >= self._next_poll
+
+    def raise_lines(self) -> bool:
+        """Raise DTR, which resets some boards; return whether it was down."""
+        return self._port.raise_lines()
+
+    def listen(self, timeout: float) -> list[Event]:
+        """Receive as :meth:`pump` does. Silence is no fault here."""
+        self._unanswered_since = None
+        return self.pump(timeout)
 
     def poll_now(self) -> None:
         """Ask for the status with the next :meth:`pump`."""
@@ -225,8 +223,8 @@ class GrblLink:
         for _ in range(CONNECT_ATTEMPTS - 1):
             # Some boards greet twice, or still send an answer from before.
             with contextlib.suppress(_ReconnectError):
-                return self._identify(self._wait_for_welcome())
-        return self._identify(self._wait_for_welcome())
+                return self._identify(wait_for_welcome(self))
+        return self._identify(wait_for_welcome(self))
 
     def _identify(self, welcome: Welcome) -> None:
         version = tuple(
@@ -284,6 +282,7 @@ class GrblLink:
             A fault that occurs meanwhile: an alarm, or no confirmation of the stop.
         """
         self._alarms.clear()
+        self._queued = b""
         try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
@@ -301,6 +300,7 @@ class GrblLink:
 
     def drop(self) -> None:
         """Send hold and reset to a board that no longer answers, until it greets or time is up."""
+        self._queued = b""
         with contextlib.suppress(BoardError):
             for _ in range(DROP_ATTEMPTS):
                 self.send_realtime(RealTime.HOLD)
@@ -366,52 +366,3 @@ class GrblLink:
                     idle += event.status.state == "Idle"
                     if event.status.state != "Idle" or idle > 2:
                         return
-
-    def _wait_for_welcome(self) -> Welcome:
-        """Return the welcome of a board at rest."""
-        received: list[str] = []
-        began, foreign_since = self.clock.now(), math.inf
-        forced = reset = raised = False
-        if self.protocol.state is not State.UNKNOWN:
-            self.write(self.protocol.reset())
-            reset = True
-        while (now := self.clock.now()) - began < WELCOME_TIMEOUT:
-            self._unanswered_since = None
-            if not forced and not received and now - began > RESET_AFTER:
-                forced = reset = True
-                self.write(self.protocol.reset())
-            if not raised and not received and now - began > RAISE_DTR_AFTER:
-                if not self._port.raise_lines():
-                    break
-                raised, reset = True, False
-            if now - foreign_since > FOREIGN and not _boots_slowly(received):
-                break
-            for event in self.pump(0.1):
-                if isinstance(event, Started):
-                    self.greeted_unasked |= not reset
-                    return event.welcome
-                if isinstance(event, Reported) and (
-                    self.protocol.state is State.UNKNOWN or (raised and not reset)
-                ):
-                    if not event.status.at_rest:
-                        hint = "wait until it has come to rest, or stop it with its reset button"
-                        raise board_error(
-                            "board-busy",
-                            f"the board at {self.name} is moving already ({event.status.state})",
-                            hint=hint,
-                        )
-                    self.write(self.protocol.reset())
-                    reset = True
-                elif isinstance(event, Other):
-                    if old := _OLD_REPORT.match(event.text):
-                        raise faults.too_old(self.name, "0.9", old[0])
-                    received.append(event.text)
-            if received or self.protocol.partial:
-                foreign_since = min(foreign_since, self.clock.now())
-        rest = self.protocol.partial.decode("latin-1")
-        raise faults.not_grbl(self.name, [*received, rest] if rest else received)
-
-
-def _boots_slowly(received: Sequence[str]) -> bool:
-    """Return whether the lines are those of an ESP32 that boots; networks take it some seconds."""
-    return any(text.startswith(("ets ", "rst:", "ESP-ROM:")) for text in received)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from cnc.kernels.stepper import segment_encoder as encoder
 from cnc.kernels.stepper import segments as form
-from cnc.kernels.stepper.candidates import GridMoves, Rules, Scratch
+from cnc.kernels.stepper.candidates import Rules
+from cnc.kernels.stepper.slots import GridMoves, Scratch
 from cnc.kernels.stepper.windows import MAX_CORNERS, Polygon, Windows
 from cnc.model.streams import PulseChunk
 

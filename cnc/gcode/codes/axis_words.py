@@ -7,6 +7,7 @@ the position.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
@@ -22,6 +23,7 @@ from cnc.model.units import per_second
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 
+_FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
@@ -162,21 +164,41 @@ class AxisWords:
 
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
-        at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
+        at = polar.first_polar(words)
+        x, y = self._polar_columns(at, user)
+        if {x, y} & found.keys():
+            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
+        program = self.coordinates.to_program(self.position)
+        found[x], found[y] = polar.point(
+            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
+        )
+
+    def polar_steps(self, words: LineWords, user: str) -> tuple[float, float] | None:
+        """Take @ and ^ under G91 as steps of the radius (mm) and the angle (degrees).
+
+        None under G90, and without such a word.
+
+        Raises:
+            GcodeError: ``polar-at-origin``, and those of a place for polar coordinates.
+        """
+        at = polar.first_polar(words)
+        if at is None or self._state.absolute:
+            return None
+        x, y = self._polar_columns(at, user)
+        program = self.coordinates.to_program(self.position)
+        return polar.steps(words, user, (program[x], program[y]), self._state.scale)
+
+    def _polar_columns(self, at: Word | None, user: str) -> tuple[int, int]:
+        """Return the columns of X and Y, after checks that polar coordinates may stand here."""
+        x, y = self.column.get("X"), self.column.get("Y")
         if self._dialect.flavour not in ("ngc", "siemens"):
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",
                 at,
             )
-        if (
-            user not in _POLAR_USERS
-            or self._machine_words
-            or (user in _CYCLES and not self._state.absolute)
-        ):
-            taker = (
-                "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
-            )
+        if user not in _POLAR_USERS or self._machine_words:
+            taker = "G53" if self._machine_words else user
             raise fault(
                 "polar-not-here", f"{taker} does not take polar coordinates", at, "give X and Y"
             )
@@ -189,12 +211,7 @@ class AxisWords:
             )
         if x is None or y is None:
             raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
-        if {x, y} & found.keys():
-            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
-        program = self.coordinates.to_program(self.position)
-        found[x], found[y] = polar.point(
-            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
-        )
+        return x, y
 
     def target(
         self, words: LineWords, user: str, start: list[float], *, machine: bool = False
@@ -213,18 +230,13 @@ class AxisWords:
         self, values: dict[int, float], start: list[float], *, machine: bool = False
     ) -> list[float]:
         """Return the machine position of axis values; arguments as of :meth:`target`."""
-        end = start.copy()
         coordinates = self.coordinates
+        if not machine and not coordinates.turned:
+            return self.shifted(values.items(), start)
+        end = start.copy()
         if machine:
             for index, value in values.items():
                 end[index] = value
-        elif not coordinates.turned:
-            absolute, zero = self._state.absolute, coordinates.zero
-            for index, value in values.items():
-                if absolute:
-                    end[index] = value + zero[index]
-                else:
-                    end[index] += value
         elif self._state.absolute:
             program = coordinates.to_program(start)
             for index, value in values.items():
@@ -238,6 +250,17 @@ class AxisWords:
             end = [
                 here + step for here, step in zip(start, coordinates.rotated(delta), strict=True)
             ]
+        return end
+
+    def shifted(self, values: Iterable[tuple[int, float]], start: list[float]) -> list[float]:
+        """Return the machine position of axis values, if the coordinates are shifted only."""
+        end, zero = start.copy(), self.coordinates.zero
+        if self._state.absolute:
+            for index, value in values:
+                end[index] = value + zero[index]
+        else:
+            for index, value in values:
+                end[index] += value
         return end
 
     # Feed
@@ -276,7 +299,7 @@ class AxisWords:
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
+            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
         self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":

@@ -20,8 +20,7 @@ from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
-from cnc.model.diagnostics import CncError
+from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation, whole
 
 _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
@@ -65,9 +64,9 @@ class CompensationCodes:
             return
         for group, number in (("tool-change", M.M6), ("input-output", M.M66)):
             if (code := codes.get(group)) and code.number == number:
-                raise self._active(code.word)
+                raise under_compensation(code.word)
         if (code := codes.get("plane")) and PLANES[code.g] != self._state.plane:
-            raise self._active(code.word)
+            raise under_compensation(code.word)
 
     def code(self, words: LineWords, code: Code) -> None:
         """Execute G40, G41, G42, G41.1 or G42.1."""
@@ -99,6 +98,19 @@ class CompensationCodes:
         )
         self._state.compensation = code.g
         self._out.defer = compensation.add
+
+    def keep_offset(self, words: LineWords) -> None:
+        """Keep the D of a line without G41 or G42 for a later one, as FANUC does.
+
+        Raises:
+            GcodeError: ``compensation-active``.
+        """
+        if not self._dialect.offset_memory or "D" not in words.rest:
+            return
+        word = words.rest.pop("D")
+        if self._motion.compensated:
+            raise under_compensation(word)
+        self._offset = whole(word, "the offset number", 0, MAX_TOOL)
 
     def off(self) -> None:
         """End the compensation. The held move ends at its natural end."""
@@ -147,11 +159,3 @@ class CompensationCodes:
             return 0.0, 0
         entry = self._tools.entry(number, word or at)
         return entry.radius, entry.orientation
-
-    def _active(self, at: Word) -> CncError:
-        return fault(
-            "compensation-active",
-            f"{at.written} under cutter compensation",
-            at,
-            "give G40 and a move before",
-        )

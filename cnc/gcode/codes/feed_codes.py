@@ -85,7 +85,7 @@ class FeedCodes:
             message = f"F is read before {code.word.written} takes effect"
             hint = "write F in the next line"
             self._here.report_warning("feed-before-units", message, word, hint)
-        if word.number == 0 and self.moving in _NO_FEED and self._dialect.lenient:
+        if word.number == 0 and self.moving in _NO_FEED:
             state.feed = None
             self._unused_words.mark_used("F")
             return

@@ -15,13 +15,17 @@ from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation, whole
 
 
 class ToolCodes:
     """Execution of the codes of tools.
 
     Attributes:
+        here: The current line.
+        state: The modal state.
+        motion: The moves.
+        table: The tool table.
         turret_offset: Number of the offset in effect on a lathe; 0 for none.
     """
 
@@ -36,15 +40,15 @@ class ToolCodes:
         zero_without_table: bool,
     ) -> None:
         self._dialect = dialect
-        self._here = here
+        self.here = here
         self._zero_without_table = zero_without_table
         self._zero_reported = False
         self.turret_offset = 0
         self._last_h = 0
-        self._state = state
-        self._motion = motion
+        self.state = state
+        self.motion = motion
         self._coordinates = motion.coordinates
-        self._table = table
+        self.table = table
         table.bind(self._coordinates.parameters, lambda: state.loaded)
         parameters = self._coordinates.parameters
         parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
@@ -53,7 +57,7 @@ class ToolCodes:
 
     def _pocket(self, tool: int | None) -> float:
         """Pocket of a tool; 0 without one."""
-        entry = None if tool is None else self._table.tool(tool)
+        entry = None if tool is None else self.table.tool(tool)
         return 0.0 if entry is None else float(entry.pocket)
 
     # Offsets in effect
@@ -63,14 +67,9 @@ class ToolCodes:
         at, number = code.word, code.number
         if number == G.G49 and not any(self._coordinates.tool_offset):
             return
-        if self._motion.compensated:
-            raise fault(
-                "compensation-active",
-                f"{at.written} under cutter compensation",
-                at,
-                "give G40 and a move before",
-            )
-        nothing = [0.0] * len(self._motion.axes)
+        if self.motion.compensated:
+            raise under_compensation(at)
+        nothing = [0.0] * len(self.motion.axes)
         if number == G.G49:
             offset = nothing
         elif number == G.G43_1:
@@ -104,7 +103,7 @@ class ToolCodes:
                     f"{user} takes {self._dialect.length_axes} only",
                     words.rest[letter],
                 )
-        values = self._motion.axis_values(words, user)
+        values = self.motion.axis_values(words, user)
         if not values:
             raise fault(
                 "axis-words-missing",
@@ -130,19 +129,19 @@ class ToolCodes:
             )
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
-            number = number or self._state.loaded
+            number = number or self.state.loaded
         elif word is None:
             number = self._last_h
         else:
             self._last_h = number
         if number == 0:
-            return [0.0] * len(self._motion.axes)
+            return [0.0] * len(self.motion.axes)
         entry = self.entry(number, word or at)
         letters = self._dialect.length_axes
         self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0
-            for axis in (name.upper() for name in self._motion.axes)
+            for axis in (name.upper() for name in self.motion.axes)
         ]
 
     def entry(self, number: int, at: Word) -> ToolEntry:
@@ -151,11 +150,11 @@ class ToolCodes:
         Raises:
             GcodeError: ``tool-unknown``, ``tool-table-missing``, at the word ``at``.
         """
-        entry = self._table.tool(number)
+        entry = self.table.tool(number)
         if entry is not None:
             return entry
-        if self._table.file or (len(self._table) and not self._zero_without_table):
-            hint = f"add T{number} to {self._table.file or 'the tool table'}"
+        if self.table.file or (len(self.table) and not self._zero_without_table):
+            hint = f"add T{number} to {self.table.file or 'the tool table'}"
             raise fault(
                 "tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint
             )
@@ -173,10 +172,10 @@ class ToolCodes:
 
     def _check_length(self, entry: ToolEntry, at: Word) -> None:
         """Report a tool of a table from a file that has no length."""
-        if self._table.file and not entry.offsets and "Z" in self._motion.column:
-            message = f"{at.written}: tool {entry.number} has no length in {self._table.file}"
+        if self.table.file and not entry.offsets and "Z" in self.motion.column:
+            message = f"{at.written}: tool {entry.number} has no length in {self.table.file}"
             hint = f"measure it, and add Z to the line of T{entry.number}"
-            self._here.report_warning("tool-length-zero", message, at, hint)
+            self.here.report_warning("tool-length-zero", message, at, hint)
 
     def _report_zero(self, at: Word) -> None:
         """Report once that lengths and radii are taken as 0."""
@@ -187,7 +186,7 @@ class ToolCodes:
                 "positions are those of the gauge line"
             )
             hint = "cncrun tools PROGRAM writes a skeleton of the table"
-            self._here.report_warning("tool-length-zero", message, at, hint)
+            self.here.report_warning("tool-length-zero", message, at, hint)
 
     def check_change(self, number: int, at: Word) -> None:
         """Check that a table from a file has the tool of a tool change; T0 empties the spindle.
@@ -195,7 +194,7 @@ class ToolCodes:
         Raises:
             GcodeError: ``tool-unknown``, at the word ``at``.
         """
-        if number and self._table.file:
+        if number and self.table.file:
             self.entry(number, at)
 
     # G10
@@ -207,14 +206,14 @@ class ToolCodes:
         L13 change the offset memory.
         """
         if kind == 0:
-            if self._state.loaded:
+            if self.state.loaded:
                 raise fault(
                     "tool-loaded",
                     f"{at.written} L0 with a tool in the spindle",
                     at,
                     "give T0 M6 before",
                 )
-            self._table.reload()
+            self.table.reload()
             return
         word = words.take("P", "G10")
         if word is None:
@@ -235,12 +234,12 @@ class ToolCodes:
 
         R, I, J and Q are the radius, the angles and the orientation of the tool.
         """
-        values = self._motion.axis_values(words, "G10")
-        letters = [name.upper() for name in self._motion.axes]
+        values = self.motion.axis_values(words, "G10")
+        letters = [name.upper() for name in self.motion.axes]
         if values and kind != 1:
             old = [entry.offset(letter) for letter in letters]
             values = self._coordinates.tool_for(
-                old, values, self._motion.position, fixture=kind == 11
+                old, values, self.motion.position, fixture=kind == 11
             )
         offsets = entry.offsets | {letters[index]: value for index, value in values.items()}
         radius, front, back, orientation = (words.take(letter, "G10") for letter in "RIJQ")
@@ -251,14 +250,14 @@ class ToolCodes:
         changed = replace(
             entry,
             offsets=offsets,
-            diameter=2.0 * radius.number * self._state.scale if radius else entry.diameter,
+            diameter=2.0 * radius.number * self.state.scale if radius else entry.diameter,
             front_angle=front.number if front else entry.front_angle,
             back_angle=back.number if back else entry.back_angle,
             orientation=whole(orientation, "the orientation", 0, ORIENTATIONS)
             if orientation
             else entry.orientation,
         )
-        self._table.put(changed)
+        self.table.put(changed)
 
     def _write_memory(self, words: LineWords, kind: int, number: int, at: Word) -> None:
         """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds."""
@@ -270,21 +269,21 @@ class ToolCodes:
                 at,
                 "give R and the offset",
             )
-        value = word.number * self._state.scale
-        entry = self._table.tool(number) or ToolEntry(number)
+        value = word.number * self.state.scale
+        entry = self.table.tool(number) or ToolEntry(number)
         old = {
             10: entry.offsets.get("Z", 0.0),
-            11: entry.length_wear,
+            11: entry.wear.get("Z", 0.0),
             12: entry.diameter / 2.0,
             13: entry.radius_wear,
         }[kind]
-        value += 0.0 if self._state.absolute else old
+        value += 0.0 if self.state.absolute else old
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})
         elif kind == 11:
-            entry = replace(entry, length_wear=value)
+            entry = replace(entry, wear=entry.wear | {"Z": value})
         elif kind == 12:
             entry = replace(entry, diameter=2.0 * value)
         else:
             entry = replace(entry, radius_wear=value)
-        self._table.put(entry)
+        self.table.put(entry)

@@ -8,12 +8,10 @@ function", "Tool offset", "Absolute and incremental programming"; Haas, "Lathe O
 
 from __future__ import annotations
 
-from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.blocks import Tool
@@ -60,17 +58,7 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
 class Turret:
     """Execution of T words on a lathe."""
 
-    def __init__(
-        self,
-        here: SourceLocation,
-        state: ModalState,
-        motion: Motion,
-        tools: ToolCodes,
-        out: BlockBuffer,
-    ) -> None:
-        self._here = here
-        self._state = state
-        self._motion = motion
+    def __init__(self, tools: ToolCodes, out: BlockBuffer) -> None:
         self._tools = tools
         self._out = out
 
@@ -84,26 +72,22 @@ class Turret:
         if word is None:
             return
         tool, offset = self._numbers(word)
-        if self._motion.compensated:
-            raise fault(
-                "compensation-active",
-                f"{word.written} under tool nose compensation",
-                word,
-                "give G40 and a move before",
-            )
-        letters = [name.upper() for name in self._motion.axes]
+        motion, state, here = self._tools.motion, self._tools.state, self._tools.here
+        if motion.compensated:
+            message = f"{word.written} under tool nose compensation"
+            raise fault("compensation-active", message, word, "give G40 and a move before")
+        letters = [name.upper() for name in motion.axes]
         if offset:
             entry = self._tools.entry(offset, word)
             found = [entry.offset(axis) if axis in "XYZ" else 0.0 for axis in letters]
         else:
             found = [0.0] * len(letters)
         self._tools.turret_offset = offset
-        self._motion.coordinates.tool_offset = found
-        state = self._state
+        motion.coordinates.tool_offset = found
         state.tool = tool
         if tool != state.loaded:
             state.loaded = tool
-            self._out.add(Tool(self._here.file, self._here.line, tool))
+            self._out.add(Tool(here.file, here.line, tool))
 
     @staticmethod
     def _numbers(word: Word) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
+from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
 from cnc.gcode.syntax.parser import Syntax
@@ -210,6 +211,7 @@ class Flow:
         percent: Whether a ``%`` was read.
         main_border: Line of the O number of the main program; 0 for none.
         modal: Calls the macro of G66 after a line; None if there is none.
+        program_frame: SINUMERIK's programmable frame.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -236,6 +238,7 @@ class Flow:
         self.percent = False
         self.main_border = 0
         self.modal: Callable[[int], int] | None = None
+        self.program_frame = ProgramFrame()
         self.has_modal = False
         self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)

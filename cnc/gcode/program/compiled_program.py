@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cnc.gcode.program.call_stack import Flow, Frame, Loop, Nothing, Step
+from cnc.gcode.program.call_stack import Flow, Frame, Nothing, Step
+from cnc.gcode.program.compiled_table import MOST_COPIED, Copy, Table, frames_of, table_of
 from cnc.gcode.program.control_flow import (
     Do,
     DoWhile,
@@ -31,47 +30,19 @@ from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.program.parameter_mirror import ParameterMirror
 from cnc.gcode.program.subprograms import Return
 from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
-from cnc.kernels.gcode import program as kernel
+from cnc.kernels.gcode import program_text as kernel
 from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
-from cnc.kernels.gcode.line import MOST_ROWS as MOST_LINE_ROWS
+from cnc.kernels.gcode.program import run
+from cnc.kernels.gcode.rows import MOST_ROWS as MOST_LINE_ROWS
 
 MOST_LINES = 100_000
 """Lines that are executed at once. Ctrl-C takes effect between."""
-MOST_CALLS = 8
-"""Calls within each other in compiled code."""
-MOST_NAMES = 256
-"""Names of a window with calls in compiled code, since each call has all of them."""
 _FEW_ROWS = 256
 START_COST = 20
 """Lines that the interpreter executes in the time that compiled code takes to begin and end."""
 MOST_CREDIT = 200
 PAUSE = 500
 """Lines that are left to the interpreter after too many short runs."""
-
-
-@dataclass(slots=True)
-class _Table:
-    """The lines of a window for compiled code.
-
-    Attributes:
-        window: The window.
-        text: The lines.
-        slots: Slots of the names in the lines.
-        frames: Space for calls.
-        repeats: Steps of REPEAT by the index of their line.
-        labels: Labels of calls.
-        loops: Loops by the index of their first line.
-        subs: Number of subroutines that are entered.
-    """
-
-    window: Window
-    text: kernel.Text
-    slots: NDArray[np.int32]
-    frames: kernel.Frames
-    repeats: dict[int, Step]
-    labels: list[str]
-    loops: dict[int, Loop]
-    subs: int = 0
 
 
 class CompiledProgram:
@@ -81,7 +52,7 @@ class CompiledProgram:
         self._flow = flow
         self._machine = machine
         self._mirror: ParameterMirror | None = None
-        self._tables: OrderedDict[tuple[str, int], _Table] = OrderedDict()
+        self._tables: OrderedDict[tuple[str, int], Table] = OrderedDict()
         self._progress = np.zeros(1, kernel.PROGRESS)
         self._rows = _FEW_ROWS
         self._credit, self._pause = MOST_CREDIT, 0
@@ -106,20 +77,20 @@ class CompiledProgram:
         table = self._table(window)
         if table.subs != len(flow.listing.subs):
             self._find_subs(table)
+        table.update_copies()
         counts, rounds = flow.frame.counts, table.text.control.rounds
         for index, step in table.repeats.items():
             rounds[index] = counts.get(step, 0)
         assert self._mirror is not None
         values, changes = self._mirror.load(table.slots)
         job = self._machine.begin(self._rows)
-        listing, first = flow.listing, window.first
+        listing = flow.listing
         self._progress[0] = (
-            first,
-            line - first,
+            line - window.first,
             0,
             flow.executed - 1,
             flow.new,
-            listing.last_executed - first,
+            listing.last_executed,
             flow.limits.repeated_lines,
             MOST_LINES,
             flow.interpreter.begun,
@@ -127,18 +98,15 @@ class CompiledProgram:
             0,
             min(len(table.frames.back), flow.limits.depth - len(flow.frames)),
             flow.marks_calls,
-            flow.frame.scope - first if flow.frame.scope else -1,
+            table.index_of(flow.frame.scope) if flow.frame.scope else -1,
             0,
             math.nan,
         )
         setup, state, position, rows, _ = job
         frames = table.frames
-        kernel.run(
-            table.text, values, changes, frames, setup, state, position, rows, self._progress
-        )
+        run(table.text, values, changes, frames, setup, state, position, rows, self._progress)
         (
-            _, index, done, executed, new, highest, _, _, begun, last, depth, _, _, _, returned,
-            value,
+            index, done, executed, new, highest, _, _, begun, last, depth, _, _, _, returned, value,
         ) = self._progress[0].item()  # fmt: skip
         self._credit = min(self._credit + done - START_COST, MOST_CREDIT)
         if self._credit < 0:
@@ -148,11 +116,11 @@ class CompiledProgram:
         flow.executed, flow.new = executed, new
         if returned:
             flow.value = None if value != value else value
-        listing.last_executed = highest + first
+        listing.last_executed = highest
         interpreter = flow.interpreter
         interpreter.begun = bool(begun)
         if last >= 0:
-            interpreter.here.line = first + last
+            interpreter.here.line = last
         if int(state[0]["rows"]) + MOST_LINE_ROWS >= len(rows.kinds):
             self._rows = min(2 * self._rows, MOST_ROWS)
         self._machine.finish(job)
@@ -163,13 +131,15 @@ class CompiledProgram:
             flow.enter_again(calls[-1])
         self._mirror.store()
         self._store_rounds(table, calls)
-        return first + int(index)
+        return int(table.text.line[index])
 
-    def _frame(self, table: _Table, level: int) -> Frame:
+    def _frame(self, table: Table, level: int) -> Frame:
         """Return the frame of a call that compiled code has entered."""
-        back, listing = int(table.frames.back[level]), self._flow.listing
-        line = table.window.first + back
-        statement = listing.statement(table.window, back - 1)
+        listing = self._flow.listing
+        line = int(table.text.line[table.frames.back[level] - 1]) + 1
+        window = listing.window(line - 1)
+        assert window is not None
+        statement = listing.statement(window, line - 1 - window.first)
         assert statement is not None and statement.control is not None
         control = statement.control
         assert isinstance(control.label, str)
@@ -177,16 +147,16 @@ class CompiledProgram:
         at = Place(line - 1, control.column, control.length)
         return Frame("sub", subroutine.name, listing, subroutine.first, listing, at, line)
 
-    def _store_rounds(self, table: _Table, calls: list[Frame]) -> None:
+    def _store_rounds(self, table: Table, calls: list[Frame]) -> None:
         """Store the rounds left of loops in the calls that they belong to.
 
         Args:
             table: The table of the window.
             calls: The call in which compiled code began, and those that it entered.
         """
-        flow, first, rounds = self._flow, table.window.first, table.text.control.rounds
+        flow, rounds = self._flow, table.text.control.rounds
         for index, step in table.repeats.items():
-            line = first + index
+            line = int(table.text.line[index])
             owner = calls[0]
             for frame in calls[1:]:
                 sub = flow.listing.subs[frame.name[1:]]
@@ -207,13 +177,16 @@ class CompiledProgram:
         )
         if entry is None:
             return
-        if int(coded.first[index + 1] - coded.first[index]) == entry.values:
+        # A line that leads out of the window is left to the interpreter.
+        inside = 0 <= entry.target <= table.window.count
+        if inside and int(coded.first[index + 1] - coded.first[index]) == entry.values:
+            table.version += 1
             control.target[index], control.action[index] = entry.target, entry.action
             # That of an elseif is the next one, whatever the line does when it is reached.
             if entry.action != kernel.JUMP:
                 control.other[index] = entry.other
 
-    def _return_entry(self, table: _Table, index: int, step: Step) -> _Entry | None:
+    def _return_entry(self, table: Table, index: int, step: Step) -> _Entry | None:
         """Return the entry of a return; None if it is left to the interpreter."""
         first, subs = table.window.first, self._flow.listing.subs
         if not isinstance(step, Return):
@@ -226,40 +199,52 @@ class CompiledProgram:
             return None
         return _Entry(kernel.RETURN, 0, subroutine.first - first, values)
 
-    def _find_subs(self, table: _Table) -> None:
-        """Enter the subroutines that are known by now and stand in the window."""
-        first, subs = table.window.first, self._flow.listing.subs
+    def _find_subs(self, table: Table) -> None:
+        """Enter the subroutines that are known by now; those of other windows are copied."""
+        listing = self._flow.listing
+        table.subs = len(listing.subs)
+        copied = sum(each.end - each.begin + 1 for each in table.copies)
+        done = 0
+        while done < len(table.labels):
+            new: dict[str, Copy] = {}
+            for label in table.labels[done:]:
+                found = listing.subs.get(label)
+                if found is None or table.index_of(found.first) >= 0 or label in new:
+                    continue
+                window = listing.window(found.first)
+                length = found.last - found.first + 1
+                if (
+                    window is None
+                    or found.last >= window.first + window.count
+                    or copied + length > MOST_COPIED
+                ):
+                    continue
+                copied += length
+                first = window.first
+                new[label] = Copy(self._table(window), found.first - first, found.last - first)
+            done = len(table.labels)
+            if new:
+                table.add_copies(list(new.values()))
         for index, label in enumerate(table.labels):
-            found = subs.get(label)
-            place = -1 if found is None else found.first - first
-            table.text.control.sub[index] = place if 0 <= place < table.window.count else -1
-        table.subs = len(subs)
+            found = listing.subs.get(label)
+            table.text.control.sub[index] = -1 if found is None else table.index_of(found.first)
+        assert self._mirror is not None
+        table.frames = frames_of(self._mirror.local_slots(table.slots))
 
-    def _table(self, window: Window) -> _Table:
+    def _table(self, window: Window) -> Table:
         """Return the table of a window, which is made when it is first asked for."""
         if self._mirror is None:
             self._mirror = ParameterMirror(self._flow.parameters)
         key = self._flow.listing.name, window.first
         table = self._tables.get(key)
-        if table is None or table.window is not window:
+        if table is None:
             coded = window.code()
-            count, scan = window.count, window.scan
-            control = kernel.Control(
-                np.zeros(count, np.uint8),
-                np.zeros(count, np.int32),
-                np.zeros(count, np.int32),
-                np.full(count, -1, np.int64),
-                np.zeros(count, np.int64),
-                np.full(int(coded.labels.used[0]), -1, np.int32),
-            )
-            text = kernel.Text(scan.lines.first, scan.words, coded, control)
-            slots = self._mirror.slots(window, coded)
-            frames = _frames(self._mirror.local_slots(slots))
-            labels = window.names(coded.labels)
-            table = _Table(window, text, slots, frames, {}, labels, {})
+            table = table_of(window, coded, self._mirror.slots(window, coded))
             self._tables[key] = table
-            if len(self._tables) > KEPT_WINDOWS:
-                self._tables.popitem(last=False)
+            sources = {id(copy.source) for each in self._tables.values() for copy in each.copies}
+            others = [name for name, each in self._tables.items() if id(each) not in sources]
+            if len(others) > KEPT_WINDOWS:
+                del self._tables[others[0]]
         return table
 
     def _update_loops(self) -> None:
@@ -267,22 +252,6 @@ class CompiledProgram:
         for table in self._tables.values():
             for index, loop in table.loops.items():
                 loop.since = max(loop.since, int(table.text.control.since[index]))
-
-
-def _frames(local_slots: NDArray[np.int32]) -> kernel.Frames:
-    """Return space for calls; none if there are too many names."""
-    names = len(local_slots)
-    depth = MOST_CALLS if names <= MOST_NAMES else 0
-    numbers = kernel.LAST_LOCAL + 1
-    return kernel.Frames(
-        np.zeros(depth, np.int64),
-        np.zeros(depth, np.int64),
-        np.zeros((depth, numbers)),
-        np.zeros((depth, numbers), np.uint8),
-        local_slots,
-        np.zeros((depth, names)),
-        np.zeros((depth, names), np.uint8),
-    )
 
 
 class _Entry(NamedTuple):
@@ -294,7 +263,7 @@ class _Entry(NamedTuple):
     values: int = 0
 
 
-def _branch_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+def _branch_entry(table: Table, index: int, step: Step) -> _Entry | None:
     """Return the entry of a line that is no loop; None if it is left to the interpreter."""
     first, control = table.window.first, table.text.control
     match step:
@@ -313,7 +282,7 @@ def _branch_entry(table: _Table, index: int, step: Step) -> _Entry | None:
     return None
 
 
-def _loop_entry(table: _Table, index: int, step: Step) -> _Entry | None:
+def _loop_entry(table: Table, index: int, step: Step) -> _Entry | None:
     """Return the entry of the first or last line of a loop; None if the line is another one."""
     first = table.window.first
     match step:
@@ -335,11 +304,11 @@ def _loop_entry(table: _Table, index: int, step: Step) -> _Entry | None:
     return None
 
 
-def _has_one_value(table: _Table, index: int) -> bool:
+def _has_one_value(table: Table, index: int) -> bool:
     """Return whether a line is a control line with one value."""
     coded = table.text.coded
     return (
-        0 <= index < len(coded.kind)
+        0 <= index < table.window.count
         and coded.kind[index] == CONTROL
         and int(coded.first[index + 1] - coded.first[index]) == 1
     )

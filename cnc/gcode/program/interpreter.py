@@ -9,9 +9,6 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import fields, replace
-
 from cnc.gcode import dialects
 from cnc.gcode.codes import (
     circular_pocket,
@@ -34,6 +31,7 @@ from cnc.gcode.codes.unused import take_idle, unused
 from cnc.gcode.cycles import drilling, threading, turning_cycles
 from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.cycles.turning_cycles import TurningCycles
+from cnc.gcode.program.assignments import Assignments
 from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
@@ -41,7 +39,6 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
     PLANES,
-    QUICK_MOTIONS,
     Code,
     Codes,
     ModalState,
@@ -55,14 +52,12 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import Assignment, Statement
+from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
-from cnc.model.blocks import Abort, ArcFeed, Block, BoardCommand, Polyline
-from cnc.model.parameter_numbers import EXTERNAL_OFFSET
+from cnc.model.blocks import Abort, BoardCommand
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
-_QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
 class Interpreter:
@@ -72,8 +67,8 @@ class Interpreter:
         ended: Whether the program has ended.
         aborted: Whether it has aborted itself.
         begun: Whether a word was executed.
-        plain: Whether straight moves and arcs depend on units, offsets, distance mode and feed
-            only.
+        plain: Whether straight moves, arcs and cycles depend on units, offsets, distance mode and
+            feed only.
         here: The current line.
         out: The blocks.
     """
@@ -89,8 +84,7 @@ class Interpreter:
         tools: ToolTable | None = None,
         policy: ReadingPolicy = STRICT,
     ) -> None:
-        self.ended = self.aborted = False
-        self.begun = False
+        self.ended = self.aborted = self.begun = False
         self.plain = True
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
@@ -108,6 +102,9 @@ class Interpreter:
             systems=dialect.systems,
             fanuc=dialect.offset_memory or dialect.flavour == "siemens",
             shift_stays=dialect.shift_stays,
+        )
+        self._assignments = Assignments(
+            parameters, self.coordinates, one_by_one=dialect.flavour == "siemens"
         )
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
@@ -136,42 +133,14 @@ class Interpreter:
             ToolTable() if tools is None else tools,
             zero_without_table=policy.tool_lengths == "zero",
         )
-        self._turret: turning.Turret | None = None
-        if dialect.lathe:
-            self._turret = turning.Turret(
-                self.here, self.modal, self.motion, self.tool_codes, self.out
-            )
+        self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
         self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
         self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
             dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
         )
-        bezier.register(self.motion, self.modal, self.here)
-        g6_2.register(self.motion, dialect, self.modal, self.here)
-        g5_2.register(self.motion, self.modal, self.here, self.feed_codes.feed)
-        bspline.register(self.motion, self.modal, self.here, self.feed_codes.feed)
-        performer = CycleRunner(self.motion, self.modal, self.here, self.out)
-        drilling.register(self.motion, dialect, self.modal, performer)
-        threading.register(self.motion, dialect, self.modal, performer)
-        self.turning_cycles: TurningCycles | None = None
-        if dialect.lathe:
-            self.turning_cycles = turning_cycles.register(
-                self.motion, dialect, self.modal, self.here, self.out
-            )
-        circular_pocket.register(self.motion, self.modal, self.here, self.tool_codes)
-        probing.register(self.motion, self.modal, self.here, self.out, parameters)
-        bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
-        system_parameters.bind(parameters, self.modal, self.here)
-        if parameters.macro:
-            macro_variables.bind(
-                parameters,
-                self.modal,
-                self.here,
-                self.coordinates,
-                self.out,
-                lambda: self.motion.position,
-            )
-        parameters.bind("_call_level", lambda: float(self._saved_state.calls))
+        self.turning_cycles = self._register_curves_and_cycles()
+        self._bind_parameters()
         self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, PreparedLine] = {}
         self._saved_state = SavedState(
@@ -180,7 +149,39 @@ class Interpreter:
         self._comment_commands = CommentCommands(
             self.here, self.out, parameters, aborts=dialect.flavour == "ngc"
         )
-        self._update_plain()
+        self.update_plain()
+
+    def _register_curves_and_cycles(self) -> TurningCycles | None:
+        """Register the curves and cycles as motion codes; return the cycles of a lathe."""
+        motion, dialect, modal, here = self.motion, self.dialect, self.modal, self.here
+        bezier.register(motion, modal, here)
+        g6_2.register(motion, dialect, modal, here)
+        g5_2.register(motion, modal, here, self.feed_codes.feed)
+        bspline.register(motion, modal, here, self.feed_codes.feed)
+        runner = CycleRunner(motion, modal, here, self.out)
+        self.drilling_cycles = drilling.register(motion, dialect, modal, runner)
+        threading.register(motion, dialect, modal, runner)
+        circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
+        probing.register(motion, modal, here, self.out, self.parameters)
+        if not dialect.lathe:
+            return None
+        return turning_cycles.register(motion, dialect, modal, here, self.out)
+
+    def _bind_parameters(self) -> None:
+        """Let parameters read the position and the state."""
+        parameters, modal = self.parameters, self.modal
+        bind_position(self.coordinates, lambda: self.motion.position, lambda: modal.scale)
+        system_parameters.bind(parameters, modal, self.here)
+        if parameters.macro:
+            macro_variables.bind(
+                parameters,
+                modal,
+                self.here,
+                self.coordinates,
+                self.out,
+                lambda: self.motion.position,
+            )
+        parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:
         """Execute the statement of a line; its blocks are in ``out``."""
@@ -193,7 +194,7 @@ class Interpreter:
             return
         words = prepared.line_words(self.parameters) if statement.words else None
         if statement.assignments:
-            self._assign(statement.assignments)
+            self._assignments.execute(statement.assignments)
         for remark in statement.remarks:
             if error := self._comment_commands.execute(remark):
                 self.compensation_codes.off()
@@ -203,7 +204,7 @@ class Interpreter:
         if words is not None:
             self._execute(words, prepared.codes, prepared.extra)
             self.begun = True
-            self._update_plain()
+            self.update_plain()
         elif statement.board:
             self._command_board(BoardCommand(self.here.file, line, statement.board))
 
@@ -240,8 +241,8 @@ class Interpreter:
         Raises:
             GcodeError: A spline is not complete.
         """
-        if self.motion.corner is not None:
-            raise self.motion.corner_fault("the end of the program")
+        if self.motion.corners.corner is not None:
+            raise self.motion.corners.fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.compensation_codes.off()
@@ -255,47 +256,7 @@ class Interpreter:
     def left(self) -> None:
         """End a subprogram and restore the state that M73 saved in it."""
         if self._saved_state.leave():
-            self._update_plain()
-
-    def path_of(self, lines: Iterable[tuple[Statement, int]], line: int) -> list[Block]:
-        """Return the moves of lines without making them.
-
-        Position and modes are as before afterwards, and the current line is ``line``.
-        """
-        motion, modal, position = self.motion, replace(self.modal), self.motion.position
-        notes, self.unused_words.enabled = self.unused_words.enabled, False
-        with self.out.captured() as found:
-            for statement, number in lines:
-                self.execute(statement, number)
-        self.unused_words.enabled = notes
-        for each in fields(modal):
-            setattr(self.modal, each.name, getattr(modal, each.name))
-        motion.position, self.here.line = position, line
-        self._update_plain()
-        return [block for block in found if isinstance(block, Polyline | ArcFeed)]
-
-    def finish(self, lines: Iterable[tuple[int, Statement]], line: int) -> None:
-        """Execute the lines of a profile (G70), and return to the position before.
-
-        The axis that approaches the profile most leaves it first: a straight return could cross the
-        part.
-        """
-        start = self.motion.position
-        approach: int | None = None
-        for number, statement in lines:
-            self.execute(statement, number)
-            if approach is None and self.motion.position != start:
-                way = [abs(a - b) for a, b in zip(self.motion.position, start, strict=True)]
-                approach = way.index(max(way))
-        self.here.line = line
-        if self.motion.compensated:
-            self.compensation_codes.off()
-        if approach is not None:
-            clear = self.motion.position.copy()
-            clear[approach] = start[approach]
-            self.motion.traverse(clear)
-        self.motion.traverse(start)
-        self._update_plain()
+            self.update_plain()
 
     def _prepare(self, statement: Statement) -> PreparedLine:
         if len(self._prepared) >= MOST_PREPARED:
@@ -313,51 +274,17 @@ class Interpreter:
             self.here.report_warning("decimal-point-missing", message, word, hint)
         return prepared
 
-    def _update_plain(self) -> None:
+    def update_plain(self) -> None:
+        """Find again whether moves are plain, after a change of the state."""
         state, motion = self.modal, self.motion
         self.plain = (
-            state.motion in _QUICK_MOTIONS
-            and state.feed_mode == "per-minute"
+            state.feed_mode == "per-minute"
             and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned
             and self.motion.polar.plane is None
-            and self.motion.corner is None
+            and self.motion.corners.corner is None
         )
-
-    def _assign(self, assignments: tuple[Assignment, ...]) -> None:
-        """Set parameters. All values are computed before the first is set."""
-        parameters = self.parameters
-        if self.dialect.flavour == "siemens" and len(assignments) > 1:
-            for each in assignments:  # they take effect from left to right
-                self._assign((each,))
-            return
-        if len(assignments) == 1:
-            (only,) = assignments
-            if isinstance(only.target, str):
-                parameters.set_name(only.target, only.value(parameters), only.column)
-            else:
-                self._assign_number(only.target(parameters), only.value(parameters), only.column)
-            return
-        found = [
-            (
-                each,
-                each.target if isinstance(each.target, str) else each.target(parameters),
-                each.value(parameters),
-            )
-            for each in assignments
-        ]
-        for assignment, target, value in found:
-            if isinstance(target, str):
-                parameters.set_name(target, value, assignment.column)
-            else:
-                self._assign_number(target, value, assignment.column)
-
-    def _assign_number(self, number: float, value: float, column: int) -> None:
-        self.parameters.set_number(number, value, column)
-        # Variables of FANUC's coordinate systems take effect at once.
-        if number >= EXTERNAL_OFFSET and self.parameters.macro:
-            self.coordinates.refresh()
 
     def _execute(self, words: LineWords, codes: Codes | None, extra: tuple[ExtraCode, ...]) -> None:
         if codes is None:
@@ -371,12 +298,14 @@ class Interpreter:
             codes or not self._is_program_number(words)
         ):
             self._in_order(words, codes)
+        if words.rest:
+            self.compensation_codes.keep_offset(words)
         if words.rest and not (self.dialect.lenient and take_idle(words, self.modal, self.here)):
             raise unused(words, self.modal)
         if extra:
             self._builder_codes.pause(extra)
-        if (corner := self.motion.corner) is not None and corner.line != self.here.line:
-            raise self.motion.corner_fault("a line without a move")
+        if (corner := self.motion.corners.corner) is not None and corner.line != self.here.line:
+            raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
         if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:

@@ -3,42 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.machine_codes import LONG_DWELL
+from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
+from cnc.gcode.program.row_blocks import SPINDLE_STATES, RowBlocks
 from cnc.gcode.state.coordinates import SYSTEM_CODES
 from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, Feed
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.kernels.gcode import line as kernel
-from cnc.kernels.gcode.arcs import Tolerance
-from cnc.model.blocks import (
-    PLANE_AXES,
-    ROTARY_LETTERS,
-    ArcFeed,
-    Block,
-    CallBoundary,
-    Coolant,
-    Dwell,
-    Spindle,
-)
+from cnc.gcode.syntax.words import Word
+from cnc.kernels.gcode import rows as kernel
+from cnc.model.blocks import PLANE_AXES, ROTARY_LETTERS, Plane
 from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
 MOST_ROWS = 8192
 """Rows that are taken from compiled code at once; this limits the memory."""
 
 _MOTIONS = (G.G0, G.G1, G.G2, G.G3)
+_CYCLES = (G.G73, G.G81, G.G82, G.G83, G.G85, G.G89)
+_MODES = {None: kernel.NO_MOTION} | {code: code // 10 for code in (*_MOTIONS, *_CYCLES)}
+_MOTION_OF = {mode: code for code, mode in _MODES.items()}
 _PLANES = tuple(PLANES.values())
-_SPINDLE: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
+_ACROSS: dict[Plane, str] = {"XY": "Z", "ZX": "Y", "YZ": "X"}
+_Numbers = NDArray[Any]
+_SeriesState = tuple[int, int, list[float], list[float], list[int]]
 _GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
 _ACTIONS = {
     **dict.fromkeys(_MOTIONS, kernel.MOVE),
+    G.G98: kernel.INITIAL_LEVEL,
+    G.G99: kernel.R_LEVEL,
     G.G80: kernel.CANCEL,
     **dict.fromkeys(PLANES, kernel.PLANE),
     G.G90: kernel.ABSOLUTE,
@@ -75,33 +74,58 @@ class LineMachine:
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
         dialect, axes, policy = interpreter.dialect, interpreter.motion.axes, interpreter.policy
-        self._column = np.full(26, kernel.OTHER_WORD, np.int64)
-        self._column[[ord(letter) - ord("A") for letter in "NGMFSPIJKR"]] = kernel.TAKEN_WORD
+        self._setup = setup = np.zeros(1, kernel.SETUP)[0]
+        column = setup["column"]
+        column[:] = kernel.OTHER_WORD
+        column[[ord(letter) - ord("A") for letter in "NGMFSPIJKRQL"]] = kernel.TAKEN_WORD
         for index, axis in enumerate(axes):
             if axis.upper() in dialect.axes:
-                self._column[ord(axis.upper()) - ord("A")] = index
-        self._turns = np.array([float(axis in ROTARY_LETTERS) for axis in axes])
-        self._planes = np.array(
-            [
-                [axes.index(axis) if axis in axes else -1 for axis in PLANE_AXES[plane]]
-                for plane in _PLANES
-            ]
-        )
-        self._group = np.zeros(1000, np.uint8)
+                column[ord(axis.upper()) - ord("A")] = index
+        setup["turns"][: len(axes)] = [float(axis in ROTARY_LETTERS) for axis in axes]
+        for row, plane in enumerate(_PLANES):
+            letters = (*PLANE_AXES[plane], _ACROSS[plane].lower())
+            setup["planes"][row] = [axes.index(axis) if axis in axes else -1 for axis in letters]
         for code, group in GROUP_OF_G.items():
             if code in dialect.g and code >= 0:
-                self._group[code] = _GROUPS[group]
-        self._m_action = np.full(100, kernel.STOP, np.uint8)
+                setup["g_group"][code] = _GROUPS[group]
+        setup["m_action"] = kernel.STOP
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
-                self._m_action[m] = action
+                setup["m_action"][m] = action
+        cycles, dwell = dialect.cycles, dialect.dwell
+        setup["min_feed"], setup["longest_dwell"] = MIN_FEED, LONG_DWELL
+        # The unit of a P with a decimal point is another one.
+        if "P" not in dialect.dwell_point:
+            setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)
+        setup["idle_center"] = dialect.arc_idle_center
+        setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
+        setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
+        setup["out_to_retract"] = cycles.feed_out_to == "retract"
         self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
+
+    def leaves(self, letters: list[int], numbers: list[float]) -> bool:
+        """Return whether a line has a letter or an M-code that compiled code never executes.
+
+        Args:
+            letters: Codes of the letters of its words.
+            numbers: Their numbers.
+        """
+        column, action = self._setup["column"], self._setup["m_action"]
+        return any(
+            column[letter - ord("A")] == kernel.OTHER_WORD
+            or (letter == ord("M") and not (0 <= number < 100 and action[int(number)]))
+            for letter, number in zip(letters, numbers, strict=True)
+        )
 
     def ready(self) -> bool:
         """Return whether compiled code supports the modes in effect; take answers of the board."""
         interpreter = self._interpreter
-        if not interpreter.plain or interpreter.motion.compensation.active:
+        if (
+            not interpreter.plain
+            or interpreter.modal.motion not in _MODES
+            or interpreter.motion.compensation.active
+        ):
             return False
         if interpreter.out.unanswered:
             interpreter.out.take_answers()
@@ -111,8 +135,9 @@ class LineMachine:
         """Return the state and space for a number of rows."""
         motion = self._interpreter.motion
         unused = self._load()
+        self._update_setup()
         return Job(
-            self._setup(),
+            self._setup,
             self._state,
             np.array(motion.position),
             _rows(rows + kernel.MOST_ROWS, len(motion.axes)),
@@ -127,31 +152,22 @@ class LineMachine:
 
     # State
 
-    def _setup(self) -> kernel.Setup:
-        interpreter = self._interpreter
+    def _update_setup(self) -> None:
+        """Bring the settings up to date that codes can change."""
+        interpreter, setup = self._interpreter, self._setup
         modal, motion, dialect = interpreter.modal, interpreter.motion, interpreter.dialect
         arc = dialect.arc_mm if modal.scale == 1.0 else dialect.arc_inch
-        return kernel.Setup(
-            self._column,
-            np.array(motion.scales),
-            np.array(motion.coordinates.zero),
-            self._turns,
-            self._planes,
-            self._action_of_codes(),
-            self._group,
-            self._m_action,
-            Tolerance(arc.slack, arc.relative, arc.limit, arc.reach),
-            kernel.Rules(
-                unit=modal.scale,
-                min_feed=MIN_FEED,
-                arc_absolute=modal.arc_absolute,
-                idle_center=dialect.arc_idle_center,
-                surface_speed=modal.constant_surface,
-                notes=interpreter.unused_words.enabled,
-                dwell=0.0 if "P" in dialect.dwell_point else dialect.dwell.get("P", 0.0),
-                longest_dwell=LONG_DWELL,
-            ),
-        )
+        count = len(motion.axes)
+        setup["scale"][:count] = motion.scales
+        setup["zero"][:count] = motion.coordinates.zero
+        setup["unit"] = modal.scale
+        setup["slack"], setup["relative"] = arc.slack, arc.relative
+        setup["limit"], setup["reach"] = arc.limit, arc.reach
+        setup["arc_absolute"] = modal.arc_absolute
+        setup["surface_speed"] = modal.constant_surface
+        setup["notes"] = interpreter.unused_words.enabled
+        setup["blends"] = modal.path == "blend"
+        setup["g_action"] = self._action_of_codes()
 
     def _action_of_codes(self) -> NDArray[np.uint8]:
         """Return the actions of all G-codes; codes that are in effect already change nothing."""
@@ -161,7 +177,6 @@ class LineMachine:
             G.G21 if modal.scale == 1.0 else G.G20,
             G.G94,
             G.G90_1 if modal.arc_absolute else G.G91_1,
-            G.G98 if modal.initial_level else G.G99,
             G.G40,
         }
         current = coordinates.parameters.values.get(CURRENT_SYSTEM)
@@ -174,7 +189,11 @@ class LineMachine:
         if found is None:
             found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
             dialect = interpreter.dialect
-            for code, action in {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}.items():
+            actions = {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}
+            # Where G80 returns to the motion before a cycle, the interpreter executes both.
+            if dialect.after_g80 == "none":
+                actions |= dict.fromkeys(_CYCLES, kernel.MOVE)
+            for code, action in actions.items():
                 meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
                 if code in dialect.g and not meant:
                     found[code] = action
@@ -184,16 +203,20 @@ class LineMachine:
 
     def _load(self) -> tuple[int, int]:
         """Copy the modal state for the compiled code; return the lines of unused F and S words."""
-        modal, words = self._interpreter.modal, self._interpreter.unused_words.words
+        interpreter = self._interpreter
+        modal, words = interpreter.modal, interpreter.unused_words.words
         feed, speed = words.get("F"), words.get("S")
         lines = (feed.line if feed else 0, speed.line if speed else 0)
+        turning, rpm, surface = interpreter.out.in_effect.get(("spindle", 0), ("", 0.0, 0.0))
+        misting, flooding = interpreter.out.in_effect.get(("coolant", 0), (-1, -1))
         self._state[0] = (
-            kernel.NO_MOTION if modal.motion is None else _MOTIONS.index(modal.motion),
+            _MODES[modal.motion],
             _PLANES.index(modal.plane),
             modal.absolute,
+            modal.initial_level,
             math.nan if modal.feed is None else modal.feed.linear,
             math.nan if modal.feed is None else modal.feed.rotary,
-            _SPINDLE.index(modal.spindle),
+            SPINDLE_STATES.index(modal.spindle),
             math.nan if modal.speed is None else modal.speed,
             modal.mist,
             modal.flood,
@@ -201,6 +224,11 @@ class LineMachine:
             lines[0],
             speed.word.number if speed else math.nan,
             lines[1],
+            SPINDLE_STATES.index(turning) if turning in SPINDLE_STATES and not surface else -1,
+            rpm,
+            misting,
+            flooding,
+            *self._series(),
             0,
             0,
         )
@@ -210,21 +238,65 @@ class LineMachine:
         """Bring modal state and unused words up to date. ``before`` is the result of `_load`."""
         modal = self._interpreter.modal
         (
-            mode, plane, absolute, linear, rotary, spindle, speed, mist, flood,
-            feed_word, feed_line, speed_word, speed_line, _, _,
+            mode, plane, absolute, initial, linear, rotary, spindle, speed, mist, flood,
+            feed_word, feed_line, speed_word, speed_line, turning, rpm, misting, flooding,
+            *series, _, _,
         ) = self._state[0].item()  # fmt: skip
-        modal.motion = None if mode == kernel.NO_MOTION else _MOTIONS[mode]
+        modal.motion = _MOTION_OF[mode]
+        modal.initial_level = bool(initial)
         modal.plane = _PLANES[plane]
         modal.absolute = bool(absolute)
         if linear == linear:
             modal.feed = Feed(linear, rotary)
-        modal.spindle = _SPINDLE[spindle]
+        modal.spindle = SPINDLE_STATES[spindle]
         if speed == speed:
             modal.speed = speed
         modal.mist, modal.flood = bool(mist), bool(flood)
+        in_effect = self._interpreter.out.in_effect
+        if turning >= 0:
+            in_effect["spindle", 0] = SPINDLE_STATES[turning], rpm, 0.0
+        if misting >= 0:
+            in_effect["coolant", 0] = bool(misting), bool(flooding)
+        self._store_series(*series)
         if self._interpreter.unused_words.enabled:
             self._note("F", feed_word, feed_line, before[0])
             self._note("S", speed_word, speed_line, before[1])
+
+    def _series(self) -> _SeriesState:
+        """Return the series of canned cycles: cycle, plane, start, words, and lines of words.
+
+        The lines are 0: only those of words that compiled code reads are known.
+        """
+        start, words = [0.0] * kernel.MOST_AXES, [math.nan] * 4
+        series = self._interpreter.drilling_cycles.series
+        if series is None:
+            return 0, 0, start, words, [0] * len(words)
+        start[: len(series.start)] = series.start
+        for place, letter in enumerate(_letters(series.plane)):
+            if word := series.words.get(letter):
+                words[place] = word.number
+        return series.cycle // 10, _PLANES.index(series.plane), start, words, [0] * len(words)
+
+    def _store_series(
+        self, cycle: int, plane: int, start: _Numbers, words: _Numbers, lines: _Numbers
+    ) -> None:
+        """Take the series of canned cycles, if compiled code has executed a line of it."""
+        interpreter = self._interpreter
+        cycles, here = interpreter.drilling_cycles, interpreter.here
+        if not cycle or not lines.any():
+            return
+        known = cycles.series.words if cycles.series else {}
+        kept: dict[str, Word] = {}
+        for letter, number, line in zip(
+            _letters(_PLANES[plane]), words.tolist(), lines.tolist(), strict=True
+        ):
+            if line:
+                found = next(word for word in here.words_of(line) if word.letter == letter)
+                kept[letter] = replace(found, number=number)
+            elif number == number:
+                kept[letter] = known[letter]
+        place = start[: len(interpreter.motion.axes)].tolist()
+        cycles.series = Series(G(10 * cycle), _PLANES[plane], place, kept)
 
     def _note(self, letter: str, number: float, line: int, before: int) -> None:
         """Record the F or S word that nothing has used yet; NaN for none."""
@@ -238,53 +310,27 @@ class LineMachine:
             word = replace(word, number=number)
             interpreter.unused_words.note(word, line, here.text_of(line))
 
-    # Blocks
-
     def _give_out(self, rows: kernel.Rows) -> None:
         """Put the rows into the buffer of blocks."""
         interpreter, count = self._interpreter, int(self._state[0]["rows"])
-        out = interpreter.out
-        begin = 0
+        out, laser = interpreter.out, interpreter.policy.laser
+        points, feeds, lines = rows.points[:count], rows.feeds[:count], rows.lines[:count]
         others = np.flatnonzero(rows.kinds[:count])
-        for row, block in zip(others.tolist(), self._blocks(rows, others), strict=True):
-            if row > begin:
-                out.moves(rows.points[begin:row], rows.feeds[begin:row], rows.lines[begin:row])
-            if block.__class__ is ArcFeed:
-                out.flush()
-                out.ready.append(block)
-            else:
-                out.add(block)
-            begin = row + 1
-        if count > begin:
-            out.moves(rows.points[begin:count], rows.feeds[begin:count], rows.lines[begin:count])
+        if not len(others):
+            if count:
+                out.moves(points, feeds, lines)
+            return
+        kinds = rows.kinds[others]
+        if kernel.PATH in kinds:
+            out.in_effect["path", 0] = "blend", interpreter.modal.tolerance
+        blocks = RowBlocks(rows, interpreter.here.file, interpreter.modal.tolerance, laser=laser)
+        in_motion = (kinds == kernel.SPINDLE) & (rows.data[others, 2] != 0.0) & laser
+        out.mixed(points, feeds, lines, others, blocks.of(others), in_motion)
 
-    def _blocks(self, rows: kernel.Rows, numbers: NDArray[np.intp]) -> Iterator[Block]:
-        """Yield the blocks of rows that are no straight moves."""
-        file, laser = self._interpreter.here.file, self._interpreter.policy.laser
-        for kind, line, data, end, feed in zip(
-            rows.kinds[numbers].tolist(),
-            rows.lines[numbers].tolist(),
-            rows.data[numbers].tolist(),
-            rows.points[numbers],
-            rows.feeds[numbers].tolist(),
-            strict=True,
-        ):
-            first, second, radius, turns, plane = data
-            if kind == kernel.ARC:
-                yield ArcFeed(
-                    file, line, _PLANES[int(plane)], (first, second), end, radius, turns, feed
-                )
-            elif kind == kernel.SPINDLE:
-                speed = (second or 0.0) if first else 0.0
-                with_motion = laser and bool(radius)
-                yield Spindle(file, line, _SPINDLE[int(first)], speed, with_motion=with_motion)
-            elif kind == kernel.COOLANT:
-                yield Coolant(file, line, bool(first), bool(second))
-            elif kind == kernel.BOUNDARY:
-                # Calls of the main program are marked, whose file this is.
-                yield CallBoundary(file, line, bool(first))
-            else:
-                yield Dwell(file, line, first)
+
+def _letters(plane: Plane) -> str:
+    """Return the letters of the words of a series: depth, R, P and Q."""
+    return f"{_ACROSS[plane]}RPQ"
 
 
 def _rows(count: int, axes: int) -> kernel.Rows:

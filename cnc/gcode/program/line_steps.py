@@ -14,6 +14,8 @@ from cnc.gcode.program import (
     control_flow,
     numbered_programs,
     siemens_cycles,
+    siemens_flow,
+    siemens_frames,
     subprograms,
 )
 from cnc.gcode.program.builder_files import file_call
@@ -30,9 +32,13 @@ from cnc.machine.program_codes import CodeAction
 
 MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
-_JUMPS = ("goto", "if-goto")
+_JUMPS = ("goto", "if-goto", "s-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS | subprograms.MAKERS | siemens_cycles.MAKERS
+    block_matching.MAKERS
+    | subprograms.MAKERS
+    | siemens_cycles.MAKERS
+    | siemens_flow.MAKERS
+    | siemens_frames.MAKERS
 )
 
 
@@ -124,7 +130,7 @@ class StepMaker:
             and self._compiled.knows(window, index)
         ):
             return _Compiled(self._compiled, self, window)
-        if window.simple[index] >= SHORTEST:
+        if window.simple[index] >= SHORTEST and not self._runs.leaves(window, index):
             return _Run(self._runs, self, window)
         return self.single(window, line, index)
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode.coding import Coded
+from cnc.kernels.gcode.evaluation import Parameters as Values
 from cnc.kernels.gcode.expressions import LAST_PARAMETER
-from cnc.kernels.gcode.expressions import Parameters as Values
-from cnc.kernels.gcode.program import Changes, Frames
+from cnc.kernels.gcode.program_text import Changes, Frames
 
 _SET, _OF_INTERPRETER = 1, 2
 """Flags: compiled code has set the parameter; it must not, because a function shows it."""
@@ -75,7 +75,8 @@ class ParameterMirror:
 
     def local_slots(self, slots: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the slots of the names that belong to their call."""
-        return np.array([slot for slot in slots.tolist() if self._names[slot][0] != "_"], np.int32)
+        known = np.unique(slots).tolist()
+        return np.array([slot for slot in known if self._names[slot][0] != "_"], np.int32)
 
     def restore(self, frames: Frames, depth: int) -> None:
         """Copy the local parameters of a caller back, before its call is entered."""

@@ -15,6 +15,8 @@ from cnc.kernels.gcode.line import execute_lines
 
 SHORTEST = 6
 """Lines. A shorter run is no faster in compiled code."""
+ROWS_OF_LINE = 5
+"""Rows for which there is space for each line of a run: a hole has as many."""
 
 WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
 """A distance that is not 0, without a decimal point. A comment may match too, which does no
@@ -28,6 +30,11 @@ class PlainLines:
     def __init__(self, interpreter: Interpreter, machine: LineMachine) -> None:
         self._interpreter = interpreter
         self._machine = machine
+        self._searched: tuple[Window | None, range, int] = (None, range(0), 0)
+
+    def leaves(self, window: Window, index: int) -> bool:
+        """Return whether compiled code does not know a word of a line, in whatever mode."""
+        return self._machine.leaves(*window.scan.line_words(index))
 
     def run(self, window: Window, index: int) -> int:
         """Execute consecutive plain lines.
@@ -47,8 +54,8 @@ class PlainLines:
             return 0
         end = index + int(window.simple[index])
         if interpreter.points_wanted:
-            end = window.find(WITHOUT_POINT, index, end)
-        job = self._machine.begin(min(MOST_ROWS, end - index))
+            end = self._without_point(window, index, end)
+        job = self._machine.begin(min(MOST_ROWS, ROWS_OF_LINE * (end - index)))
         first, words = window.scan.lines.first, window.scan.words
         setup, state, position, rows, _ = job
         count = int(
@@ -63,3 +70,14 @@ class PlainLines:
         if count:
             self._machine.finish(job)
         return count
+
+    def _without_point(self, window: Window, index: int, end: int) -> int:
+        """Return the first line with a distance without a decimal point; ``end`` for none.
+
+        The last search is kept: if many runs are short, each would search the rest of the window.
+        """
+        where, lines, found = self._searched
+        if where is not window or index not in lines or end > lines.stop or found < index:
+            found = window.find(WITHOUT_POINT, index, end)
+            self._searched = window, range(index, end), found
+        return min(found, end)

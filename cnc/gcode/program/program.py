@@ -109,6 +109,7 @@ def interpret(
         siemens=rules.siemens,
         dollar=rules.dollar,
         lenient=rules.lenient,
+        first_bracket=rules.first_bracket,
         dialect=rules.name,
     )
     listing = Listing(text, syntax, block_delete=options.block_delete)

@@ -6,15 +6,19 @@ cycle. G70 executes the lines of the profile like other lines, and returns to th
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 from cnc.gcode.cycles.profile_cycles import ProfileCycles
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.program.call_stack import Flow
+from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.model.blocks import ArcFeed, Block, Polyline
 from cnc.model.diagnostics import GcodeError
 
 MOST_LINES = 10_000
@@ -70,11 +74,10 @@ class ProfileCycle:
         interpreter.execute(rest, line)
         if self._code == G.G70:
             self._refuse_rest(words)
-            interpreter.finish(lines, line)
+            _finish(interpreter, lines, line)
             return after
-        blocks = interpreter.path_of(
-            [(_path_words(each.statement), each.number) for each in lines], line
-        )
+        moves = [_Line(each.number, _path_words(each.statement)) for each in lines]
+        blocks = _path_of(interpreter, moves, line)
         assert interpreter.turning_cycles is not None
         letters = {word.letter for word in lines[0].statement.words}
         cycles = ProfileCycles(interpreter.dialect, interpreter.turning_cycles)
@@ -184,3 +187,48 @@ def _path_words(statement: Statement) -> Statement:
             computed.append((len(kept), values[index]))
         kept.append(word)
     return Statement(tuple(kept), tuple(computed), statement.assignments)
+
+
+def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> list[Block]:
+    """Return the moves of lines without making them.
+
+    Position and modes are as before afterwards, and the current line is ``line``.
+    """
+    motion, modal = interpreter.motion, interpreter.modal
+    state, position = replace(modal), motion.position
+    unused = interpreter.unused_words
+    notes, unused.enabled = unused.enabled, False
+    with interpreter.out.captured() as found:
+        for number, statement in lines:
+            interpreter.execute(statement, number)
+    unused.enabled = notes
+    for each in fields(state):
+        setattr(modal, each.name, getattr(state, each.name))
+    motion.position, interpreter.here.line = position, line
+    interpreter.update_plain()
+    return [block for block in found if isinstance(block, Polyline | ArcFeed)]
+
+
+def _finish(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> None:
+    """Execute the lines of a profile (G70), and return to the position before.
+
+    The axis that approaches the profile most leaves it first: a straight return could cross the
+    part.
+    """
+    motion = interpreter.motion
+    start = motion.position
+    approach: int | None = None
+    for number, statement in lines:
+        interpreter.execute(statement, number)
+        if approach is None and motion.position != start:
+            way = [abs(a - b) for a, b in zip(motion.position, start, strict=True)]
+            approach = way.index(max(way))
+    interpreter.here.line = line
+    if motion.compensated:
+        interpreter.compensation_codes.off()
+    if approach is not None:
+        clear = motion.position.copy()
+        clear[approach] = start[approach]
+        motion.traverse(clear)
+    motion.traverse(start)
+    interpreter.update_plain()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from cnc.model.blocks import (
     Stop,
     Tool,
     WaitInput,
+    blocks_of,
 )
 from cnc.model.motion_commands import command_array, goes_with_motion
 
@@ -49,6 +51,8 @@ class BlockBuffer:
         unanswered: Blocks whose answers are processed before the next line is executed.
         defer: Takes each block that is not a move, instead of ``ready``, if it must follow a move
             that is not complete.
+        in_effect: The values that the last blocks gave to each state that lasts, such as the
+            spindle. A block with the same values is left out.
         assumed: Whether an expected answer was used because there was no board to answer.
     """
 
@@ -65,7 +69,7 @@ class BlockBuffer:
         self._pieces: list[_Piece] = []
         self._held = 0
         self._commands: dict[int, tuple[Block, ...]] = {}
-        self._in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
+        self.in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
@@ -97,6 +101,90 @@ class BlockBuffer:
         if count > begin:
             self._pieces.append((points[begin:], feeds[begin:], lines[begin:]))
             self._held += count - begin
+
+    def mixed(
+        self,
+        points: NDArray[np.float64],
+        feeds: NDArray[np.float64],
+        lines: NDArray[np.int32],
+        places: NDArray[np.intp],
+        blocks: list[Block],
+        in_motion: NDArray[np.bool_],
+    ) -> None:
+        """Add straight moves with other blocks among them, none of which is left out.
+
+        Args:
+            points: As of :meth:`moves`, with an unused row for each of the blocks.
+            feeds: Likewise.
+            lines: Likewise.
+            places: Rows of the other blocks, ascending. There is at least one.
+            blocks: The other blocks.
+            in_motion: Flags of those that go with the motion.
+        """
+        if in_motion.any():
+            self._mixed_with_commands(points, feeds, lines, places, blocks, in_motion)
+            return
+        begins, ends = places[:-1] + 1, places[1:]
+        for k in np.flatnonzero(ends - begins > MAX_MOVES)[:1].tolist():
+            cut = int(begins[k])
+            head, tail = slice(cut), slice(cut, None)
+            one, two = slice(k + 1), slice(k + 1, None)
+            parts = (head, one, places[one]), (tail, two, places[two] - cut)
+            for rows, part, at in parts:
+                moves = points[rows], feeds[rows], lines[rows]
+                self.mixed(*moves, at, blocks[part], in_motion[part])
+            return
+        first, last = int(places[0]), int(places[-1])
+        if first:
+            self.moves(points[:first], feeds[:first], lines[:first])
+        self.flush()
+        runs = np.flatnonzero(ends > begins)
+        spans = list(map(slice, begins[runs].tolist(), ends[runs].tolist()))
+        polylines = blocks_of(
+            Polyline,
+            repeat(self._here.file),
+            lines[begins[runs]].tolist(),
+            map(points.__getitem__, spans),
+            map(feeds.__getitem__, spans),
+            map(lines.__getitem__, spans),
+            repeat(None),
+        )
+        ordered: list[Block | None] = [None] * (2 * len(blocks) - 1)
+        ordered[::2] = blocks
+        for place, polyline in zip((2 * runs + 1).tolist(), polylines, strict=True):
+            ordered[place] = polyline
+        self.ready.extend(filter(None, ordered))
+        if last + 1 < len(feeds):
+            self.moves(points[last + 1 :], feeds[last + 1 :], lines[last + 1 :])
+
+    def _mixed_with_commands(
+        self,
+        points: NDArray[np.float64],
+        feeds: NDArray[np.float64],
+        lines: NDArray[np.int32],
+        places: NDArray[np.intp],
+        blocks: list[Block],
+        in_motion: NDArray[np.bool_],
+    ) -> None:
+        """Add moves and other blocks, some of which go with the motion; arguments as of `mixed`."""
+        straight = np.ones(len(feeds), np.bool_)
+        straight[places] = False
+        points, feeds, lines = points[straight], feeds[straight], lines[straight]
+        if self._feeds:
+            self._pack()
+        begin = 0
+        before = (places - np.arange(len(places))).tolist()
+        for block, place, goes in zip(blocks, before, in_motion.tolist(), strict=True):
+            if not goes or self._held + place - begin >= MAX_MOVES:
+                self.moves(points[begin:place], feeds[begin:place], lines[begin:place])
+                begin = place
+            if goes and (at := self._held + place - begin):
+                self._commands[at] = (*self._commands.get(at, ()), block)
+            else:
+                self.flush()
+                self.ready.append(block)
+        if begin < len(feeds):
+            self.moves(points[begin:], feeds[begin:], lines[begin:])
 
     def add(self, block: Block) -> None:
         """Add any other block, unless it changes nothing."""
@@ -149,14 +237,14 @@ class BlockBuffer:
         """Take the blocks that are added meanwhile; the list has them at the end."""
         self.flush()
         found: list[Block] = []
-        begin, in_effect = len(self.ready), self._in_effect.copy()
+        begin, in_effect = len(self.ready), self.in_effect.copy()
         try:
             yield found
         finally:
             self.flush()
             found += self.ready[begin:]
             del self.ready[begin:]
-            self._in_effect = in_effect
+            self.in_effect = in_effect
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
@@ -193,14 +281,14 @@ class BlockBuffer:
         if isinstance(block, Tool | Orient | BoardCommand | Stop):
             # Spindle and outputs may have another state afterwards. At a stop the operator may
             # have switched the spindle off by hand, and the next move would cut without it.
-            self._in_effect.clear()
+            self.in_effect.clear()
         state = _state(block)
         if state is None:
             return True
         kind, values = state
-        if self._in_effect.get(kind) == values:
+        if self.in_effect.get(kind) == values:
             return False
-        self._in_effect[kind] = values
+        self.in_effect[kind] = values
         return True
 
 

@@ -146,17 +146,21 @@ class ErrorContext:
         if char == "," and self.text[self.at + 1 : self.at + 2].isdigit():
             hint = "write a decimal point"
             return self.fault("character-unknown", "a decimal comma is not G-code", hint=hint)
-        if ord(char) < _ASCII:
-            return self.fault("character-unknown", f"the character {char!r} has no meaning here")
-        name = unicodedata.name(char, "").lower()
-        shown = f"U+{ord(char):04X}{f', {name}' if name else ''}"
-        if char.isprintable():
-            shown = f"'{char}' ({shown})"
-        meant = _TYPOGRAPHIC.get(char)
-        hint = f"write {meant}" if meant else "the word processor or web page may have changed it"
-        return self.fault(
-            "character-unknown", f"the character {shown} has no meaning here", hint=hint
-        )
+        message, hint = about_character(char)
+        return self.fault("character-unknown", message, hint=hint)
+
+
+def about_character(char: str) -> tuple[str, str]:
+    """Return the message and the hint for a character that G-code does not have."""
+    if ord(char) < _ASCII:
+        return f"the character {char!r} has no meaning here", ""
+    name = unicodedata.name(char, "").lower()
+    shown = f"U+{ord(char):04X}{f', {name}' if name else ''}"
+    if char.isprintable():
+        shown = f"'{char}' ({shown})"
+    meant = _TYPOGRAPHIC.get(char)
+    hint = f"write {meant}" if meant else "the word processor or web page may have changed it"
+    return f"the character {shown} has no meaning here", hint
 
 
 def near_hint(name: str, known: Iterable[str]) -> str:

@@ -130,11 +130,15 @@ def value(context: ErrorContext) -> GcodeError:
 def _misplaced_sign(context: ErrorContext) -> GcodeError | None:
     """Return the error of =, * or a comment in the place of a value; None for another character."""
     last, begin = context.last(), context.before[-1][0]
+    if refused := siemens_address(context):
+        return refused
     if context.char == "=":
         if last == "=":
             return context.fault("equals-place", "two =", hint="compare with EQ, inside [ ]")
         return context.fault(
-            "equals-place", f"a = after {last}", hint=f"write {last} and its number, without ="
+            "equals-place",
+            f"a = after {last}",
+            hint=f"write {last} and its number, without =; only SINUMERIK has {last}=",
         )
     if context.char == "*" and last == "*":
         return context.fault(
@@ -149,6 +153,24 @@ def _misplaced_sign(context: ErrorContext) -> GcodeError | None:
             "comment-place", "a comment is not allowed inside an expression", hint="use [ ] there"
         )
     return None
+
+
+def siemens_address(context: ErrorContext) -> GcodeError | None:
+    """Return the error of an address of SINUMERIK, such as CR=4 or X=IC(5); None for other text."""
+    if context.open:
+        return None
+    begin, _ = context.letters_around()
+    pattern = re.compile(r"([A-Z]{2,}[0-9]*|[A-Z](?==(?:IC|AC|DC)\())=(?!=)")
+    found = pattern.match(context.text, begin)
+    if found is None or found.end() <= context.at:
+        return None
+    return context.fault(
+        "syntax-not-in-dialect",
+        f"{found[1]}= is a word of SINUMERIK",
+        begin,
+        found.end(),
+        "use --dialect siemens for a program of SINUMERIK",
+    )
 
 
 def is_value_sign(context: ErrorContext) -> bool:

@@ -16,6 +16,7 @@ _TEXT_CODE = re.compile(
     r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
 )
 _CHECKSUM = re.compile(r"\*[0-9]+[ \t]*(?=;|$)")
+_COMMENT = re.compile(r"\(([^)]*)\)")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 """Text that could be executed if it stood outside of a comment."""
 
@@ -64,6 +65,15 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
         if error.code == "comment-nested"
         else "this comment is not closed: it is read to the end of the line"
     )
+    return Mended(mended, Remark(MENDED, what, error.column, error.length))
+
+
+def to_first_bracket(text: str, error: Diagnostic) -> Mended | None:
+    """Return a line whose comments end at their first ); None for another error."""
+    if error.code != "comment-nested":
+        return None
+    mended = _COMMENT.sub(lambda found: f"({found[1].replace('(', '[')})", text)
+    what = "a ( inside a comment: the comment ends at the first )"
     return Mended(mended, Remark(MENDED, what, error.column, error.length))
 
 

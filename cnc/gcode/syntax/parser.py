@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Literal
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
-from cnc.gcode.syntax.mending import as_program_start, mend, without_text
-from cnc.gcode.syntax.siemens import Translation, translate
-from cnc.gcode.syntax.statement import Control, Keyword, Statement, Value
+from cnc.gcode.syntax.mending import as_program_start, mend, to_first_bracket, without_text
+from cnc.gcode.syntax.siemens import NOTED, translate
+from cnc.gcode.syntax.siemens_control import ControlLine
+from cnc.gcode.syntax.statement import Control, Remark, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -34,6 +35,9 @@ MAX_LINE = 4096
 MEMO = 4096
 """Parsed lines that are kept."""
 
+_QUERY = re.compile(r"[ \t]*(\?)[ \t]*(?:;.*)?")
+_SWITCH = re.compile(r"([ \t]*/)[1-9](?=[ \t]*[A-Za-z(#])")
+"""Block delete with the number of a switch, as FANUC and SINUMERIK have it."""
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _TAPE = "\0\x11\x12\x13\x14\x1a\x7f \t"
 """Characters of paper tape and of serial links; a line of nothing else is empty."""
@@ -60,6 +64,7 @@ class Syntax:
         dollar: Whether lines that begin with $ are commands for the board.
         lenient: Whether comments that are nested or open, and text after %, are read with a
             warning.
+        first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
     """
 
@@ -67,6 +72,7 @@ class Syntax:
     siemens: bool = False
     dollar: bool = False
     lenient: bool = False
+    first_bracket: bool = False
     dialect: str = "auto"
 
 
@@ -133,6 +139,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return _siemens_line(text, syntax)
     if text.lstrip(" \t").startswith("$"):
         return _board_line(text, syntax)
+    if syntax.dollar and (query := _QUERY.fullmatch(text)):
+        what = "? (report of the board's status) has no effect here"
+        return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
     flavour = f"{syntax.flavour} {syntax.siemens} {syntax.lenient} {syntax.dialect}"
     return line_templates.statement(
         text, flavour, lambda open_numbers: _parse_mended(text, syntax, open_numbers)
@@ -149,7 +158,7 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
     length = len(text.split(";", maxsplit=1)[0].strip())
     try:
         statement = _parse(found.text, ngc, None, begin) if found.text.strip() else Statement()
-        control = _siemens_control(found, ngc, begin + 1, length)
+        control = _siemens_control(found.control, ngc, begin + 1, length)
     except GcodeError as error:
         known = error.diagnostic
         message = f"{known.message} (read as {found.text})"
@@ -166,39 +175,41 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
 
 
 def _siemens_control(
-    found: Translation, syntax: Syntax, column: int, length: int
+    found: ControlLine | None, syntax: Syntax, column: int, length: int
 ) -> Control | None:
-    """Return the jump or the cycle of a line; None if it has neither."""
+    """Return a jump, block, cycle or frame with its values; None for another line."""
 
     def value(expression: str) -> Value:
         if not expression:
             return lambda parameters: math.nan
         statement = _parse(f"X[{expression}]", syntax, None, column - 1)
-        return statement.computed[0][1]
+        if statement.computed:
+            return statement.computed[0][1]
+        number = statement.words[0].number
+        return lambda parameters: number
 
-    if found.target is not None:
-        target = value(str(found.target))
-        if found.condition:
-            jump = value(found.condition), target
-            return Control("if-goto", "", jump, column, length)
-        return Control("goto", "", (target,), column, length)
-    if found.cycle is None:
+    if found is None:
         return None
-    keyword: Keyword = "mcall" if found.modal else "cycle"
-    values = tuple(value(argument) for argument in found.arguments)
-    return Control(keyword, str(found.cycle), values, column, length)
+    values = tuple(value(each) for each in found.values)
+    return Control(found.keyword, found.label, values, column, length)
 
 
 def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
     """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
     if syntax.lenient or syntax.flavour == "macro-b":
         text = as_program_start(text)
+    if syntax.lenient and (switch := _SWITCH.match(text)):
+        text = f"{switch[1]} {text[switch.end() :]}"
     if syntax.dialect == "marlin":
         text = without_text(text)
     try:
         return _parse(text, syntax, open_numbers)
     except GcodeError as error:
-        mended = mend(text, error.diagnostic) if syntax.lenient else None
+        mended = None
+        if syntax.lenient:
+            mended = mend(text, error.diagnostic)
+        elif syntax.first_bracket:
+            mended = to_first_bracket(text, error.diagnostic)
         if mended is None:
             raise
     found = _parse(mended.text, syntax, open_numbers)

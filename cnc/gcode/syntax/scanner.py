@@ -11,7 +11,8 @@ from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.kernels.gcode import coding
 from cnc.kernels.gcode import scanner as kernel
-from cnc.kernels.gcode.expressions import Code, Names
+from cnc.kernels.gcode.expressions import Code
+from cnc.kernels.gcode.names import Names
 
 _LINE_BYTES, _WORD_BYTES = 8, 3
 """Expected average bytes of a line and a word. A scan takes fewer lines if they are shorter."""
@@ -98,12 +99,14 @@ def scan(data: bytes, *, whole: bool) -> Scan:
 def code(data: bytes, found: Scan) -> coding.Coded:
     """Return the lines of a scan as instructions, those with expressions too."""
     size, count = found.size, found.count
+    # An item has two bytes at least. A line that is left out may have begun two more.
+    items = size // 2 + 2
     coded = coding.Coded(
         np.empty(count, np.uint8),
         np.empty(count + 1, np.int32),
-        np.empty(size, np.uint8),
-        np.empty(size, np.int32),
-        np.empty(size, np.int32),
+        np.empty(items, np.uint8),
+        np.empty(items, np.int64),
+        np.empty(items, np.int64),
         Code(np.empty(size, np.uint8), np.empty(size)),
         _names(size),
         np.empty(count, np.int32),

@@ -15,6 +15,8 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
+from cnc.gcode.syntax.error_context import about_character
+from cnc.gcode.syntax.siemens_control import ControlLine, control_line
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -28,9 +30,6 @@ _HEAD = re.compile(
     r"\s*(/[0-9]?)?\s*(?:([N:])\s*([0-9]+))?\s*(?:([A-Z_][A-Z0-9_]+)\s*:(?!=))?\s*", re.I
 )
 _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
-_JUMP = re.compile(r"(?:IF\s*(.+?)\s+)?GOTO[FB]?\s+N?([0-9]+)\s*$", re.I)
-_ANY_JUMP = re.compile(r"\b(?:GOTO[FBCS]?|IF)\b", re.I)
-_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[123])\s*\((.*)\))?\s*$", re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
 _EQUAL = re.compile(r"(CR|TURN|AP|RP|RPL|S1|M1|[A-Z])\s*=(?!=)\s*", re.I)
@@ -44,8 +43,6 @@ _LETTERS = {"CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M"}
 _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
-_FRAMES = {"AMIRROR": "G51.1", "ASCALE": "G51", "AROT": "G68 X0 Y0"}
-_FRAME_ENDS = {"MIRROR": "G50.1", "SCALE": "G50", "ROT": "G69", "AROT": "G69"}
 
 
 class Translation(NamedTuple):
@@ -55,21 +52,13 @@ class Translation(NamedTuple):
         text: The line.
         remarks: A message, and words without effect.
         deletable: Whether the line begins with ``/``.
-        condition: Condition of a jump, as an expression; empty for none.
-        target: N number that the line jumps to, or None.
-        cycle: Number of a drilling cycle (81 to 83), 0 for the end of a modal one, or None.
-        modal: Whether the cycle is executed after each following move.
-        arguments: Arguments of the cycle, as expressions; empty where left out.
+        control: A jump, block, cycle or frame, with its values as expressions; None for none.
     """
 
     text: str = ""
     remarks: tuple[Remark, ...] = ()
     deletable: bool = False
-    condition: str = ""
-    target: int | None = None
-    cycle: int | None = None
-    modal: bool = False
-    arguments: tuple[str, ...] = ()
+    control: ControlLine | None = None
 
 
 @lru_cache(maxsize=1)
@@ -110,17 +99,9 @@ class _Line:
         if message := _MESSAGE.fullmatch(rest):
             self.remarks.append(Remark("msg", message[1] or "", self.at + 1, len(rest)))
             return self._done(deletable)
-        if jump := _JUMP.fullmatch(rest):
-            condition = self._ngc(jump[1]) if jump[1] else ""
-            return self._done(deletable)._replace(condition=condition, target=int(jump[2]))
-        if _ANY_JUMP.match(rest):
-            raise self._fault(
-                "a jump other than IF .. GOTOF N100", len(rest), "jump to an N number"
-            )
-        if rest and (cycle := _CYCLE.fullmatch(rest)):
-            arguments = tuple(self._ngc(part) for part in _arguments(cycle[3] or ""))
-            found = self._done(deletable)._replace(modal=bool(cycle[1]), arguments=arguments)
-            return found._replace(cycle=int(cycle[2]) if cycle[2] else 0)
+        if control := control_line(rest, lambda what, hint: self._fault(what, len(rest), hint)):
+            values = tuple(self._ngc(value) if value else "" for value in control.values)
+            return self._done(deletable)._replace(control=control._replace(values=values))
         while self._skip():
             self._word()
         return self._done(deletable)
@@ -154,7 +135,16 @@ class _Line:
             self.at = plain.end()
             self.out.append(self._code(plain[1].upper(), re.sub(r"\s", "", plain[2])))
         else:
+            self._refuse_foreign_character()
             raise self._fault(f"{self.text[self.at]!r}", 1, "")
+
+    def _refuse_foreign_character(self) -> None:
+        """Raise the error of a character outside of ASCII, which may follow a letter."""
+        for at in (self.at, self.at + 1):
+            char = self.text[at : at + 1]
+            if char and not char.isascii():
+                message, hint = about_character(char)
+                raise fault("character-unknown", message, column=at + 1, hint=hint)
 
     def _code(self, letter: str, number: str) -> str:
         if letter == "G" and re.fullmatch(r"64[1-5]", number):
@@ -178,7 +168,7 @@ class _Line:
         value = self._expression()
         letter = _LETTERS.get(name, name)
         if name == "RPL":
-            raise self._fault("RPL without AROT", 1, "")
+            raise self._fault("RPL without ROT or AROT", 1, "")
         if name == "TURN":
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
@@ -208,12 +198,6 @@ class _Line:
             self.out.append("G53")
         elif name == "RET":
             self.out.append("M2")
-        elif name == "TRANS":
-            given = self._axes()
-            words = " ".join(f"{axis}[{given.get(axis, '0')}]" for axis in "XYZ")
-            self.out.append(f"G69 G52 {words}")
-        elif name in _FRAMES or name in _FRAME_ENDS:
-            self._frame(name, begin)
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"
@@ -222,40 +206,6 @@ class _Line:
             self.at = begin
             what = tables["refused"].get(name, "a name, or a word that is not known")
             raise self._fault(f"{name} ({what})", len(name), "")
-
-    def _frame(self, name: str, begin: int) -> None:
-        """Translate AROT, AMIRROR, ASCALE, and the ends of frames."""
-        rest = self.text[self.at :].strip()
-        if not rest and name in _FRAME_ENDS:
-            self.out.append(_FRAME_ENDS[name])
-            return
-        if name not in _FRAMES:
-            self.at = begin
-            raise self._fault(f"{name} ({_words()['refused'][name]})", len(name), "")
-        if name == "AROT":
-            self._skip()
-            plane = re.compile(r"(?:RPL\s*=|Z\s*=?)\s*", re.I).match(self.text, self.at)
-            if plane is None:
-                raise self._fault("AROT about another axis than Z", 4, "give RPL= or Z")
-            self.at = plane.end()
-            self.out.append(f"G68 X0 Y0 R[{self._expression()}]")
-            return
-        given = self._axes()
-        letters = dict(zip("XYZ", "IJK", strict=True)) if name == "ASCALE" else {}
-        words = [f"{letters.get(axis, axis)}[{value}]" for axis, value in given.items()]
-        centre = " X0 Y0 Z0" if name == "ASCALE" else ""
-        self.out.append(f"{_FRAMES[name]}{centre} {' '.join(words)}")
-
-    def _axes(self) -> dict[str, str]:
-        """Take the axis words to the end of the line."""
-        found: dict[str, str] = {}
-        while self._skip():
-            axis = re.compile(r"([XYZ])\s*=?\s*", re.I).match(self.text, self.at)
-            if axis is None:
-                raise self._fault("a word that is no axis", 1, "write it on a line of its own")
-            self.at = axis.end()
-            found[axis[1].upper()] = self._expression()
-        return found
 
     def _pass_value(self) -> None:
         """Pass the = and value, or the brackets, of a word without effect."""
@@ -337,14 +287,3 @@ def _closing(text: str, begin: int) -> int:
         if depth == 0:
             return at
     raise fault("bracket-not-closed", "this ( is not closed", column=begin + 1)
-
-
-def _arguments(text: str) -> list[str]:
-    """Return the arguments of a cycle, split at commas outside of brackets."""
-    parts, depth, begin = [], 0, 0
-    for at, char in enumerate(text):
-        depth += (char == "(") - (char == ")")
-        if char == "," and depth == 0:
-            parts.append(text[begin:at])
-            begin = at + 1
-    return [part.strip() for part in (*parts, text[begin:])]

@@ -25,7 +25,7 @@ from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
 from cnc.gcode.syntax.scanner import Scan, code, scan
 from cnc.gcode.syntax.statement import Statement
 from cnc.kernels.gcode.coding import Coded
-from cnc.kernels.gcode.expressions import Names
+from cnc.kernels.gcode.names import Names
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 WINDOW_BYTES = 1 << 18

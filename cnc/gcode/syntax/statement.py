@@ -24,10 +24,11 @@ Keyword = Literal[
     "if", "elseif", "else", "endif",
     "while", "endwhile", "do", "repeat", "endrepeat", "break", "continue",
     "program", "goto", "if-goto", "if-then", "while-do", "end",
-    "cycle", "mcall",
+    "cycle", "mcall", "frame", "s-goto", "s-if", "s-else", "s-endif", "s-while", "s-endwhile",
+    "s-for", "s-endfor", "s-loop", "s-endloop", "s-repeat", "s-until",
 ]  # fmt: skip
 """Kinds of control lines. The first three rows are O-words. The next one has those of FANUC, and O
-and a number alone ("program"); the last one has SINUMERIK's cycles.
+and a number alone ("program"); the last two have SINUMERIK's cycles, frames, jumps and blocks.
 """
 
 

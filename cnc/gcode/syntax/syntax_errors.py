@@ -232,6 +232,10 @@ def between_words(context: ErrorContext) -> GcodeError:
     if char == "]":
         return context.fault("bracket-not-open", "a ] without a [ before it")
     if char == "=":
+        if (before := context.last(2)) and LETTERS.fullmatch(before):
+            name = f"{before}{context.last()}"
+            hint = f"{name}= is a word of SINUMERIK: use --dialect siemens; else write #{name}"
+            return context.fault("equals-place", f"a = after {name}", hint=hint)
         hint = "an assignment begins with #, such as #1=5"
         return context.fault("equals-place", "a = without a parameter before it", hint=hint)
     if char and char in "[+-.0123456789":

@@ -83,6 +83,11 @@ def fault(
     return GcodeError(Diagnostic(code, message, column=column, length=length, hint=hint))
 
 
+def under_compensation(at: Word, hint: str = "give G40 and a move before") -> GcodeError:
+    """Return the error of a word that cutter compensation excludes."""
+    return fault("compensation-active", f"{at.written} under cutter compensation", at, hint)
+
+
 @dataclass(slots=True)
 class LineWords:
     """The words of the line that is being executed.
@@ -116,7 +121,9 @@ class LineWords:
             elif letter == "N":
                 _check_line_number(word, first=index == 0)
             elif letter in words.rest:
-                raise fault("word-repeated", f"{letter} is given twice in this line", word)
+                message = f"{letter} is given twice in this line"
+                hint = "remove one: FANUC takes the last one, other controllers refuse the line"
+                raise fault("word-repeated", message, word, hint)
             else:
                 words.rest[letter] = word
         return words

@@ -15,16 +15,16 @@ from cnc.kernels.gcode.expressions import (
     MOST_OPERATORS,
     NUMBER,
     Code,
-    Names,
     compile_value,
-    index_of_name,
     past_blanks,
 )
+from cnc.kernels.gcode.names import Names, index_of_name
 from cnc.kernels.gcode.scanner import Lines, comment_end, tail_is_plain
 from cnc.kernels.jit import njit
 
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]
+Ints = NDArray[np.int64]
 
 UNKNOWN, SIMPLE, WORDS, ASSIGNMENT, NUMBERED_ASSIGNMENT, CONTROL = 0, 1, 2, 3, 4, 5
 """Kinds of lines: left to the interpreter, plain words, words with expressions, assignments, those
@@ -60,8 +60,8 @@ class Coded(NamedTuple):
     kind: Bytes
     first: Counts
     letter: Bytes
-    begin: Counts
-    end: Counts
+    begin: Ints
+    end: Ints
     code: Code
     names: Names
     label: Counts
@@ -204,7 +204,8 @@ def code_lines(data: Bytes, lines: Lines, longest: int, coded: Coded) -> None:
         data: The text.
         lines: Its lines.
         longest: A line of more bytes is left to the grammar.
-        coded: Filled. Its arrays have space for an item and an instruction for each byte.
+        coded: Filled. Its arrays have space for an item for two bytes, two more, and
+            an instruction for each byte.
     """
     operators = np.empty(MOST_OPERATORS, np.uint8)
     items = count = 0
@@ -212,7 +213,8 @@ def code_lines(data: Bytes, lines: Lines, longest: int, coded: Coded) -> None:
         coded.first[k] = items
         coded.kind[k] = UNKNOWN
         coded.label[k] = -1
-        begin, end = int(lines.begin[k]), int(lines.end[k])
+        # A sum is an int64. The functions would be compiled for int32, too.
+        begin, end = lines.begin[k] + 0, lines.end[k] + 0
         if lines.plain[k] > 0:
             coded.kind[k] = SIMPLE if lines.simple[k] > 0 else UNKNOWN
         elif end - begin <= longest:

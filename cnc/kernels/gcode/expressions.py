@@ -1,24 +1,21 @@
-"""Expressions of RS274/NGC: from text to instructions, and from instructions to a number.
+"""Expressions of RS274/NGC as instructions.
 
 Instructions are in reverse Polish order: ``#1 + 2`` is PARAMETER 1, NUMBER 2, ADD. The grammar
-defines the language; this module reads a part of it, and leaves the rest to it. A result that does
-not exist is NaN here. The line is then left to the interpreter, which reports the error. The
-arithmetic is that of :mod:`cnc.gcode.syntax.arithmetic`, operation by operation, so that the bits
-of the results are equal.
+defines the language; this module reads a part of it, and leaves the rest to it.
+:mod:`cnc.kernels.gcode.evaluation` computes the values.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.gcode.names import Names, index_of_name
 from cnc.kernels.jit import njit
 
 Bytes = NDArray[np.uint8]
-Counts = NDArray[np.int32]
 Floats = NDArray[np.float64]
 
 LAST_PARAMETER = 5000
@@ -81,13 +78,6 @@ _HASH, _STAR, _LESS, _GREATER, _LEFT, _RIGHT = 35, 42, 60, 62, 91, 93
 _OPEN, _CLOSE, _DELETE, _A, _Z, _LOWER = 40, 41, 127, 65, 90, 32
 _DIGITS, _EXACT = 18, 1 << 53
 _POWERS = np.array([float(f"1e{k}") for k in range(_DIGITS + 1)])
-_HASH_MASK = (1 << 40) - 1
-
-NEAR, NEAR_WHOLE = 1e-6, 1e-4
-"""As :data:`cnc.gcode.syntax.arithmetic.NEAR` and :data:`cnc.gcode.syntax.words.NEAR_WHOLE`."""
-_QUADRANT = 90.0
-_LARGEST_EXPONENT = 709.0
-"""e to this power is a number. Results near the largest number are left to the interpreter."""
 
 
 class Code(NamedTuple):
@@ -100,72 +90,6 @@ class Code(NamedTuple):
 
     operation: Bytes
     number: Floats
-
-
-class Names(NamedTuple):
-    """Different names of parameters in a text.
-
-    Attributes:
-        begin: (names,) position of the first byte.
-        end: (names,) position after the last byte.
-        table: (a power of two,) hash table of indices of names, -1 for none.
-        used: (1,) number of names.
-    """
-
-    begin: Counts
-    end: Counts
-    table: Counts
-    used: Counts
-
-
-class Parameters(NamedTuple):
-    """Values of parameters.
-
-    Attributes:
-        numbered: (LAST_PARAMETER + 1,) values by number; NaN for one of the interpreter.
-        named: (slots,) values of named parameters; NaN for one of the interpreter.
-        slot: (names,) slot of each name of the text.
-    """
-
-    numbered: Floats
-    named: Floats
-    slot: Counts
-
-
-@njit
-def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
-    """Return the index of a name, which is added if it is new; -1 if the arrays are full."""
-    mixed = 0
-    for i in range(begin, end):
-        char = int(data[i])
-        if _A <= char <= _Z:
-            char |= _LOWER
-        mixed = ((mixed ^ char) * 16777619) & _HASH_MASK
-    places = len(names.table)
-    at = (mixed ^ (mixed >> 17)) & (places - 1)
-    while names.table[at] >= 0:
-        known = int(names.table[at])
-        first = int(names.begin[known])
-        same = int(names.end[known]) - first == end - begin
-        i = 0
-        while same and i < end - begin:
-            a, b = int(data[first + i]), int(data[begin + i])
-            if a != b:
-                a = a | _LOWER if _A <= a <= _Z else a
-                b = b | _LOWER if _A <= b <= _Z else b
-                same = a == b
-            i += 1
-        if same:
-            return known
-        at = (at + 1) & (places - 1)
-    new = int(names.used[0])
-    if new == len(names.begin):
-        return -1
-    names.table[at] = new
-    names.begin[new] = begin
-    names.end[new] = end
-    names.used[0] = new + 1
-    return new
 
 
 @njit
@@ -407,130 +331,3 @@ def compile_value(
         operators[height] = binary
         height += 1
     return -1, count
-
-
-@njit
-def _binary(operation: int, a: float, b: float) -> float:
-    """Return the result of a binary operator; NaN if there is none."""
-    if operation == ADD:
-        return a + b
-    if operation == SUBTRACT:
-        return a - b
-    if operation == MULTIPLY:
-        return a * b
-    if operation == DIVIDE:
-        return a / b if b != 0.0 else math.nan
-    if operation == MODULO:
-        # Never -0, and never negative.
-        return abs(a % abs(b)) if b != 0.0 else math.nan
-    if operation == POWER:
-        if (a == 0.0 and b < 0.0) or (a < 0.0 and b != np.floor(b)):
-            return math.nan
-        # Python raises an error where the result overflows.
-        if a != 0.0 and b * math.log(abs(a)) > _LARGEST_EXPONENT:
-            return math.nan
-        return math.pow(a, b)
-    if operation == ATAN:
-        return math.degrees(math.atan2(a, b))
-    if operation == EQ:
-        return 1.0 if abs(a - b) < NEAR else 0.0
-    if operation == NE:
-        return 0.0 if abs(a - b) < NEAR else 1.0
-    if operation == GT:
-        return 1.0 if a > b else 0.0
-    if operation == GE:
-        return 1.0 if a >= b else 0.0
-    if operation == LT:
-        return 1.0 if a < b else 0.0
-    if operation == LE:
-        return 1.0 if a <= b else 0.0
-    if operation == AND:
-        return 1.0 if a != 0.0 and b != 0.0 else 0.0
-    if operation == OR:
-        return 1.0 if a != 0.0 or b != 0.0 else 0.0
-    return 1.0 if (a != 0.0) != (b != 0.0) else 0.0
-
-
-@njit
-def _unary(operation: int, x: float) -> float:
-    """Return the result of a function of one number; NaN if there is none."""
-    if operation == MINUS:
-        return -x
-    if operation == ABS:
-        return abs(x)
-    if operation == COS or operation == SIN or operation == TAN:
-        if x % _QUADRANT == 0.0:
-            quarter = int(x / _QUADRANT % 4.0)
-            if operation == TAN:
-                return 0.0 if quarter % 2 == 0 else math.nan
-            if operation == COS:
-                quarter = (quarter + 1) % 4
-            return 0.0 if quarter % 2 == 0 else float(2 - quarter)
-        angle = math.radians(x)
-        if operation == SIN:
-            return math.sin(angle)
-        return math.cos(angle) if operation == COS else math.tan(angle)
-    if operation == ACOS or operation == ASIN:
-        if not -1.0 <= x <= 1.0:
-            return math.nan
-        return math.degrees(math.acos(x) if operation == ACOS else math.asin(x))
-    if operation == EXP:
-        return math.exp(x) if x <= _LARGEST_EXPONENT else math.nan
-    if operation == LN:
-        return math.log(x) if x > 0.0 else math.nan
-    if operation == SQRT:
-        return math.sqrt(x) if x >= 0.0 else math.nan
-    if operation == FIX:
-        return np.floor(x) + 0.0  # not -0
-    if operation == FUP:
-        return np.ceil(x) + 0.0
-    below = np.floor(abs(x))
-    return math.copysign(below + 1.0 if abs(x) - below >= 0.5 else below, x)
-
-
-@njit
-def number_of(value: float) -> int:
-    """Return the number of a parameter from a computed value; 0 for one of the interpreter."""
-    if not 0.5 < value < LAST_PARAMETER + 0.5:
-        return 0
-    whole = int(value + 0.5)
-    return whole if abs(value - whole) <= NEAR_WHOLE else 0
-
-
-@njit
-def evaluate(code: Code, at: int, end: int, parameters: Parameters, stack: Floats) -> float:
-    """Return the value of instructions, or NaN if the interpreter must compute it.
-
-    Args:
-        code: The instructions of the text.
-        at: The first instruction.
-        end: The instruction after the last.
-        parameters: The parameters.
-        stack: (MOST_VALUES,) scratch space.
-    """
-    height = 0
-    for k in range(at, end):
-        operation = int(code.operation[k])
-        if operation == NUMBER:
-            stack[height] = code.number[k]
-            height += 1
-            continue
-        if operation == PARAMETER:
-            result = parameters.numbered[int(code.number[k])]
-            height += 1
-        elif operation == NAMED:
-            result = parameters.named[parameters.slot[int(code.number[k])]]
-            height += 1
-        elif operation == INDIRECT:
-            index = number_of(stack[height - 1])
-            result = parameters.numbered[index] if index else math.nan
-        elif ADD <= operation <= XOR or operation == ATAN:
-            height -= 1
-            result = _binary(operation, stack[height - 1], stack[height])
-        else:
-            result = _unary(operation, stack[height - 1])
-        # NaN, too, is not finite.
-        if not -math.inf < result < math.inf:
-            return math.nan
-        stack[height - 1] = result
-    return stack[0]

@@ -6,8 +6,6 @@ enters them into a table; from then on they are executed here.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,142 +18,37 @@ from cnc.kernels.gcode.coding import (
     WORDS,
     Coded,
 )
-from cnc.kernels.gcode.expressions import (
-    MOST_VALUES,
-    NAMED,
-    PARAMETER,
-    Parameters,
-    evaluate,
-    number_of,
+from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
+from cnc.kernels.gcode.expressions import MOST_VALUES, NAMED, PARAMETER
+from cnc.kernels.gcode.line import execute_line
+from cnc.kernels.gcode.program_text import (
+    DO,
+    DO_WHILE,
+    END_REPEAT,
+    END_WHILE,
+    IF,
+    JUMP,
+    LAST_LOCAL,
+    LEFT_OUT,
+    NOWHERE,
+    REPEAT,
+    RETURN,
+    WHILE,
+    Changes,
+    Control,
+    Frames,
+    Progress,
+    Text,
 )
-from cnc.kernels.gcode.line import (
-    BOUNDARY,
-    MOST_OTHERS,
-    MOST_ROWS,
-    Record,
-    Rows,
-    Setup,
-    execute_line,
-)
-from cnc.kernels.gcode.scanner import Words
+from cnc.kernels.gcode.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
 from cnc.kernels.jit import njit
 
-Bytes = NDArray[np.uint8]
-Counts = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
-Table = NDArray[np.float64]
-Flags = NDArray[np.uint8]
 
-Progress = Any
-
-LAST_LOCAL = 30
-"""Highest number of a parameter that belongs to its call."""
-
-LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
-RETURN = 9
-"""Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
 MAX_NUMBER = 1e9
 """As :data:`cnc.gcode.syntax.words.MAX_NUMBER`."""
 _MOST_ROUNDS = 1e15
-NOWHERE = -(1 << 40)
-"""No line."""
-
-PROGRESS = np.dtype(
-    [
-        ("first", np.int64),
-        ("index", np.int64),
-        ("done", np.int64),
-        ("executed", np.int64),
-        ("new", np.int64),
-        ("highest", np.int64),
-        ("most_repeated", np.int64),
-        ("most_done", np.int64),
-        ("begun", np.int64),
-        ("last", np.int64),
-        ("depth", np.int64),
-        ("deepest", np.int64),
-        ("marks", np.int64),
-        ("scope", np.int64),
-        ("returned", np.int64),
-        ("value", np.float64),
-    ]
-)
-"""Progress: number of the first line of the text, index of the next line, lines executed in this
-call and in all, lines executed for the first time, index of the highest line that was ever
-executed, the limits of lines that are repeated and of lines of a call, whether a word was executed,
-index of the last line that was no control line, calls within each other, the limit of these,
-whether calls of the main program are marked, index of the first line of the subroutine around all
-(-1 for none), whether a call or return was executed, and the value of the last return (NaN for
-none).
-"""
-
-
-class Control(NamedTuple):
-    """What the interpreter knows about the control lines of a text.
-
-    Attributes:
-        action: (lines,) actions.
-        target: (lines,) index of the line to continue at: of JUMP, after a WHILE or REPEAT that is
-            left, at the else of an IF, at the beginning of a loop that is repeated.
-        other: (lines,) index of the next elseif of an IF (-1 for none), or of the first line of the
-            loop that the line ends, or of the subroutine that it ends (-1 for any).
-        since: (lines,) number of executed lines when a loop was entered; -1 for not in this call.
-        rounds: (lines,) rounds left of a REPEAT; 0 if it was not entered.
-        sub: (labels,) index of the first line of each subroutine; -1 for an unknown one.
-    """
-
-    action: Bytes
-    target: Counts
-    other: Counts
-    since: Ints
-    rounds: Ints
-    sub: Counts
-
-
-class Text(NamedTuple):
-    """The lines of a text.
-
-    Attributes:
-        first: (lines + 1,) index of the first word of each simple line.
-        words: The words of simple lines.
-        coded: The other lines.
-        control: The control lines.
-    """
-
-    first: Counts
-    words: Words
-    coded: Coded
-    control: Control
-
-
-class Frames(NamedTuple):
-    """Calls within each other, and what they restore; n calls, m names of the text.
-
-    Attributes:
-        back: (n,) index of the line after the call.
-        sub: (n,) index of the first line of the subroutine.
-        numbered: (n, LAST_LOCAL + 1) local parameters of the caller.
-        numbered_changes: (n, LAST_LOCAL + 1) their flags.
-        slot: (m,) slots of the names that are not global.
-        named: (n, m) the caller's values of these names.
-        named_changes: (n, m) their flags.
-    """
-
-    back: Ints
-    sub: Ints
-    numbered: Table
-    numbered_changes: Flags
-    slot: Counts
-    named: Table
-    named_changes: Flags
-
-
-class Changes(NamedTuple):
-    """Flags of the parameters that were set: by number, and by slot of their name."""
-
-    numbered: Bytes
-    named: Bytes
 
 
 @njit
@@ -166,7 +59,7 @@ def _assign(
     """Execute the assignments of a line: all values are computed before the first is set."""
     code = coded.code
     for item in range(a, b, 2):
-        first, last = coded.begin[item], coded.end[item]
+        first, last = int(coded.begin[item]), int(coded.end[item])
         operation = int(code.operation[last - 1])
         if operation == NAMED:
             slot = parameters.slot[int(code.number[last - 1])]
@@ -174,10 +67,12 @@ def _assign(
             if changes.named[slot] > 1:
                 return False
         else:
-            place = int(code.number[last - 1])
-            if operation != PARAMETER:
-                # The last instruction reads the parameter; the others compute its number.
-                place = number_of(evaluate(code, first, last - 1, parameters, stack))
+            # The last instruction reads the parameter; the others compute its number.
+            place = (
+                int(code.number[last - 1])
+                if operation == PARAMETER
+                else number_of(evaluate(code, first, last - 1, parameters, stack))
+            )
             if place <= 0 or changes.numbered[place] > 1:
                 return False
         value = evaluate(code, coded.begin[item + 1], coded.end[item + 1], parameters, stack)
@@ -350,7 +245,7 @@ def run(
         rows: Takes the rows.
         progress: The line to begin at and the limits, brought up to date.
     """
-    first, words, coded, control = text
+    first, words, coded, control = text.first, text.words, text.coded, text.control
     stack, values = np.empty(MOST_VALUES), np.empty(MOST_ITEMS)
     places = np.empty(MOST_ITEMS, np.int64)
     here, now = progress[0], state[0]
@@ -358,12 +253,12 @@ def run(
     executed, highest, new = int(here["executed"]), int(here["highest"]), int(here["new"])
     while 0 <= k < len(coded.kind) and done < here["most_done"]:
         kind = int(coded.kind[k])
-        is_new = int(k > highest)
+        line = int(text.line[k])
+        is_new = int(line > highest)
         # A line counts as executed before it is.
         full = now["rows"] + MOST_ROWS > len(rows.kinds) or now["others"] >= MOST_OTHERS
         if full or executed + 1 - new - is_new > here["most_repeated"]:
             break
-        line = int(here["first"]) + k
         after = k + 1
         if kind == SIMPLE:
             a, b = first[k], first[k + 1]
@@ -386,7 +281,7 @@ def run(
                 if after == NOWHERE:
                     break
                 if here["marks"] and here["depth"] == 0:
-                    _mark(rows, state, int(here["first"]) + after - 1, False)
+                    _mark(rows, state, int(text.line[after - 1]), False)
             else:
                 after = _next_line(k, executed + 1, coded, control, parameters, stack)
                 if after == NOWHERE:
@@ -405,10 +300,10 @@ def run(
                 break
             begun |= int(kind == NUMBERED_ASSIGNMENT)
         if after == k + 1 and kind != CONTROL and (kind != SIMPLE or first[k] < first[k + 1]):
-            here["last"] = k
+            here["last"] = line
         executed += 1
         new += is_new
-        highest = max(highest, k)
+        highest = max(highest, line)
         k = after
         done += 1
     here["index"], here["done"], here["begun"] = k, done, begun

@@ -48,6 +48,7 @@ import math
 from typing import NamedTuple
 
 from cnc.kernels.jit import njit
+from cnc.kernels.papers.nurbs_slowing import TOLERANCE, fill_speeds, slowing_distance
 from cnc.kernels.path.curve import U0, U1, Floats, curve_eval
 from cnc.kernels.path.pieces import Pieces
 
@@ -58,10 +59,6 @@ look-ahead never came to an end.
 SECANTS, CORRECTIONS = 8, 60
 """Equation 5 is used at most SECANTS times. From then on the step in u is doubled until there is a
 bracket, and that is halved; CORRECTIONS is the limit for both.
-"""
-TOLERANCE = 1e-6
-"""By this part a speed may fall more than T A before the look-ahead goes back: rounding is no
-reason.
 """
 TRIES = 16
 """Largest mean number of times that a sample is made."""
@@ -326,10 +323,10 @@ def interpolate(
             distance = 0.0 if falling else made
             low = v if falling else 0.5 * most
             j = i
-            while j > 0 and _slowing(step[j] / period, low, most, period) > distance:
+            while j > 0 and slowing_distance(step[j] / period, low, most, period) > distance:
                 distance += chord[j]
                 j -= 1
-            queued = _fill(step[j] / period, low, most, period, distance, not falling, queue)
+            queued = fill_speeds(step[j] / period, low, most, period, distance, not falling, queue)
             owed = 0.0
             falling = False
             backs += 1
@@ -352,51 +349,3 @@ def interpolate(
         if outcome == DONE and tried > TRIES * rows:
             outcome = STUCK
     return outcome, i + 1, backs
-
-
-@njit
-def _periods(v: float, low: float, most: float) -> int:
-    """Return the number of periods from v down to ``low``, by at most ``most`` each; at least 1."""
-    return max(math.ceil((v - low) / most * (1.0 - TOLERANCE)), 1)
-
-
-@njit
-def _slowing(v: float, low: float, most: float, period: float) -> float:
-    """Return the distance of these periods: steps of v - dv, v - 2 dv .. low."""
-    n = _periods(v, low, most)
-    return period * (n * low + 0.5 * (n - 1) * (v - low)) if v > low else period * low
-
-
-@njit
-def _fill(
-    v: float, low: float, most: float, period: float, distance: float, arrives: bool, queue: Floats
-) -> int:
-    """Write speeds from v at B down to ``low`` at A, ``distance`` mm ahead, into ``queue``.
-
-    The last speed comes first. arrives: A is the end of the curve.
-
-    Returns:
-        The number of speeds.
-    """
-    n = _periods(v, low, most) if v > low else 0
-    rest = distance - (_slowing(v, low, most, period) if n > 0 else 0.0)
-    fast = max(v, low)
-    whole = min(int(rest / (fast * period)), queue.shape[0] - n - 1) if rest > 0.0 else 0
-    odd = rest / period - whole * fast
-    count = 0
-    placed = odd < (0.0 if arrives else low)
-    for k in range(n):
-        speed = low + k * (v - low) / n
-        if not placed and odd <= speed:
-            queue[count] = odd
-            count += 1
-            placed = True
-        queue[count] = speed
-        count += 1
-    if not placed:
-        queue[count] = odd
-        count += 1
-    for _ in range(whole):
-        queue[count] = fast
-        count += 1
-    return count

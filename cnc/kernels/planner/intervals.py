@@ -36,6 +36,7 @@ class Intervals(NamedTuple):
         flat: (n,) bool: crossed at constant speed. A stop is a flat interval of length 0 and
             speed 0.
         share: (n,): share of the limits of acceleration and jerk that the motion may use.
+        reliable: (n,): speed up to which the samples show the path closely enough, mm/s.
         sampled: (n, 2): arc lengths of the first and the last sample, mm.
         samples: (n, SAMPLES, 3, axes): the first three derivatives of the path by arc length.
     """
@@ -47,6 +48,7 @@ class Intervals(NamedTuple):
     jerk: Floats
     flat: NDArray[np.bool_]
     share: Floats
+    reliable: Floats
     sampled: Floats
     samples: Floats
 

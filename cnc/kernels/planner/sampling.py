@@ -92,15 +92,15 @@ def sample(pieces: Pieces, k: int, start: float, end: float, q: Floats) -> None:
 
 
 @njit
-def bounds_vary(sampling: Sampling, v: float, spacing: float, limits: LimitArrays) -> bool:
-    """Return whether an interval is too long for constant bounds at speeds up to ``v``.
+def sampled_speed(sampling: Sampling, spacing: float, limits: LimitArrays) -> float:
+    """Return the speed up to which an interval is short enough for constant bounds, mm/s.
 
-    Besides the variation of the samples this estimates the variation between them: by the
-    trapezoidal rule, the integral of a derivative must be the change of the derivative below it.
+    It is 0 if the interval is too long at any speed. Besides the variation of the samples this
+    estimates the variation between them: by the trapezoidal rule, the integral of a derivative must
+    be the change of the derivative below it.
 
     Args:
         sampling: samples of the interval.
-        v: mm/s.
         spacing: distance of the samples, mm.
         limits: of the machine.
     """
@@ -116,28 +116,32 @@ def bounds_vary(sampling: Sampling, v: float, spacing: float, limits: LimitArray
         per_axis = per_axis or axis_a[i] < math.inf or axis_j[i] < math.inf
     brief = not per_axis and (SAMPLES - 1) * spacing < lowest * limits.period
     if highest - lowest > (BRIEF_VARIATION if brief else VARIATION) * lowest:
-        return True
+        return 0.0
     turn = TURN / (SAMPLES - 1) if per_axis else TURN
-    normal_a = limits.normal_acceleration
-    for m in range(1, SAMPLES):
-        for i in range(q.shape[2]):
+    # The largest variations of acceleration and jerk, per v^2 and v^3, relative to the limits.
+    by_v2 = 0.0
+    by_v3 = 0.0
+    for i in range(q.shape[2]):
+        least_a = min(limits.normal_acceleration, axis_a[i])
+        for m in range(1, SAMPLES):
             if abs(q[m, 1, i] - q[m - 1, 1, i]) > turn:
-                return True
-            if abs(abs(q[m, 2, i]) - abs(q[m - 1, 2, i])) * v * v > VARIATION * axis_a[i]:
-                return True
-            if abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) * v * v * v > VARIATION * axis_j[i]:
-                return True
+                return 0.0
+            by_v2 = max(by_v2, abs(abs(q[m, 2, i]) - abs(q[m - 1, 2, i])) / axis_a[i])
+            by_v3 = max(by_v3, abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) / axis_j[i])
             unseen = 1.5 * abs(
                 (q[m, 1, i] - q[m - 1, 1, i]) / spacing - 0.5 * (q[m, 2, i] + q[m - 1, 2, i])
             )
-            if unseen * v * v > VARIATION * min(normal_a, axis_a[i]):
-                return True
+            by_v2 = max(by_v2, unseen / least_a)
             unseen = 1.5 * abs(
                 (q[m, 2, i] - q[m - 1, 2, i]) / spacing - 0.5 * (q[m, 3, i] + q[m - 1, 3, i])
             )
-            if unseen * v * v * v > VARIATION * axis_j[i]:
-                return True
-    return False
+            by_v3 = max(by_v3, unseen / axis_j[i])
+    v = math.inf
+    if by_v2 > 0.0:
+        v = math.sqrt(VARIATION / by_v2)
+    if by_v3 > 0.0:
+        v = min(v, (VARIATION / by_v3) ** (1.0 / 3.0))
+    return v
 
 
 @njit

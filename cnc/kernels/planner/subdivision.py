@@ -29,9 +29,9 @@ from cnc.kernels.planner.limits import (
 from cnc.kernels.planner.sampling import (
     Sampling,
     bound_derivatives,
-    bounds_vary,
     lowest_between,
     sample,
+    sampled_speed,
     tangential_bounds,
 )
 from cnc.kernels.planner.scurve import reachable_speed
@@ -46,7 +46,7 @@ at two samples may be below it between them.
 
 REFINED = 2.0
 """The refinement may cross an interval this much faster than the bound that leaves acceleration for
-any direction. The interval is cut for that speed.
+any direction. The interval is cut for that speed. Faster motion is compared with the path itself.
 """
 
 BENT_SHARE = 1.0 / 16.0
@@ -179,6 +179,7 @@ def chunk_intervals(
     before: Junction,
     after: Junction,
     limits: LimitArrays,
+    refined: float,
     out: Intervals,
 ) -> int:
     """Cut the pieces of a chunk of path into intervals with constant bounds.
@@ -191,6 +192,8 @@ def chunk_intervals(
         before: the junction with the chunk before.
         after: the junction with the chunk behind.
         limits: of the machine.
+        refined: an interval is cut for this times the speed bound that leaves acceleration for any
+            direction: the refinement may cross it so much faster.
         out: space for the intervals. Arc lengths are measured from the start of the chunk.
 
     Returns:
@@ -231,14 +234,16 @@ def chunk_intervals(
             end = min(start + step, limit)
             if limit - end < 1e-9 * whole:
                 end = limit
+            reliable = math.inf
             while True:
                 sample(pieces, k, start, end, q)
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
                 if line or end - start <= SHORTEST:
                     break
-                spacing = (end - start) / (SAMPLES - 1)
-                if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
+                reliable = sampled_speed(sampling, (end - start) / (SAMPLES - 1), limits)
+                if reliable > 0.0 and reliable >= min(top, refined * v):
                     break
+                reliable = math.inf
                 end = start + 0.5 * (end - start)
             if end - start <= SHORTEST and (
                 (entry.speed == 0.0 and start == 0.0 and is_sharp(data, at, q[0]))
@@ -256,6 +261,7 @@ def chunk_intervals(
             count = write_interval(
                 base + start, base + end, v, top, flat, share, sampling, limits, out, count
             )
+            out.reliable[count - 1] = reliable
             start = end
         base += whole
         if leave.flat and leave.speed == 0.0:
@@ -269,5 +275,6 @@ def chunk_intervals(
             sampling.second[:] = 0.0
             sampling.third[:] = 0.0
             count = write_interval(base, base, 0.0, 0.0, True, 1.0, sampling, limits, out, count)
+            out.reliable[count - 1] = math.inf
         entry = leave
     return count

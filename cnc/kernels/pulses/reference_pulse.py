@@ -111,6 +111,7 @@ def pulses(
     buffers: Buffers,
     filled: int,
     min_pulse_ns: float,
+    min_row_ns: float,
 ) -> int:
     """Fill the buffers with the next grid moves of a plan chunk.
 
@@ -125,8 +126,8 @@ def pulses(
         state: (1,) STATE, kept from call to call.
         buffers: the buffers.
         filled: number of rows that they hold.
-        min_pulse_ns: rows come no faster; an axis that steps back sooner after a step makes neither
-            step.
+        min_pulse_ns: an axis that steps back sooner after a step makes neither step.
+        min_row_ns: rows come no faster.
 
     Returns:
         The number of rows in the buffers.
@@ -188,7 +189,7 @@ def pulses(
     now["piece"] = index
     _times(plan, state, filled, rows, moves.s, buffers.time_ns)
     rows = without_grazes(filled, rows, buffers, min_pulse_ns)
-    return spaced(rows, now["released_ns"], buffers, min_pulse_ns)
+    return spaced(rows, now["released_ns"], buffers, min_row_ns)
 
 
 @njit

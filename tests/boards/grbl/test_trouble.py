@@ -7,78 +7,28 @@ from collections.abc import Callable
 
 import pytest
 
-from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.events import SentLine
 from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
 from cnc.boards.grbl.protocol import State
 from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Swallow, Unplug
+from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.status import Status
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
-from cnc.model.operator_control import Control
-from tests.support.boards.grbl_rig import LATEST, MACHINE, ROUTER
+from tests.support.boards.grbl_rig import LATEST, ROUTER
+from tests.support.boards.grbl_wire import (
+    PROGRAM,
+    assert_at_rest,
+    fault,
+    life,
+    started,
+)
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
-from tests.support.boards.line_reader import lines_with_effects
 from tests.support.soak import share
 
-PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
 END = (4.5, 3.25, 0.0)
-
-
-class Wire:
-    """A port that may change bytes: ``heard`` of the board, ``said`` of the driver."""
-
-    def __init__(self, simulator: GrblSimulator) -> None:
-        self.port = GrblSimulatorPort(simulator)
-        self.clock = self.port.clock
-        self.heard: Callable[[bytes], bytes] = lambda data: data
-        self.said: Callable[[bytes], bytes] = lambda data: data
-
-    def read(self, timeout: float) -> bytes:
-        return self.heard(self.port.read(timeout))
-
-    def write(self, data: bytes) -> None:
-        self.port.write(self.said(data))
-
-    def raise_lines(self) -> bool:
-        return self.port.raise_lines()
-
-    def close(self) -> None:
-        self.port.close()
-
-
-def connected(simulator: GrblSimulator) -> tuple[GrblBoard, Wire]:
-    wire = Wire(simulator)
-    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
-    board.connect()
-    return board, wire
-
-
-def started(simulator: GrblSimulator, control: Control | None = None) -> tuple[GrblBoard, Wire]:
-    board, wire = connected(simulator)
-    board.connect_operator(control or Control(), lambda: None)
-    board.start(ORIGIN)
-    return board, wire
-
-
-def fault(board: GrblBoard, *lines: str) -> BoardError | None:
-    """Return the fault in which a program ends."""
-    try:
-        feed(board, *lines)
-        board.finish()
-    except BoardError as error:
-        return error
-    return None
-
-
-def assert_at_rest(simulator: GrblSimulator) -> bool:
-    stands, moved = simulator.position, len(simulator.moves)
-    simulator.advance(simulator.now + 10.0)
-    return (simulator.position, len(simulator.moves)) == (stands, moved)
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double", "noise"])
@@ -209,113 +159,6 @@ def test_a_board_lost_at_any_time_is_reported(
         ), seed
 
 
-def life(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
-    """Connect a board and run lines; the operator resumes two seconds after each pause."""
-    control = Control()
-    held: list[float] = []
-
-    def operate() -> None:
-        if control.held:
-            held.append(simulator.now)
-            if simulator.now > held[0] + 2.0:
-                held.clear()
-                control.resume()
-
-    try:
-        board, _ = connected(simulator)
-        board.connect_operator(control, operate)
-        board.start(ORIGIN)
-        for line in lines_with_effects(lines):
-            board.send_line(line)
-            if line.text.startswith("G38"):
-                board.execute(Dwell("p.nc", line.line, 0.0), 0)
-        board.finish()
-    except BoardError as error:
-        return error
-    return None
-
-
-def test_a_lost_answer_to_an_offset_is_found() -> None:
-    simulator = GrblSimulator()
-    board, _ = started(simulator)
-    feed(board, PREAMBLE, "G1 X1 F400")
-    board.execute(Dwell("p.nc", 2, 0.0), 0)
-    struck = simulator.now
-    simulator.inject(Swallow())
-    error = fault(board, "G10 L2 P2 X5")
-    assert error is not None
-    assert error.diagnostic.code == "reply-missing"
-    assert simulator.now - struck <= LATEST
-
-
-@pytest.mark.parametrize("arrives", [b"", b"\n", b"$"])
-def test_a_lost_homing_command_is_found(arrives: bytes) -> None:
-    simulator = GrblSimulator(settings={22: 1})
-    board, wire = started(simulator)
-    wire.said = lambda data: arrives if data == b"$H\n" else data
-    struck = simulator.now
-    error = fault(board, "$H")
-    assert error is not None
-    assert error.diagnostic.code in ("reply-missing", "board-locked")
-    assert simulator.now - struck <= LATEST
-    assert not simulator.moves
-
-
-def test_endless_noise_is_not_an_answer() -> None:
-    simulator = GrblSimulator()
-    board, wire = started(simulator)
-    feed(board, *PROGRAM[:4])
-    struck = simulator.now
-    wire.heard = lambda data: b"\xff\x00x\n" * 20
-    error = fault(board, *PROGRAM)
-    assert error is not None
-    assert error.diagnostic.code == "board-silent"
-    assert simulator.now - struck <= LATEST
-
-
-@pytest.mark.parametrize("text", [b"$I\n", b"$$\n", b"$#\n"])
-def test_a_board_that_starts_twice_is_connected(text: bytes) -> None:
-    simulator = GrblSimulator()
-    wire = Wire(simulator)
-    again = [text]
-
-    def restart(data: bytes) -> bytes:
-        if data in again:
-            again.remove(data)
-            simulator.power_up(0.5)
-        return data
-
-    wire.said = restart
-    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
-    board.connect()
-    assert not again
-    assert board.info.rx_bytes == 128
-    assert len(board.position) == 3
-
-
-def test_answers_from_before_are_ignored() -> None:
-    simulator = GrblSimulator()
-    wire = Wire(simulator)
-    extra = [b"ok\r\nok\r\n"]
-    wire.heard = lambda data: data + extra.pop() if b"help]" in data and extra else data
-    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
-    board.connect()
-    board.start(ORIGIN)
-    assert fault(board, *PROGRAM[:3]) is None
-
-
-def test_an_extra_answer_stops_the_run() -> None:
-    simulator = GrblSimulator()
-    board, wire = started(simulator)
-    feed(board, *PROGRAM[:2])
-    extra = [b"ok\r\n"]
-    wire.heard = lambda data: data + extra.pop() if data and extra else data
-    error = fault(board, *PROGRAM[2:])
-    assert error is not None
-    assert error.diagnostic.code == "reply-lost"
-    assert assert_at_rest(simulator)
-
-
 def test_a_failed_protocol_never_waits() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
@@ -429,25 +272,6 @@ def test_reports_of_every_kind_are_tracked(
     assert error is not None
     assert error.diagnostic.code == "off-path"
     assert assert_at_rest(simulator)
-
-
-@pytest.mark.parametrize("late", [0.05, 0.3])
-def test_late_answers_are_not_a_fault(late: float) -> None:
-    """A radio link, a hub, or a busy computer."""
-    simulator = GrblSimulator()
-    board, wire = started(simulator)
-    waiting: list[tuple[float, bytes]] = []
-
-    def delayed(data: bytes) -> bytes:
-        if data:
-            waiting.append((simulator.now + late, data))
-        due = [each for each in waiting if each[0] <= simulator.now]
-        del waiting[: len(due)]
-        return b"".join(each[1] for each in due)
-
-    wire.heard = delayed
-    assert fault(board, *PROGRAM) is None
-    assert board.position == pytest.approx(simulator.position, abs=0.003)
 
 
 def test_a_board_in_state_run_without_motion_is_stuck() -> None:

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.stepper.frames import crc16, frame, unframed
+from cnc.boards.crc import crc16
+from cnc.boards.stepper.frames import frame, unframed
 from cnc.boards.stepper.protocol import (
     HELLO_SEQUENCE,
     MAX_FRAME,

@@ -13,8 +13,9 @@ import pytest
 
 from cnc.gcode.program.call_stack import Limits
 from cnc.model.diagnostics import GcodeError
-from tests.gcode.program.test_flow import xs
-from tests.support.gcode.flow_author import Author, Evaluator, MacroB, OWords, Program
+from tests.support.gcode.flow_author import Author, Evaluator, Program
+from tests.support.gcode.flow_moves import xs
+from tests.support.gcode.flow_writers import MacroB, OWords
 from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.gcode.program.test_flow import xs
+from tests.support.gcode.flow_moves import xs
 
 LETTERS = "A1 B2 C3 D7 E8 F9 H11 I4 J5 K6 M13 Q17 R18 S19 T20 U21 V22 W23 X24 Y25 Z26"
 """Argument list I: the variable of each letter."""

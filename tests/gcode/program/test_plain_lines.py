@@ -193,9 +193,9 @@ def test_polylines_are_cut_at_the_same_moves() -> None:
         assert found.runs == len(lines)
 
 
-@pytest.mark.parametrize("mode", ["G93", "G95", "G10 L2 P1 R10", "G81 X1 Z1 R2"])
+@pytest.mark.parametrize("mode", ["G93", "G95", "G10 L2 P1 R10", "G86 X1 Z1 R2 P1"])
 def test_unsupported_modes_are_left_to_the_interpreter(mode: str) -> None:
-    found = both(["F100 S100 M3", "G1", mode, *["X1 F5"] * 20])
+    found = both(["F100 S100 M3", "G1 Z9", mode, *["X1 F5"] * 20])
     assert found.runs == 2
 
 

@@ -12,6 +12,9 @@ import pytest
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax, parse_line
 from cnc.kernels.gcode import expressions as kernel
+from cnc.kernels.gcode.evaluation import Parameters as Values
+from cnc.kernels.gcode.evaluation import evaluate
+from cnc.kernels.gcode.names import Names
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.expression_cases import grow, spell
 from tests.support.soak import share
@@ -40,7 +43,7 @@ def compiled(text: str) -> float | None:
     data = np.frombuffer(text.encode(), np.uint8)
     size = len(data) + 1
     code = kernel.Code(np.zeros(size, np.uint8), np.zeros(size))
-    names = kernel.Names(
+    names = Names(
         np.zeros(size, np.int32),
         np.zeros(size, np.int32),
         np.full(1024, -1, np.int32),
@@ -57,8 +60,8 @@ def compiled(text: str) -> float | None:
     spans = zip(names.begin.tolist(), names.end.tolist(), strict=True)
     named = [KNOWN.get(text[begin:end].lower(), math.nan) for begin, end in spans]
     slots = np.arange(size, dtype=np.int32)
-    known = kernel.Parameters(numbered, np.array(named), slots)
-    return kernel.evaluate(code, 0, count, known, np.zeros(kernel.MOST_VALUES))
+    known = Values(numbered, np.array(named), slots)
+    return evaluate(code, 0, count, known, np.zeros(kernel.MOST_VALUES))
 
 
 def bits(value: float) -> bytes:

@@ -42,7 +42,7 @@ CASES: dict[str, tuple[str, str]] = {
     "letter of another alphabet": ("character-unknown", "G0 ¦\u0425 1"),
     "digit of another alphabet": ("character-unknown", "G0 X¦\u0663"),
     "long s is no S": ("character-unknown", "¦\u017f100 M3"),
-    "question mark": ("character-unknown", "¦?"),
+    "question mark": ("character-unknown", "X1 ¦?"),
     "checksum": ("expression-without-brackets", "G0 X1¦*71"),
     "exponent": ("word-unused", "G0 X1¦E5"),
     "subprogram": ("sub-not-closed", "¦o100 sub"),
@@ -280,7 +280,8 @@ NO_ERRORS = """
 arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time
 latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-change tool-length
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
-not-needed
+not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
+s-until
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.syntax.parameters import SYSTEM, Parameters, read_parameters, write_parameters
+from cnc.gcode.syntax.parameter_file import read_parameters, write_parameters
+from cnc.gcode.syntax.parameters import SYSTEM, Parameters
 from cnc.model.diagnostics import GcodeError, UsageError
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.events import Started
+from cnc.boards.grbl.protocol import GrblProtocol
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.machine.load import load_machine
@@ -17,6 +19,14 @@ ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
 """Settings of a hobby router: moves of some mm take a third of a second, not seconds."""
 LATEST = 5.0
 """Longest time from a fault to its report, s."""
+WELCOME = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+
+
+def ready() -> GrblProtocol:
+    """Return the protocol of a board that has started."""
+    protocol = GrblProtocol()
+    assert [type(event) for event in protocol.receive(WELCOME)] == [Started]
+    return protocol
 
 
 def connected(simulator: GrblSimulator) -> GrblBoard:

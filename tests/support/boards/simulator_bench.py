@@ -7,6 +7,19 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 
 BYTE = 10 / 115200
 """Time of a byte on the wire, s."""
+HOMING = {
+    20: 1.0,
+    22: 1.0,
+    25: 5000.0,
+    24: 500.0,
+    110: 5000.0,
+    111: 5000.0,
+    112: 5000.0,
+    120: 500.0,
+    121: 500.0,
+    122: 500.0,
+}
+"""Settings of a fast machine that can home."""
 
 
 class Bench:

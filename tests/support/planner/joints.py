@@ -14,7 +14,8 @@ from itertools import product
 
 import numpy as np
 
-from cnc.machine.models import Axis, Board, Machine, PathLimits
+from cnc.machine.board import Board
+from cnc.machine.models import Axis, Machine, PathLimits
 
 KINDS = ("G0", "G1", "arc", "NURBS")
 JOINTS = ("collinear", "reversed", "corner", "tangent")

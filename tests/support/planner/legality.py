@@ -14,93 +14,34 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 
-from cnc.api import Outputs, RunOptions, check, start_position
+from cnc.api import Outputs, RunOptions, check
 from cnc.machine.models import Machine
+from tests.support.planner.programmed_path import (
+    Piece,
+    distances_from_segments,
+    lengths,
+    programmed,
+)
+from tests.support.planner.trace_rows import (
+    ALLOWED,
+    NEVER,
+    Override,
+    feed_in_force,
+    pieces_of_rows,
+    range_max,
+    time_to_let_go,
+)
 
-ALLOWED = 1e-3
-"""Relative; a value may exceed its limit by this."""
 APART = 1e-6
 """mm; a point may be this much farther from the path than the tolerance."""
 NOISE = 1e-12
 """mm; error of a position, from the accuracy of the arc length and from rounding."""
-SLICES_S, SLICES_LENGTH = 0.2, 0.02
-"""s, mm; an operator's request may take effect this late. The length counts for slow motion."""
-WINDOW = 4
-"""A row may belong to so many more programmed pieces before and after its source line."""
-PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
-
-
-@dataclass
-class Piece:
-    """A programmed move.
-
-    ``curve`` maps u of 0..1 (n,) to points (n, axes); it is None for a straight move.
-    """
-
-    line: int
-    feed: float
-    tolerance: float
-    start: np.ndarray
-    end: np.ndarray
-    curve: Callable[[np.ndarray], np.ndarray] | None = None
-    corners: tuple[float, ...] = ()
-
-    def points(self, count: int) -> np.ndarray:
-        """Return points along a curve, and its possible corners."""
-        u = np.unique(np.concatenate((np.linspace(0.0, 1.0, count), self.corners)))
-        return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
-
-    def distance(self, points: np.ndarray, *, everywhere: bool = False) -> np.ndarray:
-        """Return the distance of points from the curve.
-
-        The nearest of many chords, even in u and along the curve, are found first; golden sections
-        between their ends follow. The nearest chords are those of the nearest ends of chords,
-        unless ``everywhere``. The two differ where the curve passes a point twice, once with
-        shorter chords.
-        """
-        u = np.linspace(0.0, 1.0, 4097)
-        along = np.concatenate(([0.0], np.cumsum(_lengths(np.diff(self.curve(u), axis=0)))))
-        u = np.unique(
-            np.concatenate(
-                (u, np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)
-            )
-        )
-        on = self.curve(u)
-        if everywhere:
-            chords = np.stack(
-                [
-                    np.argsort(
-                        _from_segments(np.broadcast_to(point, on[1:].shape), on[:-1], on[1:])
-                    )[:16]
-                    for point in points
-                ]
-            )
-        else:
-            _, near = cKDTree(on).query(points, k=8)
-            chords = np.clip(np.concatenate((near - 1, near), axis=1), 0, len(u) - 2)
-        apart = np.stack(
-            [_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T], axis=1
-        )
-        best = np.full(len(points), math.inf)
-        for rank in range(3):
-            chord = chords[np.arange(len(points)), np.argsort(apart, axis=1)[:, rank]]
-            low, high = u[chord], u[chord + 1]
-            for _ in range(40):
-                third = (high - low) * 0.381966
-                nearer = _lengths(self.curve(low + third) - points) < _lengths(
-                    self.curve(high - third) - points
-                )
-                low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
-            best = np.minimum(best, _lengths(self.curve(0.5 * (low + high)) - points))
-        return best
 
 
 @dataclass
@@ -144,11 +85,6 @@ def examine(
     return compare_files(blocks, trace, pulses, compared_with or machine, report.duration_s)
 
 
-Override = tuple[np.ndarray, np.ndarray]
-"""Machine times from which on feeds are scaled, the first of them 0, and the factors."""
-NEVER: Override = np.zeros(1), np.ones(1)
-
-
 def compare_files(
     blocks: Path,
     trace: Path,
@@ -176,111 +112,16 @@ def compare_files(
         found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
-    _check_clock(rows, np.load(pulses), machine, duration, found)
+    _check_clock(rows, np.load(pulses), machine.of_joints, duration, found)
     _check_limits(rows, machine, found)
+    tip = rows | {"position": rows.get("tool", rows["position"])}
+    _check_along(tip, machine, found)
     if path:
-        _check_path(rows, path, machine, override, found)
+        _check_path(tip, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
     return found
-
-
-def programmed(blocks: list[dict], machine: Machine) -> list[Piece]:
-    """Return the moves of a blocks file."""
-    axes = machine.axis_names
-    here, tolerance = np.array(start_position(machine), float), 0.0
-    pieces: list[Piece] = []
-
-    def add(
-        end: np.ndarray, curve: Callable | None = None, corners: tuple[float, ...] = ()
-    ) -> None:
-        nonlocal here
-        if curve is not None or (end != here).any():
-            feed = block.get("feed")
-            pieces.append(
-                Piece(
-                    block["line"],
-                    math.inf if feed is None else feed / 60.0,
-                    tolerance,
-                    here,
-                    end,
-                    curve,
-                    corners,
-                )
-            )
-        here = end
-
-    for block in blocks:
-        match block["kind"]:
-            case "path-mode":
-                tolerance = (
-                    (block["tolerance"] or machine.path.tolerance)
-                    if block["control"] == "blend"
-                    else 0.0
-                )
-            case "line" | "traverse" | "probe":
-                add(_place(block["end"], axes))
-            case "arc":
-                end = _place(block["end"], axes)
-                add(end, _arc(block, axes, here, end))
-            case "nurbs":
-                curve, corners = _nurbs(block, axes, here)
-                add(curve(np.ones(1))[0], curve, corners)
-    return pieces
-
-
-def _place(where: dict[str, float], axes: tuple[str, ...]) -> np.ndarray:
-    return np.array([where[axis] for axis in axes])
-
-
-def _arc(
-    block: dict, axes: tuple[str, ...], start: np.ndarray, end: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray]:
-    plane = [axes.index(axis) for axis in PLANES[block["plane"]]]
-    center = np.array([block["center"][axis] for axis in PLANES[block["plane"]]])
-    out, back = start[plane] - center, end[plane] - center
-    first, radii = math.atan2(out[1], out[0]), (math.hypot(*out), math.hypot(*back))
-
-    def curve(u: np.ndarray) -> np.ndarray:
-        points = start + u[:, None] * (end - start)
-        angle, radius = (
-            first + 2 * math.pi * block["turns"] * u,
-            radii[0] + (radii[1] - radii[0]) * u,
-        )
-        points[:, plane[0]], points[:, plane[1]] = (
-            center[0] + radius * np.cos(angle),
-            center[1] + radius * np.sin(angle),
-        )
-        return points
-
-    return curve
-
-
-def _nurbs(
-    block: dict, axes: tuple[str, ...], start: np.ndarray
-) -> tuple[Callable[[np.ndarray], np.ndarray], tuple[float, ...]]:
-    degree, knots, weights = block["degree"], np.array(block["knots"]), np.array(block["weights"])
-    points = np.tile(start, (len(weights), 1))
-    for column, axis in enumerate(block["axes"]):
-        points[:, axes.index(axis)] = np.array(block["control_points"])[:, column]
-    above, below = (
-        BSpline(knots, points * weights[:, None], degree),
-        BSpline(knots, weights, degree),
-    )
-    low, high = knots[degree], knots[-degree - 1]
-    # Just before a knot of full multiplicity the curve has another limit than at it.
-    inner = np.unique(knots[(knots > low) & (knots < high)])
-
-    def curve(u: np.ndarray) -> np.ndarray:
-        x = np.clip(low + u * (high - low), low, high)
-        return above(x) / below(x)[:, None]
-
-    return curve, tuple(((inner - low) / (high - low)).tolist())
-
-
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt((vectors**2).sum(axis=1))
 
 
 def _check_clock(
@@ -310,33 +151,52 @@ def _check_clock(
 
 
 def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
-    """Compare differences of the positions with the limits."""
-    period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
-    noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order
-        for order in (1, 2, 3)
-    ]
-    s_noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)
-    ]
+    """Compare differences of the positions of the joints with their limits."""
+    p = rows["position"]
+    noise = _noise(np.abs(p).max(initial=1.0), machine)
 
-    def note(
-        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
-    ) -> None:
-        if limit is not None:
-            found.ratios[name] = (
-                max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order])
-                / limit
-            )
-
-    for column, (letter, axis) in enumerate(machine.axes.items()):
+    for column, (letter, axis) in enumerate(machine.joint_tables.items()):
         limits = (axis.max_velocity, axis.max_acceleration, axis.max_jerk)
         for order, (name, limit) in enumerate(
             zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1
         ):
-            note(f"{name} of {letter}", np.diff(p[:, column], order), order, limit, noise)
+            values = np.diff(p[:, column], order)
+            _note(f"{name} of {letter}", values, order, limit, noise, machine, found)
+
+
+def _noise(largest: float, machine: Machine) -> list[float]:
+    """Return the error of the derivatives of order 0 to 3 of values up to ``largest``."""
+    error = NOISE + 4.0 * np.spacing(largest)
+    return [0.0] + [2.0**order * error / machine.path.period**order for order in (1, 2, 3)]
+
+
+def _note(
+    name: str,
+    values: np.ndarray,
+    order: int,
+    limit: float | None,
+    unsure: list[float],
+    machine: Machine,
+    found: Findings,
+) -> None:
+    """Note the largest of differences as a part of a limit."""
+    if limit is not None:
+        largest = float(np.abs(values).max(initial=0.0)) / machine.path.period**order
+        found.ratios[name] = max(0.0, largest - unsure[order]) / limit
+
+
+def _check_along(rows: dict, machine: Machine, found: Findings) -> None:
+    """Compare the motion along and across the path with the limits."""
+    p, s, path = rows["position"], rows["s"], machine.path
     if len(p) < 4:
         return
+    noise, s_noise = _noise(np.abs(p).max(initial=1.0), machine), _noise(s[-1], machine)
+
+    def note(
+        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
+    ) -> None:
+        _note(name, values, order, limit, unsure, machine, found)
+
     note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
     note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
 
@@ -344,14 +204,14 @@ def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
     # directions before and after mix.
     step, ds = np.diff(p, axis=0), np.diff(s)
     moving = ds > _crawl(machine)
-    chord = _lengths(step)
+    chord = lengths(step)
     if (chord > ds * (1.0 + 1e-5) + 1e-10).any():
         found.wrong.append("steps are longer than the path length that they cover")
     both = moving[1:] & moving[:-1]
     bend, along = np.diff(step, axis=0)[both], (step[1:] + step[:-1])[both]
-    length = _lengths(along)
+    length = lengths(along)
     normal = bend - along * ((bend * along).sum(axis=1) / length**2)[:, None]
-    across = _lengths(normal).max(initial=0.0)
+    across = lengths(normal).max(initial=0.0)
     note("normal acceleration", np.array([across]), 2, path.max_normal_acceleration, noise)
     found.ratios["chord error"] = max(0.0, across / 8.0 - NOISE) / path.chord_error
 
@@ -370,7 +230,7 @@ def _check_path(
 ) -> None:
     """Compare the trace with the programmed path, and the path with the trace."""
     p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
-    first, last = _belongs(line, np.array([piece.line for piece in path]))
+    first, last = pieces_of_rows(line, np.array([piece.line for piece in path]))
     tolerance = np.array([piece.tolerance for piece in path])
     straight = np.array([piece.curve is None for piece in path])
     start, end = np.array([piece.start for piece in path]), np.array([piece.end for piece in path])
@@ -382,7 +242,9 @@ def _check_path(
         allowed[rows_here] = np.maximum(allowed[rows_here], tolerance[piece])
         on_line = straight[piece]
         a, b, q = start[piece[on_line]], end[piece[on_line]], p[rows_here[on_line]]
-        best[rows_here[on_line]] = np.minimum(best[rows_here[on_line]], _from_segments(q, a, b))
+        best[rows_here[on_line]] = np.minimum(
+            best[rows_here[on_line]], distances_from_segments(q, a, b)
+        )
         order = np.argsort(piece[~on_line], kind="stable")
         curves, begins = np.unique(piece[~on_line][order], return_index=True)
         on_curve = np.split(rows_here[~on_line][order], begins[1:])
@@ -392,11 +254,12 @@ def _check_path(
         for k, some in by_curve.items():
             # Only for rows that are not near enough to another piece.
             wanted = np.concatenate(some)
-            wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
+            enough = allowed[wanted] + 0.5 * APART
+            far = best[wanted] > enough
+            wanted, enough = wanted[far], enough[far]
             if len(wanted):
-                best[wanted] = np.minimum(
-                    best[wanted], path[k].distance(p[wanted], everywhere=everywhere)
-                )
+                apart = path[k].distance(p[wanted], enough, everywhere=everywhere)
+                best[wanted] = np.minimum(best[wanted], apart)
     found.apart = float((best - allowed).max())
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
@@ -406,7 +269,7 @@ def _check_path(
 
     # The step between samples is compared with the path that it covers, except at corners with a
     # stop or a tolerance.
-    chord = _lengths(np.diff(p, axis=0))
+    chord = lengths(np.diff(p, axis=0))
     moving = ds > _crawl(machine)
     inside = np.zeros(len(ds), bool)
     inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
@@ -421,16 +284,16 @@ def _check_path(
     # none: the axes limit it.
     feed = np.array([piece.feed for piece in path])
     lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
-    highest = _range_max(feed, lo, hi)
+    highest = range_max(feed, lo, hi)
     fed = np.isfinite(highest)
     highest = np.minimum(
         highest
-        * _in_force(
+        * feed_in_force(
             override,
             rows["t"][: len(p)],
             rows["s"],
             ds / machine.path.period / highest,
-            _letting_go(machine),
+            time_to_let_go(machine),
         ),
         machine.path.max_feed,
     )
@@ -459,14 +322,16 @@ def _missed(path: list[Piece], p: np.ndarray, ds: np.ndarray, chord_error: float
     apart, slack = np.full(len(targets), math.inf), np.full(len(targets), math.inf)
     for candidate in near.T:
         for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
-            apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
+            apart = np.minimum(apart, distances_from_segments(targets, p[a], p[a + 1]))
             slack = np.minimum(slack, ds[a])
     tolerance = np.pad([piece.tolerance for piece in path], 1)
     reach = np.maximum(np.maximum(tolerance[:-2], tolerance[1:-1]), tolerance[2:])
     allow = reach[which] + chord_error + APART
     for far in np.flatnonzero(apart > allow + slack):
         # The nearest samples may be those of another stretch, where the motion is slower.
-        apart[far] = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]).min()
+        apart[far] = distances_from_segments(
+            np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]
+        ).min()
     over_by = apart - (allow + slack)
     missed = np.flatnonzero(over_by > 0.0)
     if not len(missed):
@@ -474,81 +339,3 @@ def _missed(path: list[Piece], p: np.ndarray, ds: np.ndarray, chord_error: float
     own = np.flatnonzero(which == which[missed[0]])
     worst = own[np.argmax(over_by[own])]
     return f"the motion passes line {path[which[worst]].line} by {apart[worst]:.3g} mm"
-
-
-def _in_force(
-    override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float
-) -> np.ndarray:
-    """Return the factor of its feed that each step may use.
-
-    A request takes effect at the end of the motion that the board has or is about to get: two
-    slices. Then the acceleration may end within ``letting_go`` seconds. After that no step is
-    faster than the fastest so far, until the feeds are as requested.
-    """
-    since, factors = override
-    now = factors[np.searchsorted(since, t[1:], side="right") - 1]
-    allowed = now.copy()
-    for changed in np.flatnonzero(np.diff(now)) + 1:
-        handed_out = max(
-            t[changed + 1] + SLICES_S,
-            t[min(int(np.searchsorted(s, s[changed + 1] + SLICES_LENGTH)), len(now))],
-        )
-        gone = min(int(np.searchsorted(t[1:], handed_out + letting_go)) + 1, len(now))
-        before, peak = allowed[changed - 1], used[changed:gone].max()
-        slowed = gone + int(
-            np.append(np.flatnonzero(used[gone:] <= now[gone:] * (1.0 + ALLOWED)), len(now) - gone)[
-                0
-            ]
-        )
-        allowed[changed:gone] = np.maximum(now[changed:gone], before)
-        allowed[gone:slowed] = np.maximum(now[gone:slowed], min(before, peak))
-    return allowed
-
-
-def _letting_go(machine: Machine) -> float:
-    """Return twice the longest time in which an acceleration ends at full jerk, s."""
-    limits = [(machine.path.max_tangential_acceleration, machine.path.max_jerk)]
-    limits += [(axis.max_acceleration, axis.max_jerk) for axis in machine.axes.values()]
-    return 2.0 * max(a / j for a, j in limits if a is not None and j is not None)
-
-
-def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and the last piece that each row may lie on.
-
-    Pieces are in the order of the source lines of the rows. Where moves become one curve, the line
-    of a row is that of any of them. So a row may lie between the pieces of the line before its own
-    and those of the second line behind it, since a blend reaches into the next move, and WINDOW
-    pieces more.
-    """
-    runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
-    begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
-    at = 0
-    for k, run in enumerate(runs):
-        ahead = np.flatnonzero(lines[at:] == line[run])
-        at += int(ahead[0]) if len(ahead) else 0
-        begins[k] = at
-        while at + 1 < len(lines) and lines[at + 1] == line[run]:
-            at += 1
-        ends[k] = at
-    first = np.maximum(np.append(0, begins[:-1]) - WINDOW, 0)
-    last = np.minimum(np.concatenate((begins, [len(lines) - 1] * 2))[2:] + WINDOW, len(lines) - 1)
-    which = np.repeat(np.arange(len(runs)), np.diff(np.append(runs, len(line))))
-    return first[which], np.maximum(last, ends)[which]
-
-
-def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the largest of values[low..high] for each pair."""
-    best = values[low]
-    for offset in range(1, int((high - low).max()) + 1):
-        best = np.maximum(best, values[np.minimum(low + offset, high)])
-    return best
-
-
-def _from_segments(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distance of each point from its own segment a..b."""
-    along = b - a
-    square = (along**2).sum(axis=1)
-    part = np.divide(
-        ((points - a) * along).sum(axis=1), square, out=np.zeros(len(points)), where=square > 0.0
-    )
-    return _lengths(a + np.clip(part, 0.0, 1.0)[:, None] * along - points)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from cnc.machine.models import Axis, Board, Machine, PathLimits
+from cnc.machine.board import Board
+from cnc.machine.models import Axis, Machine, PathLimits
 
 AXES = ("X", "Y", "Z")
 MODES = ("G61", "G61.1", "G64", "G64 P0")

@@ -1,0 +1,92 @@
+"""The welcome of a GRBL board that is connected.
+
+Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
+before the firmware greets. A board that was not reset answers ``?``, and gets a soft reset once it
+is at rest. A board that sends nothing is reset, then gets DTR.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from cnc.boards.grbl import faults
+from cnc.boards.grbl.events import Reported, Started
+from cnc.boards.grbl.messages import Other, Welcome
+from cnc.boards.grbl.protocol import State
+from cnc.boards.protocols import board_error
+
+if TYPE_CHECKING:
+    from cnc.boards.grbl.link import GrblLink
+
+WELCOME_TIMEOUT = 6.0
+"""Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
+RESET_AFTER = 2.6
+"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
+else.
+"""
+RAISE_DTR_AFTER = 3.0
+"""Seconds without a byte after which DTR is raised: some boards send only then. A board that this
+resets still greets in time. Where DTR is up, nothing else can be tried.
+"""
+FOREIGN = 2.0
+"""Seconds from the first line or noise of another device until it counts as one: a boot loader may
+send bytes before the welcome.
+"""
+_OLD_REPORT = re.compile(r"<\w+,MPos:")
+"""The begin of a status report of GRBL 0.9 and older."""
+
+
+def wait_for_welcome(link: GrblLink) -> Welcome:
+    """Return the welcome of a board at rest.
+
+    Raises:
+        BoardError: ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``no-answer``.
+    """
+    received: list[str] = []
+    began, foreign_since = link.clock.now(), math.inf
+    forced = reset = raised = False
+    if link.protocol.state is not State.UNKNOWN:
+        link.write(link.protocol.reset())
+        reset = True
+    while (now := link.clock.now()) - began < WELCOME_TIMEOUT:
+        if not forced and not received and now - began > RESET_AFTER:
+            forced = reset = True
+            link.write(link.protocol.reset())
+        if not raised and not received and now - began > RAISE_DTR_AFTER:
+            if not link.raise_lines():
+                break
+            raised, reset = True, False
+        if now - foreign_since > FOREIGN and not _boots_slowly(received):
+            break
+        for event in link.listen(0.1):
+            if isinstance(event, Started):
+                link.greeted_unasked |= not reset
+                return event.welcome
+            if isinstance(event, Reported) and (
+                link.protocol.state is State.UNKNOWN or (raised and not reset)
+            ):
+                if not event.status.at_rest:
+                    hint = "wait until it has come to rest, or stop it with its reset button"
+                    raise board_error(
+                        "board-busy",
+                        f"the board at {link.name} is moving already ({event.status.state})",
+                        hint=hint,
+                    )
+                link.write(link.protocol.reset())
+                reset = True
+            elif isinstance(event, Other):
+                if old := _OLD_REPORT.match(event.text):
+                    raise faults.too_old(link.name, "0.9", old[0])
+                received.append(event.text)
+        if received or link.protocol.partial:
+            foreign_since = min(foreign_since, link.clock.now())
+    rest = link.protocol.partial.decode("latin-1")
+    raise faults.not_grbl(link.name, [*received, rest] if rest else received)
+
+
+def _boots_slowly(received: Sequence[str]) -> bool:
+    """Return whether the lines are those of an ESP32 that boots; networks take it some seconds."""
+    return any(text.startswith(("ets ", "rst:", "ESP-ROM:")) for text in received)

@@ -1,0 +1,1 @@
+"""Driver and simulator of boards with Klipper's firmware."""

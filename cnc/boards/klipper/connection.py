@@ -1,0 +1,241 @@
+"""The connection to a Klipper board: exchange of blocks, questions, and the board's clock."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from cnc.boards.klipper.clock import BoardClock
+from cnc.boards.klipper.protocol.dictionary import IDENTIFY_RESPONSE_ID, Dictionary, Message, Value
+from cnc.boards.klipper.protocol.errors import LocalError, ProtocolError, RemoteError, WireError
+from cnc.boards.klipper.protocol.link import KlipperLink
+from cnc.boards.port import Clock, Port
+from cnc.boards.port_log import LoggedPort
+from cnc.boards.protocols import board_error
+from cnc.model.diagnostics import BoardError
+
+log = logging.getLogger(__name__)
+
+BAUD = 250_000
+"""Speed of the firmware's serial lines unless the machine file has another one, bits/s."""
+POLL_S = 0.002
+"""Longest wait for bytes before blocks may have to be sent again."""
+CHUNK = 40
+"""Bytes of the dictionary in one answer."""
+MOST_DICTIONARY = 1 << 20
+"""Bytes after which a dictionary without end is refused."""
+IDENTIFY_S = 4.0
+"""Timeout of the first answer: the opening of the port may have reset the board."""
+ANSWER_S = 0.1
+"""Time after which a question is asked again, because answers are not repeated."""
+ANSWER_TIMEOUT_S = 1.0
+"""Time without an answer after which the board counts as lost."""
+CLOCK_PERIOD_S = 0.25
+"""Time between two questions for the clock."""
+FIRST_CLOCKS = 8
+"""Questions for the clock when the connection is opened."""
+
+Pump = Callable[[float], object]
+"""A function that sends and receives, and waits at most so many seconds for bytes."""
+
+
+class Connection:
+    """A port, the protocol, and the board's clock.
+
+    Attributes:
+        port: The port.
+        clock: Clock of this computer.
+        name: Name of the port, for messages.
+        link: State of the protocol.
+        dictionary: The board's commands and responses.
+        board_clock: Estimate of the board's clock.
+    """
+
+    def __init__(self, port: Port, clock: Clock, name: str) -> None:
+        self.port = LoggedPort(port, name, log, text=False)
+        self.clock = clock
+        self.name = name
+        self.link = KlipperLink()
+        self.dictionary = Dictionary()
+        self.board_clock = BoardClock(1.0)
+        self._asked_clock: float | None = None
+        self._asked_at = clock.now()
+        self._answers: list[Message] = []
+
+    def send(self, command: str, **values: Value) -> None:
+        """Append a command."""
+        try:
+            self.link.send(self.dictionary.encode(command, **values))
+        except LocalError as error:
+            hint = "update the firmware of the board"
+            raise board_error("klipper-command", str(error), hint=hint) from error
+
+    def pump(self, seconds: float) -> list[Message]:
+        """Send what waits and receive.
+
+        Args:
+            seconds: Longest wait for bytes.
+
+        Returns:
+            Messages received.
+
+        Raises:
+            PortLost: The connection is lost.
+            BoardError: ``board-silent`` or ``klipper-message``.
+        """
+        now = self.clock.now()
+        if self.board_clock.known and now - self._asked_at >= CLOCK_PERIOD_S:
+            self._asked_at = now
+            self._asked_clock = now
+            self.send("get_clock")
+        try:
+            out = self.link.outgoing(now)
+        except WireError as error:
+            raise self.silent() from error
+        if out:
+            self.port.write(out)
+        data = self.port.read(seconds)
+        now = self.clock.now()
+        found: list[Message] = []
+        for contents in self.link.receive(data, now):
+            try:
+                found += self.dictionary.decode_responses(contents)
+            except RemoteError as error:
+                if self.board_clock.known:
+                    raise self._foreign(str(error)) from error
+                log.debug("%s: %s", self.name, error)
+        for message in found:
+            if message.name == "clock" and self._asked_clock is not None:
+                self.board_clock.add(message["clock"], self._asked_clock, now)
+                self._asked_clock = None
+        return found
+
+    def ask(
+        self, command: str, response: str, pump: Callable[[float], list[Message]], **values: Value
+    ) -> Message:
+        """Return the answer to a question; it is repeated while none comes.
+
+        Args:
+            command: The question.
+            response: Name of its answer. An ``oid`` in the answer must be that of the question.
+            pump: Exchanges bytes and returns the messages.
+            values: Parameters of the question.
+
+        Raises:
+            BoardError: ``board-silent``, or any fault that ``pump`` raises.
+        """
+        began = asked = self.clock.now()
+        self.send(command, **values)
+        while True:
+            for message in pump(POLL_S):
+                if message.name == response and (
+                    "oid" not in values or message.values.get("oid") == values["oid"]
+                ):
+                    return message
+            now = self.clock.now()
+            if now - began > ANSWER_TIMEOUT_S:
+                raise self.silent()
+            if now - asked > ANSWER_S and self.link.idle:
+                asked = now
+                self.send(command, **values)
+
+    def flush(self, pump: Pump) -> None:
+        """Return when the board has carried out all commands."""
+        while not self.link.idle:
+            pump(POLL_S)
+
+    def open(self, timeout: float = IDENTIFY_S) -> None:
+        """Read the dictionary and the clock.
+
+        Raises:
+            BoardError: ``board-silent``, ``board-not-klipper``.
+        """
+        while self.port.read(0.0):
+            pass  # Bytes from an earlier connection.
+        self.dictionary = self._identify(timeout)
+        self.link.settled = True
+        window = int(self.dictionary.constant("RECEIVE_WINDOW", 0.0))
+        if window:
+            self.link.window = window
+        log.info("%s: %s", self.name, self.dictionary.constants)
+        self._read_clock()
+
+    def _identify(self, timeout: float) -> Dictionary:
+        data = bytearray()
+        began = heard = self.clock.now()
+        first = Dictionary()
+        asked = -1.0
+        while True:
+            now = self.clock.now()
+            if now - heard > (timeout if not data else ANSWER_TIMEOUT_S):
+                raise self._nothing_answers(began)
+            if self.link.idle and now - asked > ANSWER_S:
+                asked = now
+                self.link.send(first.encode("identify", offset=len(data), count=CHUNK))
+            try:
+                out = self.link.outgoing(now)
+            except WireError:
+                raise self._nothing_answers(began) from None
+            if out:
+                self.port.write(out)
+            received = self.port.read(POLL_S)
+            for contents in self.link.receive(received, self.clock.now()):
+                part = _identify_part(first, contents)
+                if part is None or part[0] != len(data):
+                    continue
+                heard, asked = self.clock.now(), -1.0
+                data += part[1]
+                if len(part[1]) < CHUNK:
+                    try:
+                        return Dictionary.of(bytes(data))
+                    except ProtocolError as error:
+                        raise self._foreign(str(error)) from error
+                if len(data) > MOST_DICTIONARY:
+                    raise self._foreign("the dictionary has no end")
+
+    def _read_clock(self) -> None:
+        """Read all 64 bits of the clock, then estimate it by several questions."""
+        frequency = self.dictionary.constant("CLOCK_FREQ")
+        self.board_clock = BoardClock(frequency)
+        self.link.drop_waiting()
+        sent = self.clock.now()
+        uptime = self.ask("get_uptime", "uptime", self.pump)
+        clock = uptime["high"] << 32 | uptime["clock"]
+        self.board_clock.set(clock, sent, self.clock.now())
+        for _ in range(FIRST_CLOCKS):
+            self._asked_clock = self._asked_at = self.clock.now()
+            self.ask("get_clock", "clock", self.pump)
+
+    def silent(self) -> BoardError:
+        """Return the fault of a board that does not answer."""
+        hint = (
+            "check cable and supply. The motors have stopped without a ramp: "
+            "home the machine before the next run"
+        )
+        return board_error(
+            "board-silent", f"the board on {self.name} does not answer any more", hint=hint
+        )
+
+    def _nothing_answers(self, began: float) -> BoardError:
+        if self.link.damaged:
+            hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise)"
+            message = f"the device on {self.name} is not a Klipper board"
+            return board_error("board-not-klipper", message, hint=hint)
+        hint = "check the port, the board's supply, and that the board has Klipper's firmware"
+        return board_error("board-silent", f"no device answers on {self.name}", hint=hint)
+
+    def _foreign(self, reason: str) -> BoardError:
+        hint = "reset the board; if this remains, install its firmware again"
+        message = f"the board on {self.name} sends a message that is not readable: {reason}"
+        return board_error("klipper-message", message, hint=hint)
+
+
+def _identify_part(first: Dictionary, contents: bytes) -> tuple[int, bytes] | None:
+    """Return offset and data of an answer to ``identify``, None for another message."""
+    if not contents or contents[0] != IDENTIFY_RESPONSE_ID:
+        return None
+    try:
+        message = next(iter(first.decode_responses(contents)))
+    except RemoteError:
+        return None
+    return message["offset"], message.data("data")

@@ -1,0 +1,172 @@
+"""Check before any motion whether a Klipper board can play a program.
+
+Three things limit the density of a program: the wire, the entries of the move queue, and the time
+that the microcontroller needs for a step. Steps are encoded piece by piece as in the run.
+
+      entries of the last LEAST_AHEAD_S      must fit into the queue
+      bytes that wait for the wire           must leave within SLACK_S
+      steps that wait for the processor      must be made within LATE_S
+
+The first one keeps at least LEAST_AHEAD_S of motion on the board.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.klipper.layout import section
+from cnc.boards.klipper.profile import Profile
+from cnc.boards.klipper.sender import PIECE_S, SPARE_SLOTS
+from cnc.boards.klipper.steps import StepEncoder
+from cnc.kernels.klipper.step_runs import Runs
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, MotionLimitError
+from cnc.model.streams import PulseChunk
+
+LEAST_AHEAD_S = 0.06
+"""Motion that must be on the board at any time."""
+SLACK_S = 0.08
+"""Longest delay of bytes on the wire, less than the horizon of the sender."""
+LATE_S = 40e-6
+"""Longest delay of a step by other steps, and the time of one step more."""
+COMMAND_BYTES = 9
+"""Bytes of an entry: number, object, interval, count, add."""
+TURN_BYTES = 3
+"""Bytes of a change of direction."""
+OVERHEAD = 1.1
+"""Head and tail of blocks, and questions."""
+OUTPUT_SLOTS = 16
+"""Entries that outputs may use."""
+
+
+class KlipperFeasibility:
+    """Check of a program for a board.
+
+    Args:
+        machine: The machine.
+        profile: The board.
+
+    Attributes:
+        most_entries: Most entries within LEAST_AHEAD_S so far.
+        most_waiting_s: Longest delay of bytes so far, s.
+        most_late_s: Longest delay of a step so far, s.
+        entries: Number of entries so far.
+    """
+
+    def __init__(self, machine: Machine, profile: Profile) -> None:
+        known = machine.board.klipper
+        tolerance_us = 5.0 if known is None else known.tolerance_us
+        least = int(profile.frequency / machine.board.max_step_rate)
+        self._profile = profile
+        self._motors = []
+        for letter in machine.axes:
+            axis = None if known is None else section(machine).axis(letter)
+            self._motors.append(1 if axis is None else len(axis.step))
+        self._encoders = [
+            StepEncoder(int(tolerance_us * 1e-6 * profile.frequency), -1000, least)
+            for _ in machine.axes
+        ]
+        self._room = max(profile.slots - SPARE_SLOTS - min(OUTPUT_SLOTS, profile.slots // 8), 1)
+        self._recent: deque[int] = deque()
+        self._waiting = 0.0
+        self._filled_at = 0.0
+        self._free_at = 0.0
+        self.most_entries = self.entries = 0
+        self.most_waiting_s = self.most_late_s = 0.0
+
+    def add(self, chunk: PulseChunk) -> None:
+        """Add the next grid moves.
+
+        Raises:
+            MotionLimitError: ``board-step-rate``, ``board-too-dense``.
+        """
+        time_ns = chunk.time_ns
+        if not len(time_ns):
+            return
+        self._count_steps(chunk)
+        piece = round(PIECE_S * 1e9)
+        cuts = np.searchsorted(
+            time_ns, np.arange(int(time_ns[0]) + piece, int(time_ns[-1]) + 1, piece)
+        )
+        for rows in np.split(np.arange(len(time_ns)), cuts):
+            if len(rows):
+                self._add_piece(chunk, slice(int(rows[0]), int(rows[-1]) + 1))
+
+    def _add_piece(self, chunk: PulseChunk, rows: slice) -> None:
+        ticks = np.rint(chunk.time_ns[rows] * (1e-9 * self._profile.frequency)).astype(np.int64)
+        step, line = chunk.step[rows], int(chunk.line[rows][0])
+        ends: list[NDArray[np.int64]] = []
+        size = 0.0
+        for column, encoder in enumerate(self._encoders):
+            moved = np.flatnonzero(step[:, column])
+            if not len(moved):
+                continue
+            due = ticks[moved]
+            if int(due[0]) - encoder.last >= 2**28:
+                encoder.last = int(due[0]) - 1000
+            runs = encoder.encode(due, step[moved, column])
+            ends += [runs.end] * self._motors[column]
+            size += self._motors[column] * _bytes(runs)
+        self._queue(np.sort(np.concatenate(ends)), line)
+        self._transfer(size, int(chunk.time_ns[rows][-1]) * 1e-9, line)
+
+    def _count_steps(self, chunk: PulseChunk) -> None:
+        """Delay of each grid move, when the processor makes one step after the other."""
+        cost = np.zeros(len(chunk.time_ns))
+        for column, motors in enumerate(self._motors):
+            cost += motors * self._profile.step_s * (chunk.step[:, column] != 0)
+        due = chunk.time_ns * 1e-9
+        # done_k = max(due_k, done_(k-1)) + cost_k, for all moves at once.
+        total = np.cumsum(cost)
+        begin = np.maximum(np.maximum.accumulate(due - (total - cost)), self._free_at)
+        late = begin + (total - cost) - due
+        self._free_at = float(begin[-1] + total[-1])
+        worst = float(late.max())
+        self.most_late_s = max(self.most_late_s, worst)
+        limit = LATE_S + self._profile.step_s
+        if worst > limit:
+            line = int(chunk.line[int(np.argmax(late > limit))])
+            rate = 1.0 / self._profile.step_s
+            message = f"the steps here are faster than the {rate:.0f} per second of the board"
+            hint = "lower the feed or max_velocity, or use fewer microsteps"
+            raise MotionLimitError(Diagnostic("board-step-rate", message, line=line, hint=hint))
+
+    def _queue(self, ends: NDArray[np.int64], line: int) -> None:
+        """Count the entries that end within LEAST_AHEAD_S."""
+        span = round(LEAST_AHEAD_S * self._profile.frequency)
+        self.entries += len(ends)
+        for end in ends.tolist():
+            self._recent.append(end)
+            while self._recent[0] < end - span:
+                self._recent.popleft()
+            self.most_entries = max(self.most_entries, len(self._recent))
+        if self.most_entries > self._room:
+            message = (
+                f"the steps of this line are too dense for the queue of the board, which has "
+                f"{self._profile.slots} entries"
+            )
+            hint = "lower the feed, raise board.klipper.tolerance_us, or use fewer microsteps"
+            raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))
+
+    def _transfer(self, size: float, until_s: float, line: int) -> None:
+        """Count the bytes that wait for the wire."""
+        rate = self._profile.bytes_per_s
+        self._waiting = max(0.0, self._waiting - (until_s - self._filled_at) * rate) + size
+        self._filled_at = until_s
+        self.most_waiting_s = max(self.most_waiting_s, self._waiting / rate - PIECE_S)
+        if self.most_waiting_s > SLACK_S:
+            message = (
+                "the steps of this line are too dense for the serial line, "
+                f"which transfers about {rate:.0f} bytes/s"
+            )
+            hint = "lower the feed, raise board.klipper.tolerance_us, or use fewer microsteps"
+            raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))
+
+
+def _bytes(runs: Runs) -> float:
+    """Return the bytes of runs on the wire."""
+    turns = int(np.count_nonzero(np.diff(runs.sign)))
+    return OVERHEAD * (COMMAND_BYTES * len(runs.length) + TURN_BYTES * turns)

@@ -1,0 +1,114 @@
+"""What stops the motors of a Klipper board at once: switches, e-stop, probe, silence of the host.
+
+One trigger (trsync) stops all motors. It is armed before each motion with the switches that are
+watched, and with a timeout that is renewed while this computer lives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cnc.boards.klipper.connection import Connection
+from cnc.boards.klipper.layout import BY_HOST, EXPIRED, InputObject, Layout
+
+SAMPLE_S, SAMPLES, REST_S = 10e-6, 4, 150e-6
+"""Time between samples that confirm a closed switch, their number, and time between others.
+
+A switch stops the motors within REST_S + SAMPLES * SAMPLE_S, 0.2 ms.
+"""
+TIMEOUT_S = 0.4
+"""Time without a sign of this computer after which the motors stop."""
+RENEW_S = 0.08
+"""Time between two signs."""
+REPORT_S = 0.1
+"""Time between two reports of the trigger."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmedInput:
+    """An input that ends a probing or homing move: the input, and the level that does so."""
+
+    input: InputObject
+    level: int
+
+
+class Guards:
+    """The trigger of a board.
+
+    Attributes:
+        watched: Columns of the axes whose limit switches end the motion.
+        armed: Input that ends the next motion, None for none.
+    """
+
+    def __init__(self, connection: Connection, layout: Layout, axes: int) -> None:
+        self._connection, self._layout = connection, layout
+        self.watched = set(range(axes))
+        self.armed: ArmedInput | None = None
+        self._renewed_at: float | None = None
+        self._homing: list[InputObject] = []
+
+    def arm(self, clock: int) -> None:
+        """Arm everything before a motion that begins at a clock."""
+        send, ticks = self._connection.send, self._connection.board_clock.frequency
+        trigger = self._layout.trigger
+        send(
+            "trsync_start",
+            oid=trigger,
+            report_clock=clock % 2**32,
+            report_ticks=round(REPORT_S * ticks),
+            expire_reason=EXPIRED,
+        )
+        for motor in self._layout.motors:
+            send("stepper_stop_on_trigger", oid=motor.oid, trsync_oid=trigger)
+            send("reset_step_clock", oid=motor.oid, clock=clock % 2**32)
+        self._homing.clear()
+        for each in self._layout.inputs:
+            level = each.active
+            if self.armed is not None and each == self.armed.input:
+                level = self.armed.level
+            elif each.name == "probe" or (each.name == "limit" and each.column not in self.watched):
+                continue
+            self._homing.append(each)
+            send(
+                "endstop_home",
+                oid=each.oid,
+                clock=clock % 2**32,
+                sample_ticks=round(SAMPLE_S * ticks),
+                sample_count=SAMPLES,
+                rest_ticks=round(REST_S * ticks),
+                pin_value=level,
+                trsync_oid=trigger,
+                trigger_reason=each.reason,
+            )
+        self._renewed_at = None
+        self.renew()
+
+    def renew(self) -> None:
+        """Tell the board that this computer lives, if that is due."""
+        now = self._connection.clock.now()
+        if self._renewed_at is not None and now - self._renewed_at < RENEW_S:
+            return
+        self._renewed_at = now
+        clock = self._connection.board_clock
+        until = clock.at(now) + round(TIMEOUT_S * clock.frequency)
+        self._connection.send("trsync_set_timeout", oid=self._layout.trigger, clock=until % 2**32)
+
+    def disarm(self) -> None:
+        """Stop to watch the switches."""
+        for each in self._homing:
+            self._connection.send(
+                "endstop_home",
+                oid=each.oid,
+                clock=0,
+                sample_ticks=0,
+                sample_count=0,
+                rest_ticks=0,
+                pin_value=0,
+                trsync_oid=self._layout.trigger,
+                trigger_reason=0,
+            )
+        self._homing.clear()
+
+    def trigger(self) -> None:
+        """Stop all motors at once."""
+        self._connection.send("trsync_trigger", oid=self._layout.trigger, reason=BY_HOST)

@@ -1,0 +1,142 @@
+"""Outputs of a Klipper board: spindle, coolant, motor drivers; repeated while they are on.
+
+The board switches an output off by itself when it hears nothing of it for MAX_DURATION_S. So each
+output that is on is repeated, and a computer that dies leaves no spindle running.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from cnc.boards.klipper.connection import Connection
+from cnc.boards.klipper.layout import MAX_DURATION_S, Layout, OutputObject
+from cnc.boards.protocols import Action
+from cnc.machine.klipper import KlipperBoard
+from cnc.machine.models import Machine
+from cnc.model.blocks import Block, Coolant, End, Spindle
+
+AHEAD_S = 0.1
+"""Time from a command to the change of an output."""
+REPEAT_S = 0.5 * MAX_DURATION_S
+"""Time between two repetitions."""
+
+
+def actions(known: KlipperBoard | None) -> frozenset[Action]:
+    """Return the actions that a board with these pins supports between moves."""
+    found: set[Action] = set()
+    if known is not None and known.spindle is not None:
+        found.add("spindle")
+        if known.spindle.backward is not None:
+            found.add("spindle backward")
+    if known is not None and known.flood is not None:
+        found.add("flood")
+    if known is not None and known.mist is not None:
+        found.add("mist")
+    return frozenset(found)
+
+
+@dataclass(frozen=True, slots=True)
+class OutputState:
+    """State of all outputs. ``share`` is the speed of the spindle as a share of the highest."""
+
+    enabled: bool = False
+    spindle: Literal["cw", "ccw", "off"] = "off"
+    share: float = 0.0
+    flood: bool = False
+    mist: bool = False
+    fan: bool = False
+
+    def after(self, block: Block, machine: Machine) -> OutputState:
+        """Return the state after a block."""
+        match block:
+            case Spindle(state=state, rpm=rpm):
+                share = 0.0 if state == "off" else rpm / machine.board.max_spindle_rpm
+                return replace(self, spindle=state, share=min(share, 1.0))
+            case Coolant(mist=mist, flood=flood):
+                return replace(self, flood=flood, mist=mist)
+            case End():
+                return self.off()
+        return self
+
+    def off(self) -> OutputState:
+        """Return the state with spindle, coolant and fan off."""
+        return replace(self, spindle="off", share=0.0, flood=False, mist=False, fan=False)
+
+    def share_of(self, output: OutputObject) -> float:
+        """Return the share of full power of an output."""
+        match output.name:
+            case "spindle":
+                on = self.spindle != "off"
+                return (self.share if output.pwm else 1.0) if on else 0.0
+            case "backward":
+                return float(self.spindle == "ccw")
+            case "enable":
+                return float(self.enabled)
+            case name:
+                return float(getattr(self, name))
+
+
+class Outputs:
+    """Schedules the outputs.
+
+    Args:
+        connection: The connection.
+        layout: The objects of the board.
+        on_entry: Called with the clock of each entry in the board's queue.
+
+    Attributes:
+        state: State after everything scheduled.
+    """
+
+    def __init__(
+        self, connection: Connection, layout: Layout, on_entry: Callable[[int], None]
+    ) -> None:
+        self.state = OutputState()
+        self._connection = connection
+        self._outputs = layout.outputs
+        self._on_entry = on_entry
+        self._values: dict[int, int | None] = {each.oid: None for each in layout.outputs}
+        self._at: dict[int, int] = dict.fromkeys(self._values, 0)
+
+    def set(self, state: OutputState, clock: int) -> None:
+        """Schedule a state at a clock."""
+        self.state = state
+        for output in self._outputs:
+            value = output.value(state.share_of(output))
+            if value != self._values[output.oid]:
+                self._repeat_until(output, clock)
+                self._schedule(output, value, clock)
+
+    def forget(self) -> None:
+        """Forget the values, because the board has set its outputs itself."""
+        self.state = OutputState()
+        for oid in self._values:
+            self._values[oid] = None
+
+    def repeat(self) -> None:
+        """Repeat the outputs that are on and are due."""
+        ticks = self._connection.board_clock
+        clock = ticks.at(self._connection.clock.now()) + round(AHEAD_S * ticks.frequency)
+        for output in self._outputs:
+            self._repeat_until(output, clock)
+
+    def _repeat_until(self, output: OutputObject, clock: int) -> None:
+        value = self._values[output.oid]
+        if not output.limited or value is None or value == output.value(0.0):
+            return
+        period = round(REPEAT_S * self._connection.board_clock.frequency)
+        while clock - self._at[output.oid] > period:
+            self._schedule(output, value, self._at[output.oid] + period)
+
+    def _schedule(self, output: OutputObject, value: int, clock: int) -> None:
+        at = max(clock, self._at[output.oid] + 1)
+        self._values[output.oid], self._at[output.oid] = value, at
+        if output.pwm:
+            self._connection.send("queue_pwm_out", oid=output.oid, clock=at % 2**32, value=value)
+        else:
+            self._connection.send(
+                "queue_digital_out", oid=output.oid, clock=at % 2**32, on_ticks=value
+            )
+        self._on_entry(at)

@@ -1,0 +1,65 @@
+"""Facts about a microcontroller that decide which programs it can play."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cnc.boards.klipper.protocol.dictionary import Dictionary
+from cnc.boards.klipper.simulator.firmware import FIRMWARES, Firmware
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+USB_BYTES_PER_S = 400_000.0
+"""Bytes per second that a full-speed USB device takes for certain."""
+CAREFUL_STEP_S = 10e-6
+"""Time of a step on a microcontroller that is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """A microcontroller.
+
+    Attributes:
+        frequency: Ticks of its clock per second.
+        slots: Entries of its move queue.
+        bytes_per_s: Bytes per second on the wire.
+        step_s: Time that a step takes, s.
+    """
+
+    frequency: float
+    slots: int
+    bytes_per_s: float
+    step_s: float
+
+
+def firmware_of(machine: Machine) -> Firmware:
+    """Return the microcontroller of the machine file.
+
+    Raises:
+        UsageError: ``klipper-mcu``, if it is not known.
+    """
+    name = machine.board.klipper.mcu if machine.board.klipper is not None else "rp2040"
+    if name not in FIRMWARES:
+        hint = f"board.klipper.mcu is one of {', '.join(FIRMWARES)}"
+        message = f"there is no model of the microcontroller {name!r}"
+        raise UsageError(Diagnostic("klipper-mcu", message, hint=hint))
+    return FIRMWARES[name]
+
+
+def profile_of(machine: Machine, dictionary: Dictionary | None = None, slots: int = 0) -> Profile:
+    """Return the profile of a board, else of the microcontroller of the machine file."""
+    if dictionary is None:
+        known = firmware_of(machine)
+        wire = known.baud / 10 if known.baud else USB_BYTES_PER_S
+        return Profile(known.frequency, known.slots, wire, known.step_ticks / known.frequency)
+    frequency = dictionary.constant("CLOCK_FREQ")
+    baud = dictionary.constant("SERIAL_BAUD", 0.0)
+    step_s = next(
+        (
+            each.step_ticks / each.frequency
+            for each in FIRMWARES.values()
+            if each.mcu == dictionary.constants.get("MCU")
+        ),
+        CAREFUL_STEP_S,
+    )
+    return Profile(frequency, slots, baud / 10 if baud else USB_BYTES_PER_S, step_s)

@@ -1,0 +1,1 @@
+"""Klipper's message protocol, without input and output."""

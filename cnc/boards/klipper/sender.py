@@ -1,0 +1,377 @@
+"""Sending of grid moves to the queues of a Klipper board, within a horizon and the queue's slots.
+
+      board plays       sent            reserve            from the planner
+    ──────●──────────────────────┤·················┤ ◄── ── ── ── ── ──
+          └──── HORIZON_S ───────┘  half a ramp
+
+The board stops dead when its queues run dry. So the last part of what the planner has given is kept
+as a reserve. When no more comes in time, the reserve is stretched to a ramp to rest on the path
+(:mod:`cnc.boards.klipper.ramp`). Each entry has a clock, so the board keeps the time. The motors of
+an axis get the same runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.klipper.connection import POLL_S, Connection
+from cnc.boards.klipper.layout import Layout, MotorObject
+from cnc.boards.klipper.line_tracker import LineTracker
+from cnc.boards.klipper.motion_limits import MotionLimits
+from cnc.boards.klipper.ramp import stretched
+from cnc.boards.klipper.slots import Slots
+from cnc.boards.klipper.steps import StepEncoder
+from cnc.kernels.klipper.step_runs import Runs
+from cnc.model.streams import PulseChunk
+
+HORIZON_S = 0.15
+"""Longest motion sent ahead of the motion that the board plays."""
+PIECE_S = 0.02
+"""Length of the pieces in which moves are compressed and sent."""
+PREFILL_S = 0.1
+"""Motion beyond the reserve that is there before the motion starts."""
+START_S = 0.1
+"""Time from the start of a motion to its first move."""
+LATE_S = 0.004
+"""A move must be sent so long before its time."""
+DRY_S = 0.05
+"""Motion left on the board at which the reserve becomes a ramp."""
+SETTLE_S = 0.003
+"""Time after the last step until the position is read."""
+GAP_TICKS = 2**28
+"""Ticks without a step after which a motor gets a new reference clock.
+
+Timers compare clocks by the sign of a 32-bit difference.
+"""
+SPARE_SLOTS = 4
+"""Slots of the queue that stay free, besides two for each output."""
+
+
+class TooLate(Exception):
+    """A move whose time has come before it was sent: the board stops dead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """What the sender asks of its owner.
+
+    Attributes:
+        pump: Sends, receives, and raises all faults.
+        arm: Arms switches, timeout and motors, before a motion that begins at a clock.
+    """
+
+    pump: Callable[[float], object]
+    arm: Callable[[int], None]
+
+
+class Sender:
+    """The motion of one board. Times are ns of the program's clock, clocks are ticks of the board.
+
+    Args:
+        connection: The connection.
+        layout: The objects of the board.
+        axes: Number of axes.
+        slots: Entries of the board's queue.
+        guard: What the sender asks of its owner.
+        limits: Tolerances of the motion.
+
+    Attributes:
+        position: Grid point at the end of what was sent (axes,).
+        until_ns: End of the stream, ns.
+        cut: A trigger has ended the motion, so that moves are dropped.
+        running: The program's clock is bound to the board's clock.
+        ramped: An emergency ramp has ended the motion.
+        tracker: Source lines of the motion.
+        most_slots: Most entries in use so far.
+        moves: Number of entries sent.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        layout: Layout,
+        axes: int,
+        slots: int,
+        guard: Guard,
+        limits: MotionLimits,
+    ) -> None:
+        self.position = np.zeros(axes, np.int64)
+        self.until_ns = 0
+        self.cut = self.running = self.ramped = False
+        self.tracker = LineTracker()
+        self.slots = Slots(max(slots - SPARE_SLOTS - 2 * len(layout.outputs), 8))
+        self.most_slots = self.moves = 0
+        self._connection, self._guard, self._axes = connection, guard, axes
+        self._frequency = connection.board_clock.frequency
+        self.ramp_s = limits.ramp_s
+        tolerance = int(limits.tolerance_s * self._frequency)
+        least = int(limits.spacing_s * self._frequency)
+        self._reserve_ns = round(0.5e9 * self.ramp_s)
+        self._encoders = [StepEncoder(tolerance, least=least) for _ in range(axes)]
+        self._motors: list[list[MotorObject]] = [
+            [each for each in layout.motors if each.column == column] for column in range(axes)
+        ]
+        self._levels: dict[int, int] = {}
+        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]] = []
+        self._points: list[NDArray[np.int64]] = []
+        self._base_ns = self._base_clock = 0
+        self._sent_ns = 0
+        self._end_clock = 0
+        self._flushed = True
+        self._sending = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no move waits."""
+        return not self._waiting
+
+    @property
+    def now(self) -> int:
+        """Present clock of the board."""
+        return self._connection.board_clock.at(self._connection.clock.now())
+
+    def clock_of(self, time_ns: int) -> int:
+        """Return the clock of a time of the program."""
+        return self._base_clock + round((time_ns - self._base_ns) * 1e-9 * self._frequency)
+
+    @property
+    def played_ns(self) -> int:
+        """Time of the program that the board plays, ns."""
+        return self._base_ns + round((self.now - self._base_clock) / self._frequency * 1e9)
+
+    @property
+    def ahead_s(self) -> float:
+        """Motion that was sent and is not played yet, s."""
+        if not self.running:
+            return 0.0
+        return max(self.clock_of(max(self._sent_ns, self.until_ns)) - self.now, 0) / self._frequency
+
+    def begin(self, position: NDArray[np.int64]) -> None:
+        """Begin a program at a grid point (axes,), at time 0."""
+        self.position = position
+        self.until_ns = self._sent_ns = 0
+        self.tracker.clear(position)
+        self._drop()
+        self.cut = self.ramped = False
+
+    def stand_at(self, position: NDArray[np.int64]) -> None:
+        """Continue from a grid point (axes,) where a trigger has ended the motion."""
+        self.position = position
+        self.cut = False
+        self.tracker.clear(position)
+        self._drop()
+
+    def stop(self) -> None:
+        """Forget everything that was sent: the board has dropped it."""
+        self.running = False
+        self.slots.clear()
+        self._drop()
+
+    def gather(self, chunk: PulseChunk, points: NDArray[np.int64]) -> None:
+        """Add grid moves, and send what is beyond the reserve.
+
+        Args:
+            chunk: Grid moves.
+            points: Grid point after each move (n, axes).
+        """
+        if self.cut or self.ramped or not len(chunk.time_ns):
+            return
+        first, last = int(chunk.time_ns[0]), int(chunk.time_ns[-1])
+        if not self._waiting and self._flushed:
+            self._sent_ns = max(self._sent_ns, min(first, self.until_ns) if self.running else first)
+        self._flushed = False
+        self._waiting.append((chunk.time_ns, chunk.step, chunk.line))
+        self._points.append(points)
+        if not self.running:
+            begin = int(self._waiting[0][0][0])
+            if last - begin < self._reserve_ns + PREFILL_S * 1e9:
+                return
+            self.start(begin)
+        self._release(last - self._reserve_ns)
+
+    def flush(self) -> None:
+        """Send everything: the motion ends at rest."""
+        if self._waiting and not (self.cut or self.ramped):
+            if not self.running:
+                self.start(int(self._waiting[0][0][0]))
+            self._flushed = True
+            self._release(int(self._waiting[-1][0][-1]) + 1)
+        self._flushed = True
+
+    def start(self, time_ns: int) -> None:
+        """Bind the program's clock to the board's clock; motors stand still."""
+        self._base_ns = self._sent_ns = time_ns
+        self.until_ns = max(self.until_ns, time_ns)
+        self._base_clock = self.now + round(START_S * self._frequency)
+        self._end_clock = self._base_clock
+        self.running = True
+        self._levels.clear()
+        # The first interval must not be empty.
+        reference = self._base_clock - round(SETTLE_S * self._frequency)
+        for encoder in self._encoders:
+            encoder.last = reference
+        self._guard.arm(reference)
+
+    def rest(self, time_ns: int) -> None:
+        """Send everything, and wait until the board has played it and a time has come.
+
+        The program's clock stands still until the next start.
+        """
+        self.flush()
+        if not self.running:
+            return
+        self.until_ns = max(self.until_ns, time_ns)
+        end = max(self._end_clock, self.clock_of(self.until_ns))
+        end += round(SETTLE_S * self._frequency)
+        while self.running and not self.cut and self.now < end:
+            self._guard.pump(min(max((end - self.now) / self._frequency, 1e-4), 5 * POLL_S))
+        self._connection.flush(self._guard.pump)
+        self.running = False
+        self.slots.clear()
+
+    def watch(self) -> bool:
+        """Return whether no more motion comes in time, so that a ramp is needed."""
+        if not self.running or self._flushed or self._sending or self.cut or self.ramped:
+            return False
+        left = self.clock_of(self._sent_ns) - self.now
+        return left < DRY_S * self._frequency
+
+    def ramp(self) -> None:
+        """Come to rest on the path within the reserve."""
+        self.ramped = True
+        if not self._waiting:
+            return
+        time_ns, step, line, points = self._joined()
+        late = stretched(time_ns, self._sent_ns, self.ramp_s)
+        rows = len(late)
+        self._drop()
+        if rows:
+            # The tolerance may round two stretched moves of an axis to one clock only at rest.
+            self._put(late, step[:rows], line[:rows], points[:rows])
+            self.until_ns = max(self.until_ns, int(late[-1]))
+        self._flushed = True
+
+    def _drop(self) -> None:
+        self._waiting.clear()
+        self._points.clear()
+        self._flushed = True
+
+    def _joined(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32], NDArray[np.int64]]:
+        time_ns, step, line = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
+        return time_ns, step, line, np.concatenate(self._points)
+
+    def _release(self, until_ns: int) -> None:
+        """Send the moves before a time, piece by piece."""
+        piece = round(PIECE_S * 1e9)
+        while (
+            self._waiting
+            and not (self.cut or self.ramped)
+            and (self._sent_ns + piece <= until_ns or self._flushed)
+        ):
+            time_ns, step, line, points = self._joined()
+            begin = int(time_ns[0])
+            if self._sent_ns + piece < begin:
+                # Nothing moves for a while: only the horizon passes.
+                self._sent_ns = min(begin, until_ns)
+                self._wait_for_horizon(self._sent_ns)
+                continue
+            end_ns = min(self._sent_ns + piece, until_ns)
+            rows = int(np.searchsorted(time_ns, end_ns))
+            self._wait_for_horizon(end_ns)
+            if self.cut or self.ramped:
+                return
+            self._waiting[:] = (
+                [(time_ns[rows:], step[rows:], line[rows:])] if rows < len(time_ns) else []
+            )
+            self._points[:] = [points[rows:]] if rows < len(time_ns) else []
+            self._sent_ns = end_ns
+            if rows:
+                self._put(time_ns[:rows], step[:rows], line[:rows], points[:rows])
+        if self._flushed:
+            self.until_ns = max(self.until_ns, self._sent_ns)
+
+    def _wait_for_horizon(self, time_ns: int) -> None:
+        while self.running and not (self.cut or self.ramped):
+            left = (self.clock_of(time_ns) - self.now) / self._frequency - HORIZON_S
+            if left <= 0.0:
+                return
+            self._guard.pump(min(max(left, 1e-4), 5 * POLL_S))
+
+    def _put(
+        self,
+        time_ns: NDArray[np.int64],
+        step: NDArray[np.int8],
+        line: NDArray[np.int32],
+        points: NDArray[np.int64],
+    ) -> None:
+        """Encode and send moves in the order of their clocks."""
+        clocks = self._base_clock + np.rint(
+            (time_ns - self._base_ns) * (1e-9 * self._frequency)
+        ).astype(np.int64)
+        found: list[tuple[int, int, int, Runs]] = []
+        for column in range(self._axes):
+            rows = np.flatnonzero(step[:, column])
+            if not len(rows):
+                continue
+            due = clocks[rows]
+            self._renew(column, int(due[0]))
+            runs = self._encoders[column].encode(due, step[rows, column])
+            found += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
+        found.sort(key=lambda each: each[:3])
+        self.tracker.add(clocks, points, line)
+        self._sending = True
+        try:
+            for begin, column, k, runs in found:
+                self._queue(begin, column, k, runs)
+                if self.cut:
+                    return
+        finally:
+            self._sending = False
+        self.position = points[-1]
+        self._guard.pump(0.0)
+
+    def _renew(self, column: int, due: int) -> None:
+        """Give the motors of an axis a new reference clock after a long pause."""
+        encoder = self._encoders[column]
+        if due - encoder.last < GAP_TICKS:
+            return
+        rested = encoder.last + round(SETTLE_S * self._frequency)
+        while self.running and not self.cut and self.now < rested:
+            self._guard.pump(POLL_S)
+        encoder.last = due - round(SETTLE_S * self._frequency)
+        for motor in self._motors[column]:
+            clock = encoder.last % 2**32
+            self._connection.send("reset_step_clock", oid=motor.oid, clock=clock)
+
+    def _queue(self, begin: int, column: int, k: int, runs: Runs) -> None:
+        """Send one run for each motor of an axis, when the queue has space."""
+        motors = self._motors[column]
+        while not self.cut and self.slots.used(self.now) + len(motors) > self.slots.count:
+            self._guard.pump(POLL_S)
+        if self.cut:
+            return
+        if begin - self.now < LATE_S * self._frequency:
+            raise TooLate
+        sign, end = int(runs.sign[k]), int(runs.end[k])
+        for motor in motors:
+            level = motor.forward if sign > 0 else 1 - motor.forward
+            if self._levels.get(motor.oid) != level:
+                self._levels[motor.oid] = level
+                self._connection.send("set_next_step_dir", oid=motor.oid, dir=level)
+            self._connection.send(
+                "queue_step",
+                oid=motor.oid,
+                interval=int(runs.interval[k]),
+                count=int(runs.length[k]),
+                add=int(runs.add[k]),
+            )
+            self.slots.add(end)
+            self.moves += 1
+        self._end_clock = max(self._end_clock, end)
+        self.most_slots = max(self.most_slots, self.slots.used(self.now))

@@ -1,0 +1,287 @@
+"""The simulated board: time, events, blocks and shutdowns.
+
+Time advances only by :meth:`KlipperSimulator.advance`. Between two events the motors step by
+themselves, so their steps are computed in blocks of arrays.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.klipper.protocol.errors import RemoteError
+from cnc.boards.klipper.protocol.frames import SEQUENCE, BlockReader, block_bytes
+from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
+from cnc.boards.klipper.simulator.firmware import FIRMWARES, Firmware
+from cnc.boards.klipper.simulator.outputs import Output
+from cnc.boards.klipper.simulator.steppers import Motor
+from cnc.boards.klipper.simulator.trsync import Level, Switch, Trigger
+from cnc.boards.klipper.simulator.wire import Cable
+
+WRAP = 2**32
+LATE_S = 1e-3
+"""Delay of a step after which the firmware shuts down."""
+Event = tuple[int, int, Callable[[], None]]
+
+
+class KlipperSimulator:
+    """A board.
+
+    Args:
+        firmware: Profile of the microcontroller.
+        drift: Relative error of its clock.
+        start_clock: Its clock at power-up, ticks.
+        seed: Seed of the faults of its cable.
+
+    Attributes:
+        now: Time since power-up by the host's clock, s.
+        cable: The cable.
+        levels: Level of each input pin by its number, or a function that gives it.
+        uarts, spi: Motor drivers at UART pins and at chip selects.
+        edges_of: Clocks of the steps of each motor by its step pin, as :meth:`edges` joins them.
+        history: Changes of outputs: clock, pin, value.
+        reason: Reason of the shutdown, "" while there is none.
+        resets: Number of resets so far.
+    """
+
+    def __init__(
+        self,
+        firmware: Firmware = FIRMWARES["rp2040"],
+        *,
+        drift: float = 0.0,
+        start_clock: int = 0,
+        seed: int = 0,
+    ) -> None:
+        from cnc.boards.klipper.simulator.commands import Commands
+
+        self.firmware = firmware
+        self.frequency = firmware.frequency * (1.0 + drift)
+        self.now = 0.0
+        self.cable = Cable(firmware.baud, seed)
+        self.levels: dict[int, int | Level] = {}
+        self.history: list[tuple[int, int, int]] = []
+        self.uarts: dict[int, UartModel] = {}
+        self.spi: dict[int, DriverModel] = {}
+        self.edges_of: dict[int, list[NDArray[np.int64]]] = {}
+        self.positions: dict[int, int] = {}
+        self.blocks_refused = 0
+        self.resets = 0
+        self.powered = True
+        self._start_clock = start_clock
+        self._events: list[Event] = []
+        self._order = 0
+        self._commands = Commands(self)
+        self._restart()
+
+    def _restart(self) -> None:
+        self.objects: dict[int, Motor | Output | Switch | Trigger | object] = {}
+        self.motors: list[Motor] = []
+        self.outputs: list[Output] = []
+        self.switches: list[Switch] = []
+        self.triggers: list[Trigger] = []
+        self.reason = ""
+        self.oid_count = 0
+        self.crc = 0
+        self.finalized = False
+        self.slots_used = 0
+        self.sequence = 0
+        self._reader = BlockReader()
+        self._cpu_free = 0
+
+    def reset(self) -> None:
+        """Restart the firmware: everything configured is forgotten."""
+        self._restart()
+        self._events.clear()
+        self.resets += 1
+        self.respond("starting")
+
+    @property
+    def clock(self) -> int:
+        """The present clock, ticks since power-up plus the start clock."""
+        return self._start_clock + int(self.now * self.frequency)
+
+    def time_of(self, clock: int) -> float:
+        """Return the time of a clock, s."""
+        return (clock - self._start_clock) / self.frequency
+
+    def near(self, clock32: int) -> int:
+        """Return the clock next to the present one with these lower 32 bits."""
+        now = self.clock
+        return now + (clock32 - now + WRAP // 2) % WRAP - WRAP // 2
+
+    def write(self, data: bytes) -> None:
+        """Send bytes from the host."""
+        for arrival, part in self.cable.down(data, self.now):
+            self._at_time(arrival, lambda part=part: self._receive(part))  # type: ignore[misc]
+
+    def read(self) -> bytes:
+        """Return the bytes that the host can read now."""
+        return self.cable.received(self.now)
+
+    def advance(self, until: float, *, answer: bool = False) -> None:
+        """Advance to a time, s; with ``answer`` only to the next bytes for the host."""
+        while True:
+            target = until
+            if answer and self.cable.arrival is not None:
+                target = min(target, max(self.cable.arrival, self.now))
+            if not self._events:
+                break
+            clock = self._events[0][0]
+            time = self.time_of(clock)
+            if time > target:
+                break
+            _, _, action = heapq.heappop(self._events)
+            self.now = max(self.now, time)
+            action()
+        self.now = max(self.now, target)
+        self.settle(self.clock)
+
+    def at(self, clock: int, action: Callable[[], None]) -> None:
+        """Carry out an action at a clock."""
+        self._order += 1
+        heapq.heappush(self._events, (clock, self._order, action))
+
+    def _at_time(self, time: float, action: Callable[[], None]) -> None:
+        self.at(self._start_clock + math.ceil(time * self.frequency), action)
+
+    def settle(self, clock: int) -> None:
+        """Make all steps that are due up to a clock."""
+        parts: list[NDArray[np.int64]] = []
+        pins: list[int] = []
+        for motor in self.motors:
+            if motor.active:
+                made, loaded = motor.play(clock)
+                self.slots_used -= loaded
+                if len(made):
+                    parts.append(made)
+                    pins.append(motor.step_pin)
+                    self.positions[motor.step_pin] = motor.position
+        if parts:
+            self._record(parts, pins)
+        for motor in self.motors:
+            if motor.past:
+                reason, motor.past = motor.past, ""
+                self.shut_down(reason)
+
+    def _record(self, parts: list[NDArray[np.int64]], pins: list[int]) -> None:
+        """Record steps: the processor makes one after the other."""
+        due = np.abs(np.concatenate(parts))
+        order = np.argsort(due, kind="stable")
+        cost = self.firmware.step_ticks
+        k = np.arange(len(due), dtype=np.int64) * cost
+        made = np.maximum(np.maximum.accumulate(due[order] - k), self._cpu_free) + k
+        self._cpu_free = int(made[-1]) + cost
+        late = int((made - due[order]).max())
+        actual = np.empty_like(made)
+        actual[order] = made
+        begin = 0
+        for part, pin in zip(parts, pins, strict=True):
+            end = begin + len(part)
+            sign = np.where(part < 0, -1, 1)
+            self.edges_of.setdefault(pin, []).append(actual[begin:end] * sign)
+            begin = end
+        if late > LATE_S * self.firmware.frequency:
+            self.shut_down("Rescheduled timer in the past")
+
+    def edges(self, pin: str) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        """Return clock (n,) and direction (n,) of each step of the motor at a step pin."""
+        parts = self.edges_of.get(self.pin(pin), [])
+        signed = np.concatenate(parts) if parts else np.empty(0, np.int64)
+        return np.abs(signed), np.sign(signed).astype(np.int8)
+
+    def pin(self, name: str) -> int:
+        """Return the number of a pin."""
+        number = self.firmware.dictionary.number("pin", name)
+        if number is None:
+            raise ValueError(f"There is no pin {name}.")
+        return number
+
+    def level(self, pin: int) -> int:
+        """Return the level of an input; an open pin is high."""
+        level = self.levels.get(pin, 1)
+        if callable(level):
+            self.settle(self.clock)
+            return level()
+        return level
+
+    def set_pin(self, name: str, level: int | Level) -> None:
+        """Set the level of an input, or a function that gives it."""
+        pin = self.pin(name)
+        self.levels[pin] = level
+        for switch in self.switches:
+            if switch.pin == pin and switch.armed:
+                switch.skip_to(self.clock)
+                self._commands.watch(switch)
+
+    def value(self, name: str) -> int:
+        """Return the present value of an output pin."""
+        pin = self.pin(name)
+        return next((value for _, known, value in reversed(self.history) if known == pin), 0)
+
+    def respond(self, name: str, **values: int | bytes) -> None:
+        """Send a response."""
+        contents = self.firmware.dictionary.encode_response(name, **values)
+        self._send(contents)
+
+    def _send(self, contents: bytes) -> None:
+        self.cable.up(block_bytes(self.sequence, contents), self.now)
+
+    def _receive(self, data: bytes) -> None:
+        """Take received bytes; answer each damaged block and each one out of order with a nak."""
+        if not self.powered:
+            return
+        damaged = self._reader.damaged
+        for block in self._reader.receive(data):
+            if block.sequence != self.sequence:
+                self.blocks_refused += 1
+                self._send(b"")
+                continue
+            self.sequence = self.sequence + 1 & SEQUENCE
+            self.settle(self.clock)
+            self._carry_out(block.contents)
+            self._send(b"")
+        if self._reader.damaged > damaged:
+            self.blocks_refused += 1
+            self._send(b"")
+
+    def _carry_out(self, contents: bytes) -> None:
+        try:
+            for message in self.firmware.dictionary.decode_commands(contents):
+                self._commands.carry_out(message)
+        except RemoteError:
+            self.shut_down("Command parser error")
+
+    def shut_down(self, reason: str) -> None:
+        """Stop all motors, and set all outputs to their defaults."""
+        if self.reason:
+            return
+        self.settle(self.clock)
+        if self.reason:
+            return
+        self.reason = reason
+        for motor in self.motors:
+            motor.stop()
+        self.slots_used = 0
+        for output in self.outputs:
+            output.waiting.clear()
+            self.set_output(output, output.default)
+        for switch in self.switches:
+            switch.armed = False
+            switch.epoch += 1
+        for trigger in self.triggers:
+            trigger.can_trigger = False
+            trigger.epoch += 1
+            trigger.timeout_epoch += 1
+            trigger.motors.clear()
+        number = self.firmware.dictionary.number("static_string_id", reason) or 0
+        self.respond("shutdown", clock=self.clock % WRAP, static_string_id=number)
+
+    def set_output(self, output: Output, value: int) -> None:
+        """Set an output now."""
+        if value != output.value:
+            self.history.append((self.clock, output.pin, value))
+        output.set(value, self.clock)

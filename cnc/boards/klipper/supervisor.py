@@ -1,0 +1,399 @@
+"""Supervision of an open Klipper board: triggers, shutdowns, faults, positions."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
+from cnc.boards.klipper.connection import POLL_S, Connection
+from cnc.boards.klipper.guards import Guards
+from cnc.boards.klipper.layout import (
+    BY_HOST,
+    InputObject,
+    LayoutBuilder,
+    section,
+)
+from cnc.boards.klipper.motion_limits import MotionLimits
+from cnc.boards.klipper.outputs import AHEAD_S, Outputs, OutputState
+from cnc.boards.klipper.position import MachinePosition
+from cnc.boards.klipper.position_store import PositionStore, StoredPosition
+from cnc.boards.klipper.protocol.dictionary import Message
+from cnc.boards.klipper.ramp import ramp_seconds
+from cnc.boards.klipper.sender import Guard, Sender, TooLate
+from cnc.boards.klipper.setup import configure, shutdown_reason
+from cnc.boards.klipper.trinamic.drivers import motor_drivers
+from cnc.boards.loopback import Loopback
+from cnc.boards.port import Clock, Port
+from cnc.boards.protocols import board_error
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError
+from cnc.model.operator_control import Control
+
+
+class Supervisor:
+    """An open board, whose every message is checked.
+
+    Attributes:
+        connection: The connection.
+        layout: The objects of the board.
+        slots: Entries of its move queue.
+        drivers: Motor drivers that the board configures.
+        position: Conversion of positions.
+        least_ns: Least time between two steps of an axis, ns.
+        checks: Checks of all pulses before they are sent, and their counts.
+        sender: The motion.
+        guards: Switches and timeout.
+        outputs: Spindle, coolant, enable.
+        active: A program runs, so that triggers and resets are faults.
+        probing: An armed input may end the motion.
+        stopped_short: The board is elsewhere than the pulses sent lead to.
+        fault: The fault that ended the use of the board.
+        pending_fault: A fault of the background thread, not raised yet.
+        control: Requests of the operator.
+    """
+
+    def __init__(
+        self, port: Port, machine: Machine, name: str, clock: Clock, identity: str = ""
+    ) -> None:
+        known = section(machine)
+        self.active = self.probing = self.stopped_short = self._stopping = False
+        self.control: Control | None = None
+        self.fault: BoardError | None = None
+        self.pending_fault: BoardError | None = None
+        self.connection = Connection(port, clock, name)
+        self.connection.open()
+        self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
+        self.position = MachinePosition(machine, self.layout.motors)
+        self._store = PositionStore(identity)
+        self._open_store()
+        self.drivers = motor_drivers(self.connection, self.layout, machine)
+        for driver in self.drivers:
+            driver.configure(machine)
+        self.least_ns = 1e9 / machine.board.max_step_rate
+        axes = len(machine.axes)
+        self.checks = Loopback(axes, self.least_ns)
+        self.guards = Guards(self.connection, self.layout, axes)
+        limits = MotionLimits(
+            known.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)
+        )
+        guard = Guard(self.pump, self.guards.arm)
+        self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
+        self.outputs = Outputs(self.connection, self.layout, self.sender.slots.add)
+        self.sender.position = self.position.of(self._counts)
+
+    def _open_store(self) -> None:
+        """Configure the board, and take over the position that it has kept."""
+        layout = self.layout.crc
+        stored = self._store.read()
+        kept = stored.number if stored is not None and stored.layout == layout else layout
+        self._number = self._store.number(layout)
+        self.slots, same = configure(self.connection, self.layout, kept, self._number)
+        if same:
+            self._number = kept
+        self._counts = self.read_positions()
+        motors, axes = len(self.layout.motors), len(self.position.known)
+        if same and stored is not None and len(stored.offset) == motors:
+            self.position.offset = list(stored.offset)
+            # A program that was killed has left the motors without a ramp.
+            if len(stored.known) == axes and not stored.moving:
+                self.position.known = np.array(stored.known, np.bool_)
+        self.store(moving=False)
+
+    def store(self, *, moving: bool) -> None:
+        """Keep the position for the next program."""
+        known = self.position.known.tolist()
+        layout = self.layout.crc
+        self._store.write(
+            StoredPosition(layout, self._number, list(self.position.offset), known, moving)
+        )
+
+    def pump(self, seconds: float) -> list[Message]:
+        """Send what waits, receive bytes and check the messages.
+
+        Args:
+            seconds: Longest wait for bytes.
+
+        Raises:
+            BoardError: Any fault of the board or the connection.
+        """
+        try:
+            messages = self.connection.pump(seconds)
+        except BoardError as error:
+            raise self._lost(error) from error
+        for message in messages:
+            self._check(message)
+        if self.active and not self._stopping:
+            self.outputs.repeat()
+            if self.sender.running:
+                self.guards.renew()
+            if self.sender.watch():
+                self._underrun()
+        return messages
+
+    def pump_in_background(self) -> None:
+        """Exchange bytes between calls; a fault ends a hold and is raised by the next call."""
+        if self.fault is None:
+            try:
+                self.pump(0.0)
+            except BoardError as error:
+                self.pending_fault = error
+                if self.control is not None:
+                    self.control.stop()  # A thread that waits for the end of a hold must wake up.
+
+    def _check(self, message: Message) -> None:
+        match message.name:
+            case "shutdown" | "is_shutdown" if not self._stopping:
+                raise self._shut_down(message["static_string_id"])
+            case "starting" if not self._stopping:
+                raise self._reset()
+            case "trsync_state" if not message["can_trigger"] and self.sender.running:
+                self._triggered(message["trigger_reason"])
+
+    def _triggered(self, reason: int) -> None:
+        """Act on a trigger, which has stopped all motors."""
+        armed = self.guards.armed
+        if self.probing and armed is not None and reason == armed.input.reason:
+            self.sender.cut = True
+            self.connection.link.drop_waiting()
+            return
+        if self.active and not self._stopping and reason != BY_HOST:
+            raise self._alarm(reason)
+
+    def ask(self, command: str, response: str, oid: int) -> Message:
+        """Return the answer to a question about an object."""
+        return self.connection.ask(command, response, self.pump, oid=oid)
+
+    def is_pressed(self, each: InputObject) -> bool:
+        """Return whether an input is pressed."""
+        return (
+            self.ask("endstop_query_state", "endstop_state", each.oid)["pin_value"] == each.active
+        )
+
+    def read_positions(self) -> list[int]:
+        """Return the position of each motor as the board counts it."""
+        pump = self.pump if self.active or self._stopping else self.connection.pump
+        ask = self.connection.ask
+        return [
+            ask("stepper_get_position", "stepper_position", pump, oid=motor.oid)["pos"]
+            for motor in self.layout.motors
+        ]
+
+    def take_position(self) -> NDArray[np.int64]:
+        """Take over the position that the board counts; return its grid point (axes,)."""
+        point = self.position.of(self.read_positions())
+        self.stopped_short = not np.array_equal(point, self.checks.position_steps)
+        self.sender.position = point
+        return point
+
+    def set_outputs(self, state: OutputState, clock: int | None = None) -> None:
+        """Set the outputs at a clock, else as soon as possible."""
+        if clock is None:
+            clock = self.sender.now + round(AHEAD_S * self.connection.board_clock.frequency)
+        self.outputs.set(state, clock)
+
+    def rest(self, time_ns: int) -> None:
+        """Wait until the board has played the whole motion, and compare the positions.
+
+        Args:
+            time_ns: End of the motion, ns.
+
+        Raises:
+            BoardError: ``board-position``, or another fault.
+        """
+        sender = self.sender
+        was_running = sender.running or not sender.is_empty
+        try:
+            sender.rest(time_ns)
+        except TooLate:
+            raise self._too_late() from None
+        if sender.cut or not was_running:
+            return
+        self._disarm()
+        sent = sender.position
+        positions = self.read_positions()
+        point = self.position.of(positions)
+        differing = self.position.differing(positions)
+        if differing or not np.array_equal(point, sent):
+            self.take_position()
+            axes = f"the motors of {differing} do not agree; " if differing else ""
+            message = f"{axes}the board is at {self.position.text(point)}, not at its target"
+            hint = "home the machine; please report this with the program"
+            self.position.forget()
+            raise self.fail(board_error("board-position", message, hint=hint))
+        sender.tracker.clear(point)
+
+    def _disarm(self) -> None:
+        """End the watch; a trigger that was not reported is a fault."""
+        self.guards.disarm()
+        self._stopping = True
+        try:
+            state = self.connection.ask(
+                "trsync_trigger",
+                "trsync_state",
+                self.pump,
+                oid=self.layout.trigger,
+                reason=BY_HOST,
+            )
+        finally:
+            self._stopping = False
+        if state["trigger_reason"] != BY_HOST:
+            raise self._alarm(state["trigger_reason"])
+
+    def end_cut(self) -> NDArray[np.int64]:
+        """End a motion that an armed input has ended; return the grid point (axes,) there."""
+        self.guards.disarm()
+        point = self.take_position()
+        self.sender.stop()
+        return point
+
+    def halt(self) -> None:
+        """Come to rest on the path, and take over the position."""
+        sender = self.sender
+        self._stopping = True
+        try:
+            with suppress(BoardError):
+                self.connection.flush(self.pump)
+                moving = sender.running
+                if moving:
+                    try:
+                        sender.ramp()
+                        sender.rest(sender.until_ns)
+                    except TooLate:
+                        self.guards.trigger()
+                        self.position.forget()
+                    self.guards.disarm()
+                    self.guards.trigger()
+                self.outputs.set(self.outputs.state.off(), sender.now + self._soon())
+                self.connection.flush(self.pump)
+                self.take_position()
+        finally:
+            self._stopping = False
+            sender.stop()
+
+    def _soon(self) -> int:
+        return round(AHEAD_S * self.connection.board_clock.frequency)
+
+    def gather_failed(self) -> BoardError:
+        """Return the fault of moves that came too late for a ramp."""
+        return self._too_late()
+
+    def _underrun(self) -> None:
+        """Come to rest on the path, because no more motion comes."""
+        self._stopping = True
+        try:
+            self.sender.ramp()
+            self.sender.rest(self.sender.until_ns)
+            self.guards.disarm()
+            self.guards.trigger()
+            self.set_outputs(self.outputs.state.off())
+            self.connection.flush(self.pump)
+            point = self.take_position()
+        except TooLate:
+            raise self._too_late() from None
+        finally:
+            self._stopping = False
+        message = (
+            "moves came too late; the board came to rest on the path; "
+            f"the machine is at {self.position.text(point)}"
+        )
+        line = self.sender.tracker.line_at(point) or self.sender.tracker.line
+        hint = "reduce the load of this computer"
+        raise self.fail(board_error("board-underrun", message, line=line, hint=hint))
+
+    def _too_late(self) -> BoardError:
+        """Stop at once, because moves are due before they can be sent."""
+        message = "moves came too late; the motors stopped without a ramp"
+        hint = f"reduce the load of this computer; {DEAD_STOP}"
+        return self._dead_stop("board-underrun", message, hint)
+
+    def _alarm(self, reason: int) -> BoardError:
+        """End the use of the board by a trigger, with its cause and position."""
+        alarm = alarm_of(reason, self.position.letter)
+        return self._dead_stop(alarm.code, alarm.message, alarm.hint)
+
+    def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
+        """Read the position after a stop of the motors, which is not to be trusted."""
+        self._stopping = True
+        text, line = "", self.sender.tracker.line
+        try:
+            with suppress(BoardError):
+                self.connection.link.drop_waiting()
+                self.guards.disarm()
+                self.guards.trigger()
+                self.set_outputs(self.outputs.state.off())
+                point = self.take_position()
+                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
+                line = self.sender.tracker.line_at(point) or line
+        finally:
+            self._stopping = False
+        self.position.forget()
+        return self.fail(board_error(code, f"{message}{text}", line=line, hint=hint))
+
+    def _shut_down(self, number: int) -> BoardError:
+        """End the use of the board after a shutdown; its counts are read after its end."""
+        reason = shutdown_reason(self.connection, number)
+        self._stopping = True
+        text, line = "", self.sender.tracker.line
+        try:
+            with suppress(BoardError):
+                self.connection.link.drop_waiting()
+                self.connection.send("clear_shutdown")
+                self.outputs.forget()
+                point = self.take_position()
+                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
+                line = self.sender.tracker.line_at(point) or line
+        finally:
+            self._stopping = False
+        self.position.forget()
+        message = f"the board has shut down: {reason}{text}"
+        return self.fail(board_error("klipper-shutdown", message, line=line, hint=DEAD_STOP))
+
+    def _reset(self) -> BoardError:
+        message = f"the board on {self.connection.name} was reset; its position is lost"
+        hint = "check its supply and its reset line; home the machine before the next run"
+        return self._lost(board_error("board-reset", message, hint=hint))
+
+    def _lost(self, error: BoardError) -> BoardError:
+        """End the use of a board that cannot be asked any more."""
+        if self.active:
+            point = self.sender.tracker.played(self.sender.now)
+            if point is not None:
+                self.sender.position = point
+                self.stopped_short = True
+        self.position.forget()
+        known = error.diagnostic
+        if not known.line:
+            error = type(error)(replace(known, line=self.sender.tracker.line))
+        return self.fail(error)
+
+    def raise_pending(self) -> None:
+        """Raise a fault of the background thread."""
+        if self.pending_fault is not None:
+            error, self.pending_fault = self.pending_fault, None
+            raise error
+
+    def refuse_after_fault(self) -> None:
+        """Raise a pending fault, and refuse calls after a fault."""
+        self.raise_pending()
+        if self.fault is not None:
+            raise board_error("board-stopped", "the board has been stopped", hint="open it again")
+
+    def fail(self, error: BoardError) -> BoardError:
+        """End the use of the board by a fault, and return the fault."""
+        if self.fault is None:
+            self.fault = error
+        self.checks.abort()
+        self.sender.stop()
+        self.active = False
+        self.store(moving=False)
+        return error
+
+    def wait(self, seconds: float) -> None:
+        """Exchange bytes for some time."""
+        began = self.connection.clock.now()
+        while self.connection.clock.now() - began < seconds:
+            self.pump(POLL_S)

@@ -1,0 +1,108 @@
+"""Control lines of SINUMERIK: jumps, branches, loops, drilling cycles and frames.
+
+Only their form is recognised here; expressions stay as they are written. Source: Siemens,
+"SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Program jumps" and "Check structures";
+"Fundamentals", "Coordinate transformations (frames)".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cnc.gcode.syntax.statement import Keyword
+
+_JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
+_ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
+_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[123])\s*\((.*)\))?\s*", re.I)
+_FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
+_STRUCTURES: dict[Keyword, re.Pattern[str]] = {
+    "s-if": re.compile(r"IF\b\s*(.+)", re.I),
+    "s-else": re.compile(r"ELSE", re.I),
+    "s-endif": re.compile(r"ENDIF", re.I),
+    "s-while": re.compile(r"WHILE\b\s*(.+)", re.I),
+    "s-endwhile": re.compile(r"ENDWHILE", re.I),
+    "s-for": re.compile(r"FOR\s+R([0-9]+)\s*=\s*(.+?)\s+TO\s+(.+)", re.I),
+    "s-endfor": re.compile(r"ENDFOR", re.I),
+    "s-loop": re.compile(r"LOOP", re.I),
+    "s-endloop": re.compile(r"ENDLOOP", re.I),
+    "s-repeat": re.compile(r"REPEAT", re.I),
+    "s-until": re.compile(r"UNTIL\b\s*(.+)", re.I),
+}
+
+
+class ControlLine(NamedTuple):
+    """A control line.
+
+    Attributes:
+        keyword: Its kind.
+        label: The target of a jump after its direction (F, B or a blank), the number of a cycle,
+            the name of a frame, or the R parameter of a FOR.
+        values: Its expressions, as they are written; empty where one is left out.
+    """
+
+    keyword: Keyword
+    label: str = ""
+    values: tuple[str, ...] = ()
+
+
+def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlLine | None:
+    """Return the control line of a text without line number and comment; None for another line.
+
+    Args:
+        text: The text.
+        refuse: Makes the error of something that is not supported, from its name and a hint.
+
+    Raises:
+        GcodeError: A jump or a frame is not supported.
+    """
+    if jump := _JUMP.fullmatch(text):
+        target = jump[3].upper()
+        target = str(int(target)) if target.isdigit() else target
+        return ControlLine("s-goto", f"{jump[2].upper() or ' '}{target}", (jump[1] or "",))
+    if _ANY_JUMP.match(text):
+        raise refuse("a jump of this form", "write GOTOF, GOTOB or GOTO and a label or N number")
+    for keyword, pattern in _STRUCTURES.items():
+        if found := pattern.fullmatch(text):
+            groups = found.groups()
+            if keyword == "s-for":
+                return ControlLine(keyword, str(int(groups[0])), groups[1:])
+            return ControlLine(keyword, "", groups)
+    if frame := _FRAME.fullmatch(text):
+        return _frame(frame[1].upper(), frame[2], refuse)
+    if text and (cycle := _CYCLE.fullmatch(text)):
+        keyword = "mcall" if cycle[1] else "cycle"
+        return ControlLine(keyword, cycle[2] or "0", tuple(_arguments(cycle[3] or "")))
+    return None
+
+
+def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
+    """Return the line of a frame: X, Y, Z and the angle in the plane (RPL)."""
+    given: dict[str, str] = {}
+    rest = text.strip()
+    while rest:
+        word = re.match(
+            r"(RPL|[XYZ])\s*=?\s*([^=]*?)\s*(?=(?:RPL|(?<![A-Z])[XYZ])\s*=?|$)", rest, re.I
+        )
+        if word is None or not word[2]:
+            raise refuse(f"{name} with {rest}", "its words are X, Y, Z, and RPL= for a rotation")
+        given[word[1].upper()] = word[2]
+        rest = rest[word.end() :]
+    turns = name.endswith("ROT")
+    if "RPL" in given and (not turns or len(given) > 1):
+        raise refuse(f"RPL with {name} and other words", "write RPL= alone, with ROT or AROT")
+    if turns and not given.keys() <= {"Z", "RPL"}:
+        raise refuse(f"{name} about X or Y", "the plane may be turned in itself only: RPL= or Z")
+    return ControlLine("frame", name, tuple(given.get(word, "") for word in ("X", "Y", "Z", "RPL")))
+
+
+def _arguments(text: str) -> list[str]:
+    """Return the arguments of a cycle, split at commas outside of brackets."""
+    parts, depth, begin = [], 0, 0
+    for at, char in enumerate(text):
+        depth += (char == "(") - (char == ")")
+        if char == "," and depth == 0:
+            parts.append(text[begin:at])
+            begin = at + 1
+    return [part.strip() for part in (*parts, text[begin:])]

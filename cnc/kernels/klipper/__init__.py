@@ -1,0 +1,1 @@
+"""Compression of steps for Klipper boards."""

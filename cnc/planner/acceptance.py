@@ -1,0 +1,119 @@
+"""Comparison of a refined plan with the path itself, before the plan is accepted.
+
+The refinement reads the path from samples of its intervals. They are close enough up to a speed,
+``reliable`` of :class:`cnc.kernels.planner.intervals.Intervals`. Faster phases are examined here as
+the audit does it. A plan that exceeds a limit is made again from finer intervals, and in the end
+without refinement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.audit import audit_phases
+from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.lookahead import PLANNED
+from cnc.kernels.planner.phases import Phases, phase_at
+from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.planner.audit import TOLERANCE, largest_values, values_allowed
+from cnc.planner.known_path import KnownPath
+from cnc.planner.limits import Limits
+from cnc.planner.phases import cut_at_length, plan_to_rest
+from cnc.planner.section import Section
+
+ACCEPTED = 0.5 * TOLERANCE
+"""Relative; an accepted plan may exceed a limit by this, where the audit allows twice as much."""
+
+
+def accepted_plan(
+    path: KnownPath, start: float, goal: float, v_start: float
+) -> tuple[int, Phases, Intervals]:
+    """Plan from ``start`` to rest at ``goal``, with intervals that are fine enough.
+
+    Args:
+        path: the known path; sections of it may be cut into finer intervals.
+        start: arc length, mm.
+        goal: arc length of the rest.
+        v_start: speed at the start, mm/s.
+
+    Returns:
+        The status and the phases of :func:`cnc.planner.phases.plan_to_rest`, and the intervals.
+    """
+    limits = path.limits
+    while True:
+        known = path.intervals(limits, start, goal)
+        status, phases = plan_to_rest(start, known, v_start, limits)
+        if status != PLANNED:
+            return status, phases, known
+        exceeding = exceeding_sections(path, phases, known)
+        if not exceeding:
+            return status, phases, known
+        finer = [section.cut_finer(limits) for section in exceeding]
+        if not any(finer):
+            status, phases = plan_to_rest(start, known, v_start, limits, refined=False)
+            return status, phases, known
+
+
+def exceeding_sections(path: KnownPath, phases: Phases, known: Intervals) -> list[Section]:
+    """Return the sections of a path on which a plan over ``known`` exceeds a limit."""
+    fast = beyond_samples(phases, known)
+    if not fast.any():
+        return []
+    start = phases["s"]
+    found = []
+    for section in path.sections:
+        first = max(int(np.searchsorted(start, section.base, side="right")) - 1, 0)
+        last = int(np.searchsorted(start, section.end))
+        if fast[first:last].any():
+            runs = np.flatnonzero(np.diff(fast[first:last], prepend=False, append=False))
+            for low, high in (first + runs).reshape(-1, 2).tolist():
+                if exceeds_limits(phases[low:high], section, path.limits):
+                    found.append(section)
+                    break
+    return found
+
+
+def beyond_samples(phases: Phases, known: Intervals) -> NDArray[np.bool_]:
+    """Return which phases are faster somewhere than the samples of their intervals allow for."""
+    duration, s, v, a, j = (phases[name] for name in ("duration", "s", "v", "a", "j"))
+    fastest = np.maximum(v, v + duration * (a + 0.5 * duration * j))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = a * j < 0.0
+        fastest = np.where(turns, np.maximum(fastest, v - 0.5 * a * a / j), fastest)
+    first = np.searchsorted(known.end, s, side="right")
+    last = np.append(np.searchsorted(known.end, s[1:]), len(known.end) - 1)
+    ranges = np.stack((first, np.maximum(last, first) + 1), axis=1)
+    reliable = np.append(known.reliable, (np.inf, np.inf))
+    lowest = np.minimum.reduceat(reliable, np.minimum(ranges, len(reliable) - 1).reshape(-1))[::2]
+    return np.asarray(fastest > lowest)
+
+
+def exceeds_limits(phases: Phases, section: Section, limits: Limits) -> bool:
+    """Return whether phases that follow each other exceed a limit on a section of the path."""
+    part = phases.copy()
+    end = min(phase_at(*part[-1].tolist())[0], section.end)
+    if part[0]["s"] < section.base:
+        part = cut_at_length(part, section.base)[1]
+    part = cut_at_length(part, end)[0]
+    if not len(part):
+        return False
+    _, v, a = phase_at(*part[-1].tolist())
+    path = section.stretch.path
+    values = np.zeros_like(values_allowed(limits))
+    audit_phases(
+        Pieces(path.kind, path.at, path.data),
+        PlanArrays(
+            section.piece_s,
+            np.concatenate(([0.0], np.cumsum(part["duration"]))),
+            np.append(part["s"], end) - section.base,
+            np.append(part["v"], v),
+            np.append(part["a"], a),
+            part["j"].copy(),
+        ),
+        np.full(len(path), np.inf),
+        limits.period,
+        largest_values(values),
+    )
+    return not bool((values <= values_allowed(limits) * (1.0 + ACCEPTED)).all())

@@ -1,0 +1,175 @@
+"""Connection to a GRBL board: other devices, wrong baud rates, its settings and buffer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.settings import BoardInfo
+from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.boards.port import SystemClock
+from cnc.model.diagnostics import BoardError
+from tests.support.boards.grbl_rig import MACHINE, started
+from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
+
+
+class Device:
+    """A device that is not a GRBL board.
+
+    It sends ``greeting`` and echoes received bytes, or sends nothing.
+    """
+
+    def __init__(self, greeting: bytes, answer: bytes = b"") -> None:
+        self.time = 0.0
+        self.greeting = greeting
+        self.answer = answer
+        self.heard = b""
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+
+    def read(self, timeout: float) -> bytes:
+        self.time += max(timeout, 1e-4)
+        said, self.greeting = self.greeting, b""
+        return said
+
+    def write(self, data: bytes) -> None:
+        self.heard += data
+        self.greeting += self.answer
+
+    def raise_lines(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("greeting", "answer", "code"),
+    [
+        (b"", b"", "no-answer"),
+        (b"start\r\necho:Marlin 2.1.2\r\n", b"", "board-not-grbl"),
+        (b"Smoothie\r\nok\r\n", b"ok\r\n", "board-not-grbl"),
+        (b"\xe0\x1c\x82\xfe\n\x00\xfc\x1c\xe0\n", b"\xe0", "board-not-grbl"),
+        (b"\r\nGrbl 0.9j ['$' for help]\r\n", b"", "board-too-old"),
+        (b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>\r\n", b"", "board-too-old"),
+        (b"\r\nGrbl 3.7 [FluidNC v3.7.0 (wifi) '$' for help]\r\n", b"", "no-answer"),
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", b"", "no-answer"),
+        (b"<Run|MPos:1.000,0.000,0.000|FS:500,0>\r\n", b"", "board-busy"),
+    ],
+)
+def test_other_boards_are_refused_before_motion(greeting: bytes, answer: bytes, code: str) -> None:
+    device = Device(greeting, answer)
+    board = GrblBoard(device, MACHINE, device, "/dev/ttyUSB0")
+    with pytest.raises(BoardError) as caught:
+        board.connect()
+    assert caught.value.diagnostic.code == code
+    assert caught.value.diagnostic.hint
+    assert device.time < (12.0 if b"Grbl" in greeting else 4.0)
+    # Nothing but questions and a reset was sent.
+    assert set(device.heard) <= set(b"?\x18\n")
+
+
+class OtherBaud:
+    """A port at another baud rate than the board: each side samples the bits of the other."""
+
+    def __init__(self, port: GrblSimulatorPort, ours: float, theirs: float = 115200.0) -> None:
+        self.port, self.ours, self.theirs = port, ours, theirs
+
+    def read(self, timeout: float) -> bytes:
+        return resampled(self.port.read(timeout), self.theirs, self.ours)
+
+    def write(self, data: bytes) -> None:
+        self.port.write(resampled(data, self.ours, self.theirs))
+
+    def raise_lines(self) -> bool:
+        return self.port.raise_lines()
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def resampled(data: bytes, sent: float, received: float) -> bytes:
+    """Return the bytes that a UART (8N1) reads from bytes that were sent at another rate.
+
+    It looks for a falling edge, and samples each bit in its middle by its own clock.
+    """
+    levels = [1, 1]
+    for byte in data:
+        levels += [0, *(byte >> k & 1 for k in range(8)), 1]
+    levels += [1] * 40
+
+    def level(time: float) -> int:
+        return levels[min(int(time * sent), len(levels) - 1)]
+
+    time, read, end = 0.0, bytearray(), len(levels) / sent
+    while time < end:
+        if level(time):
+            time += 0.1 / sent
+            continue
+        bits = [level(time + (k + 1.5) / received) for k in range(8)]
+        read.append(sum(bit << k for k, bit in enumerate(bits)))
+        time += 9.5 / received
+        while time < end and not level(time):
+            time += 0.1 / sent
+    return bytes(read)
+
+
+@pytest.mark.parametrize("baud", [9600, 19200, 38400, 57600, 230400, 250000])
+def test_a_wrong_baud_rate_is_named(baud: int) -> None:
+    port = GrblSimulatorPort(GrblSimulator())
+    board = GrblBoard(OtherBaud(port, baud), MACHINE, port.clock, "/dev/ttyUSB0")
+    with pytest.raises(BoardError) as caught:
+        board.connect()
+    assert "baud rate" in caught.value.diagnostic.message
+    assert port.clock.now() < 4.0
+
+
+def test_firmware_settings_and_offsets_are_read() -> None:
+    info = BoardInfo("1.1h", hal=False)
+    info.take(
+        [
+            Feedback("OPT", "VZ,35,255"),
+            Setting(130, "200.000"),
+            Setting(131, "100"),
+            Setting(20, "1"),
+            Setting(23, "1"),
+        ]
+    )
+    assert (info.options, info.blocks, info.rx_bytes) == ("VZ", 35, 255)
+    # $23 says that X homes downwards, and the build puts the origin there.
+    assert (info.travel(0), info.travel(1), info.travel(2)) == ((0.0, 200.0), (-100.0, 0.0), None)
+    narrowed = info.narrowed(MACHINE)
+    assert narrowed.axes["x"].travel == (0.0, 200.0)
+    assert narrowed.axes["y"].travel == (-5.0, 0.0)
+    assert narrowed.axes["z"].travel == MACHINE.axes["z"].travel
+
+
+@pytest.mark.parametrize("told", ["V", "V,15", "V,15,x", "V,,", "", "V,15,3"])
+def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
+    info = BoardInfo("1.1h", hal=False)
+    info.take([Feedback("OPT", told)])
+    assert info.rx_bytes == 128
+
+
+def test_the_larger_buffer_of_grblhal_is_used() -> None:
+    simulator = GrblSimulator(GRBLHAL)
+    board = started(simulator)
+    assert board.info.hal
+    assert board.info.rx_bytes == 1024
+    feed(board, PREAMBLE, *(f"G1 X{k % 3}.000 Y{k % 5}.000 F2000" for k in range(300)))
+    board.finish()
+    assert simulator.lost == 0
+
+
+def test_the_clock_of_the_computer_is_the_default() -> None:
+    device = Device(b"")
+    assert isinstance(GrblBoard(device, MACHINE).link.clock, SystemClock)
+    assert np.array_equal(ORIGIN, [0, 0, 0])

@@ -1,0 +1,192 @@
+"""The Klipper driver on the simulated board, in virtual time: conformance, programs, holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Callbacks, Control, run
+from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.simulator.board import simulator_for
+from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.protocols import PulseSink
+from cnc.machine.load import load_machine
+from tests.support.boards.board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance
+from tests.support.boards.klipper_rig import (
+    MCUS,
+    board,
+    check_pulses,
+    machine,
+    pins,
+    place,
+    played,
+    steps_of,
+    with_board,
+)
+from tests.support.paths import PROGRAMS
+from tests.support.soak import share
+
+AVR = ("atmega328p", "atmega2560")
+
+
+class TestConformance(PulseBoardConformance):
+    plays_at_once = False
+
+    def make(self, folder: Path) -> PulseSink:
+        known = machine()
+        known = known.model_copy(
+            update={"board": known.board.model_copy(update={"max_step_rate": 1e9 / MIN_PULSE_NS})}
+        )
+        assert len(known.axes) == AXES
+        port = KlipperSimulatorPort(simulator_for(known))
+        return Klipper(port, known, "the simulator", clock=port)
+
+
+SMALL = """G21 G90 G64 P0.01
+M3 S500
+G1 X6 Y4 Z-1 F1500
+G3 X2 Y8 R5
+G4 P0.1
+M8
+G0 Z2
+G1 X0 Y0.3 F1200
+M2
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    (tmp_path / "small.ngc").write_text(SMALL)
+    return tmp_path / "small.ngc"
+
+
+def tolerance_us(mcu: str) -> float:
+    """Tolerance of the encoder, a tick, and the time of the other motors' steps."""
+    return 5.0 + (40.0 if mcu in AVR else 1.5)
+
+
+@pytest.mark.parametrize("mcu", MCUS)
+def test_pins_make_the_planned_steps(small: Path, tmp_path: Path, mcu: str) -> None:
+    known = machine(mcu)
+    report, simulator = played(small, tmp_path, known)
+    assert report.ok, report.faults
+    check_pulses(known, simulator, tmp_path, tolerance_us(mcu))
+    assert simulator.reason == ""
+
+
+SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
+SENSING = ("turned-thread.nc", "probing.nc")
+"""Programs that need a spindle sensor or a contact."""
+
+
+@pytest.mark.parametrize("mcu", share(MCUS, ("atmega328p", "stm32f446")))
+@pytest.mark.parametrize(
+    "name", share([name for name in SHIPPED if name not in SENSING], ["trident.nc"])
+)
+def test_shipped_programs(name: str, mcu: str, tmp_path: Path) -> None:
+    known = with_board(load_machine("default"), mcu)
+    report, simulator = played(PROGRAMS / name, tmp_path, known)
+    if not report.ok:
+        found = {fault.diagnostic.code for fault in report.faults}
+        assert found <= {"board-too-dense", "board-step-rate", "board-senseless"}
+        assert found and not any(place(known, simulator))
+        return
+    check_pulses(known, simulator, tmp_path, tolerance_us(mcu))
+
+
+def test_several_motors_of_an_axis(small: Path, tmp_path: Path) -> None:
+    known = machine()
+    y = pins(known).y
+    assert y is not None
+    both = y.model_copy(update={"step": (*y.step, "gpio25"), "direction": (*y.direction, "gpio26")})
+    known = machine(y=both)
+    report, simulator = played(small, tmp_path, known)
+    assert report.ok
+    first, second = (steps_of(known, simulator, "y", motor) for motor in range(2))
+    np.testing.assert_array_equal(first[1], second[1])
+    assert np.abs(first[0] - second[0]).max() <= 2 * simulator.firmware.step_ticks
+
+
+def test_dense_programs_are_refused_before_motion(tmp_path: Path) -> None:
+    """Without a tolerance, nearly every step needs an entry of the queue of its own."""
+    (tmp_path / "dense.ngc").write_text("G21 G90\nG1 X1 F60\nG1 X20 Y13.1 Z-7.3 F1500\nM2\n")
+    known = machine("atmega328p", tolerance_us=0.0)
+    report, simulator = played(tmp_path / "dense.ngc", tmp_path, known)
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-too-dense"]
+    assert report.faults[0].diagnostic.line == 3
+    assert place(known, simulator) == [0, 0, 0]
+
+
+def test_other_algorithms_are_replaced_with_a_note(small: Path, tmp_path: Path) -> None:
+    known = machine()
+    report, simulator = played(small, tmp_path, known, algorithm="half-step")
+    assert report.ok
+    assert "algorithm-not-used" in [each.code for each in report.warnings]
+    check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))
+
+
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(20, 2)).tolist())
+def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
+    known = machine()
+    _, reference = played(small, tmp_path, known)
+    control, rests = Control(), []
+    with board(known) as (driver, simulator):
+
+        def on_sent(sent: object) -> None:
+            sender = driver._sender
+            if not rests and sender.running and sender.played_ns * 1e-9 > moment:
+                control.hold()
+            if getattr(sent, "held", False):
+                rests.append(place(known, simulator))
+                control.resume()
+
+        report = run(
+            small, known, board=driver, control=control, callbacks=Callbacks(on_sent=on_sent)
+        )
+    assert report.ok, report.faults
+    assert rests
+    assert any(rests[0])
+    for letter in known.axes:
+        np.testing.assert_array_equal(
+            steps_of(known, simulator, letter)[1], steps_of(known, reference, letter)[1]
+        )
+
+
+def test_second_program_begins_where_the_first_ended(small: Path, tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "next.ngc").write_text("G21 G90\nG0 X0 Y0 Z0\nM2\n")
+    with board(known) as (driver, simulator):
+        for program in (small, tmp_path / "next.ngc"):
+            assert run(program, known, board=driver).ok
+    assert place(known, simulator) == [0, 0, 0]
+
+
+def test_long_pauses_get_a_new_reference_clock(tmp_path: Path) -> None:
+    """Timers compare by 2**31 ticks: 12 s at 180 MHz."""
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 F600\nG4 P30\nG1 X2 Y1\nM2\n")
+    known = machine("stm32f446")
+    report, simulator = played(tmp_path / "p.ngc", tmp_path, known)
+    assert report.ok, report.faults
+    check_pulses(known, simulator, tmp_path, tolerance_us("stm32f446"))
+
+
+def test_clock_wraps_during_the_motion(small: Path, tmp_path: Path) -> None:
+    known = machine()
+    simulator = simulator_for(known)
+    simulator._start_clock = 2**32 - simulator.firmware.frequency // 2
+    report, _ = played(small, tmp_path, known, simulator)
+    assert report.ok, report.faults
+    check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))
+
+
+@pytest.mark.parametrize("drift", [-3e-4, 3e-4])
+def test_drift_of_the_clock(small: Path, tmp_path: Path, drift: float) -> None:
+    """The board's clock keeps the time of the motion."""
+    known = machine()
+    simulator = simulator_for(known)
+    simulator.frequency = simulator.firmware.frequency * (1 + drift)
+    report, _ = played(small, tmp_path, known, simulator)
+    assert report.ok, report.faults
+    check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))

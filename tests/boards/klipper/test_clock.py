@@ -1,0 +1,61 @@
+"""Estimate of the board's clock from answers with random delays."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from cnc.boards.klipper.clock import MAX_DRIFT, BoardClock
+
+WRAP = 2**32
+
+
+def estimated(
+    drift: float, delays: tuple[float, float], seed: int, frequency: float = 180e6
+) -> tuple[BoardClock, float]:
+    """Return a clock after 60 s, and its error then in s. The board's clock starts near a wrap."""
+    draw = random.Random(seed)
+    start = WRAP - 3 * int(frequency)
+
+    def truth(now: float) -> int:
+        return start + int(now * frequency * (1 + drift))
+
+    clock, now = BoardClock(frequency), 100.0
+    for k in range(240):
+        there, back = (delays[0] + draw.expovariate(1.0) * delays[1] for _ in range(2))
+        answer = truth(now + there)
+        received = now + there + back
+        if k == 0:
+            clock.set(answer, now, received)
+        else:
+            clock.add(answer % WRAP, now, received)
+        now += 0.25
+    return clock, (clock.at(now) - truth(now)) / frequency
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("drift", [-1e-4, 0.0, 5e-5, 3e-3])
+def test_clock_follows_the_board(drift: float, seed: int) -> None:
+    """Round trips of 2 ms and more, up to 20 ms: the clock is known within a millisecond."""
+    clock, error = estimated(drift, (0.001, 0.002), seed)
+    assert abs(error) < 1e-3
+    assert clock.drift == pytest.approx(drift, abs=5e-5)
+    assert clock.half_trip_s < 0.003
+
+
+def test_drift_is_limited() -> None:
+    clock, _ = estimated(0.05, (0.001, 0.0), 1)
+    assert abs(clock.drift) <= MAX_DRIFT * 1.0001
+
+
+def test_time_and_clock_are_inverse() -> None:
+    clock, _ = estimated(1e-5, (0.001, 0.001), 2)
+    assert clock.at(clock.time_of(10**11)) == 10**11
+
+
+def test_lower_bits_give_the_nearest_clock() -> None:
+    clock = BoardClock(1000.0)
+    clock.set(5 * WRAP - 10, 0.0, 0.0)
+    assert clock.extend(5, 0.0) == 5 * WRAP + 5
+    assert clock.extend(WRAP - 20, 0.0) == 5 * WRAP - 20

@@ -1,0 +1,135 @@
+"""Klipper's numbered blocks over a bad cable: everything arrives, once and in order."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from cnc.boards.klipper.protocol.errors import LocalError, WireError
+from cnc.boards.klipper.protocol.frames import MAX_CONTENTS, BlockReader, block_bytes
+from cnc.boards.klipper.protocol.link import SILENCE_S, KlipperLink
+from tests.support.soak import share
+
+TRIP_S = 0.004
+
+
+class Receiver:
+    """The board's end as documented: blocks in order, acks, and naks. Commands have 2 bytes."""
+
+    def __init__(self, sequence: int = 0) -> None:
+        self.sequence = sequence
+        self.reader = BlockReader()
+        self.got: list[int] = []
+
+    def receive(self, data: bytes) -> bytes:
+        out = bytearray()
+        damaged = self.reader.damaged
+        for block in self.reader.receive(data):
+            if block.sequence == self.sequence:
+                self.sequence = (self.sequence + 1) % 16
+                body = block.contents
+                self.got += [int.from_bytes(body[k : k + 2], "big") for k in range(0, len(body), 2)]
+            out += block_bytes(self.sequence, b"")
+        if self.reader.damaged > damaged:
+            out += block_bytes(self.sequence, b"")
+        return bytes(out)
+
+
+def spoilt(data: bytes, chance: float, draw: random.Random) -> bytes:
+    out = bytearray()
+    for byte in data:
+        if draw.random() >= chance:
+            out.append(byte)
+        elif draw.random() < 0.5:
+            out.append(byte ^ draw.randint(1, 255))
+    return bytes(out)
+
+
+def exchange(
+    link: KlipperLink, board: Receiver, chance: float, seed: int, seconds: float = 30.0
+) -> float:
+    """Exchange bytes until the link is idle; return the time that it took."""
+    draw, now = random.Random(seed), 0.0
+    up: list[tuple[float, bytes]] = []
+    down: list[tuple[float, bytes]] = []
+    while not link.idle:
+        assert now < seconds
+        if out := link.outgoing(now):
+            down.append((now + TRIP_S / 2, spoilt(out, chance, draw)))
+        while down and down[0][0] <= now:
+            up.append((now + TRIP_S / 2, spoilt(board.receive(down.pop(0)[1]), chance, draw)))
+        while up and up[0][0] <= now:
+            link.receive(up.pop(0)[1], now)
+        now += 0.001
+    return now
+
+
+@pytest.mark.parametrize("seed", range(share(200, 10)))
+@pytest.mark.parametrize("chance", [0.0, 0.001, 0.01])
+def test_commands_arrive_once_and_in_order(chance: float, seed: int) -> None:
+    link, board = KlipperLink(), Receiver(sequence=random.Random(seed).choice((0, 5, 15)))
+    link.send((0xFFFF).to_bytes(2, "big"))
+    exchange(link, board, 0.0, seed)
+    sent = list(range(3000))
+    for each in sent:
+        link.send(each.to_bytes(2, "big"))
+    exchange(link, board, chance, seed)
+    # The first command has no effect, so it may be repeated until the numbers agree.
+    assert board.got[-3000:] == sent
+    assert set(board.got[:-3000]) <= {0xFFFF}
+    assert (link.resent == 0) == (chance == 0.0) or link.resent <= 1
+
+
+def test_one_loss_is_repeated_once_after_a_nak() -> None:
+    """The nak makes the repetition quicker than the timeout, and happens once for a loss."""
+    link, board = KlipperLink(), Receiver()
+    link.send(bytes(2))
+    exchange(link, board, 0.0, 1)
+    blocks = [bytes(MAX_CONTENTS - 1)] * 6
+    for each in blocks:
+        link.send(each)
+    data = link.outgoing(1.0)
+    size = len(data) // 6
+    answers = board.receive(data[:size] + data[2 * size :])
+    link.receive(answers, 1.0 + TRIP_S)
+    again = link.outgoing(1.0 + TRIP_S)
+    assert again.count(data[size : 2 * size]) == 1
+    assert link.resent == 5
+    link.receive(board.receive(again), 1.0 + 2 * TRIP_S)
+    assert link.idle
+    assert link.outgoing(1.0 + 2 * TRIP_S) == b""
+
+
+def test_round_trip_is_measured_and_sets_the_timeout() -> None:
+    link, board = KlipperLink(), Receiver()
+    for _ in range(60):
+        link.send(bytes(2))
+        exchange(link, board, 0.0, 1)
+    assert link.round_trip.mean == pytest.approx(TRIP_S, abs=0.0021)
+    assert link.round_trip.timeout < 0.05
+
+
+def test_window_limits_the_bytes_on_their_way() -> None:
+    link, board = KlipperLink(), Receiver()
+    link.send(bytes(2))
+    exchange(link, board, 0.0, 1)
+    link.window = 192
+    for _ in range(100):
+        link.send(bytes(20))
+    data = link.outgoing(1.0)
+    assert 100 < len(data) <= 192
+    assert link.outgoing(1.001) == b""
+
+
+def test_silence_is_a_fault_of_the_wire() -> None:
+    link = KlipperLink()
+    link.send(bytes(2))
+    link.outgoing(0.0)
+    with pytest.raises(WireError):
+        link.outgoing(SILENCE_S + 0.01)
+
+
+def test_too_long_commands_are_our_fault() -> None:
+    with pytest.raises(LocalError):
+        KlipperLink().send(bytes(MAX_CONTENTS + 1))

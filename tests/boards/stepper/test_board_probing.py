@@ -1,0 +1,109 @@
+"""Probing of the stepper board in the simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import run
+from cnc.boards.stepper.driver import Stepper
+from tests.support.boards.stepper_rig import machine
+from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+
+
+class Part:
+    """A part that the probe touches. Its input is low where X is at ``at`` steps or beyond."""
+
+    def __init__(self, simulator: Simulator, at: int) -> None:
+        self.place = self.seen = self.backward = 0
+        run = simulator.run
+
+        def felt(seconds: float, *, or_byte: bool = False) -> None:
+            run(min(seconds, 0.0002), or_byte=or_byte)
+            edges = simulator.edges()
+            for edge in edges[self.seen :]:
+                if edge["pin"] == 5:
+                    self.backward = int(edge["level"])
+                if edge["pin"] == 2 and edge["level"]:
+                    self.place += 1 - 2 * self.backward
+            self.seen = len(edges)
+            simulator.set_pin(PROBE_PIN, 0 if self.place >= at else 1)
+
+        simulator.run = felt  # type: ignore[method-assign]
+
+
+PROBE_PIN = 19
+
+PROBING_PROGRAM = """G21 G90
+G38.{kind} X20 F300
+G1 X#5061 Y2 F600
+G0 X1 Y0
+M2
+"""
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
+    (tmp_path / "probe.ngc").write_text(PROBING_PROGRAM.format(kind=kind))
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    Part(simulator, 1000)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    assert report.ok, report.faults
+    board.close()
+    _, made = simulator.moves()
+    places = made.cumsum(axis=0, dtype=np.int64)
+    # 300 mm/min are 2 steps a millisecond: contact, seen within 0.2 ms, at the latest at the next
+    # grid move
+    contact = int(places[np.flatnonzero(places[:, 1] > 0)[0] - 1, 0])
+    assert 1000 <= contact <= 1002
+    assert places[:, 0].max() <= 1002
+    assert places[-1].tolist() == [400, 0, 0]
+    assert report.end_position["x"] == pytest.approx(1.0)
+    simulator.close()
+
+
+@pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
+def test_no_motion_follows_the_contact(tmp_path: Path, behind: str) -> None:
+    """The program ends there. The rest of the probe's move is not made later."""
+    (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    Part(simulator, 1000)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    assert report.ok, report.faults
+    board.close()
+    _, made = simulator.moves()
+    assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
+    simulator.close()
+
+
+def test_probe_without_contact(tmp_path: Path) -> None:
+    (tmp_path / "probe.ngc").write_text(
+        "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
+    )
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    board.close()
+    assert [fault.diagnostic.code for fault in report.faults] == ["probe-no-contact"]
+    assert simulator.moves()[1].sum(axis=0, dtype=np.int64).tolist() == [1600, 0, 0]
+    simulator.close()
+
+
+def test_probe_with_contact_at_its_start(tmp_path: Path) -> None:
+    (tmp_path / "probe.ngc").write_text("G21 G90\nG38.2 X2 F600\nM2\n")
+    simulator = Simulator()
+    simulator.set_pin(PROBE_PIN, 0)
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    board.close()
+    assert [fault.diagnostic.code for fault in report.faults] == ["probe-contact"]
+    assert not len(simulator.moves()[0])
+    simulator.close()

@@ -1,0 +1,71 @@
+"""Subroutines in files, and the percent signs around a program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cnc.model.blocks import Polyline
+from cnc.model.diagnostics import Diagnostic
+from tests.support.gcode.flow_moves import xs
+from tests.support.gcode.gcode_cases import error_of, run
+
+
+def write(folder: Path, **files: str) -> None:
+    for name, text in files.items():
+        (folder / f"{name}.ngc").write_text(text)
+
+
+def test_subs_in_files(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        tree="o<tree> sub\nG0 X#1\no300 call [#1 + 1]\no<tree> endsub [9]\no300 sub\nG0 X#1\n"
+        "o300 endsub\n",
+        **{
+            "12": "(header)\no12 sub\nG0 X12\no12 endsub\nM2\n",
+            "77": "O77\nG0 X77\nM99\n",
+            "78": "%\nG0 X78\nM99\n%\n",
+        },
+    )
+    source = "o<Tree> call [5]\nG0 X#<_value>\no12 call\nM98 P77 L2\nM98 P78\nG0 X0"
+    assert xs(source, folders=[tmp_path]) == [5, 6, 9, 12, 77, 77, 78, 0]
+
+
+def test_folders_are_searched_in_order_after_the_program(tmp_path: Path) -> None:
+    first, second = tmp_path / "a", tmp_path / "b"
+    for folder, x in ((first, 1), (second, 2)):
+        folder.mkdir()
+        write(
+            folder,
+            one=f"o<one> sub\nG0 X{x}\no<one> endsub",
+            own=f"o<own> sub\nG0 X{x}\no<own> endsub",
+        )
+    (second / "two.nc").write_text("o<two> sub\nG0 X22\no<two> endsub")
+    source = "o<one> call\no<two> call\no<own> call\nM2\no<own> sub\nG0 X3\no<own> endsub"
+    assert xs(source, folders=[first, second, tmp_path / "missing"]) == [1, 22, 3]
+
+
+def test_blocks_name_the_file_of_their_line(tmp_path: Path) -> None:
+    write(tmp_path, one="o<one> sub\nG0 X1\nG0 X2\no<one> endsub")
+    blocks = run("G0 X0\no<one> call\nG0 X3", folders=[tmp_path])
+    found = [(block.file, block.lines.tolist()) for block in blocks if isinstance(block, Polyline)]
+    assert found == [("test.nc", [1]), (str(tmp_path / "one.ngc"), [2, 3]), ("test.nc", [3])]
+
+
+@pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "fanuc"])
+def test_nothing_behind_the_second_percent_is_called(dialect: str) -> None:
+    found = error_of("%\nM98 P2\nM30\n%\nO2\nG0 X9\nM99", dialect=dialect)
+    assert found.code == "program-unknown"
+
+
+def test_a_percent_without_a_first_one_ends_no_program() -> None:
+    found = error_of("G0 X1\n%\nG0 X2\nM2")
+    assert (found.code, found.line) == ("percent-place", 2)
+    assert error_of("G0 X1\n%", dialect="linuxcnc").code == "percent-place"
+
+
+def test_an_unopened_percent_in_the_last_line_is_a_warning() -> None:
+    warnings: list[Diagnostic] = []
+    assert xs("G0 X1\n%\n\n", warn=warnings.append) == [1]
+    assert [each.code for each in warnings] == ["percent-unopened"]

@@ -1,0 +1,231 @@
+"""Rules in which controllers differ, each by the controller's manual."""
+
+from __future__ import annotations
+
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.dialects.recognition import recognise
+from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline
+from cnc.model.diagnostics import Diagnostic
+from tests.support.gcode.gcode_cases import error_of, run
+
+
+def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[float, ...]]:
+    """The ends of the moves of a program."""
+    rules = dialects.load(dialect, lenient=lenient)
+    return [
+        tuple(row)
+        for block in run(source, dialect=rules)
+        if isinstance(block, Polyline)
+        for row in block.points.tolist()
+    ]
+
+
+def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
+    found: list[Diagnostic] = []
+    run(source, dialect=dialects.load(dialect, lenient=lenient), warn=found.append)
+    return found
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "grbl"])
+def test_a_comment_ends_at_the_first_bracket(dialect: str) -> None:
+    assert points("G0 X1 (see (1) Y2", dialect) == [(1.0, 2.0, 0.0)]
+    assert error_of("( hole (1) ) G0 X1", dialect=dialect).code == "comment-not-open"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "mach3"])
+def test_a_bracket_inside_a_comment_is_an_error(dialect: str) -> None:
+    assert error_of("G0 X1 (see (1)\nM2", dialect=dialect).code == "comment-nested"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "fanuc", "haas", "mach3"])
+def test_f0_without_a_feed_move_ends_the_feed(dialect: str) -> None:
+    assert points("G90 G0 X1 F0\nM2", dialect) == [(1.0, 0.0, 0.0)]
+    found = error_of("G90 G1 X1 F5\nG0 X2 F0\nG1 X3\nM2", dialect=dialect)
+    assert (found.code, found.line) == ("feed-missing", 3)
+    assert "--default-feed" in found.hint
+    assert error_of("G90 G1 X1 F0\nM2", dialect=dialect).code == "feed-not-positive"
+
+
+def test_the_offset_number_of_fanuc_stays() -> None:
+    """D of a tool change or of G43 is that of a later G41."""
+    program = "G90 G10 L12 P7 R2\nG43 H0 D7\nG41 G1 X10 F100\nY10\nG40 X20"
+    reached = points(program, "fanuc")
+    assert reached[0][0] == pytest.approx(10.0 - 2.0)
+    assert points(program.replace(" D7", "").replace("G41", "G41 D7"), "fanuc") == reached
+    assert error_of("G43 H0 D7", dialect="linuxcnc").code == "word-unused"
+    within = "G10 L12 P7 R2\nG41 D7 G1 X10 F100\nX20 D8"
+    assert error_of(within, dialect="fanuc").code == "compensation-active"
+
+
+@pytest.mark.parametrize(("dialect", "word"), [("fanuc", "K0"), ("fanuc", "L0"), ("haas", "L0")])
+def test_no_repeat_stores_the_words_of_a_cycle(dialect: str, word: str) -> None:
+    """The next line drills with the words of the line that drills nothing."""
+    reached = points(f"G90 G0 Z10\nG99 G81 R2 Z-3 F100 {word}\nX5\nG80", dialect)
+    assert reached == [(0, 0, 10), (5, 0, 10), (5, 0, 2), (5, 0, -3), (5, 0, 2)]
+
+
+def test_no_repeat_is_an_error_of_linuxcnc() -> None:
+    found = error_of("G90 G0 Z10\nG99 G81 X1 R2 Z-3 F100 L0", dialect="linuxcnc")
+    assert found.code == "value-out-of-range"
+
+
+def test_switches_of_block_delete() -> None:
+    program = "/G0 X1\n/2 G0 X2\n/9G0 X3"
+    every = [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)]
+    assert points(program, "fanuc") == points(program, "auto", lenient=True) == every
+    assert error_of(program, dialect="linuxcnc").code == "letter-missing"
+    rest: list[Block] = run(program, dialect="fanuc", block_delete=frozenset({2}))
+    assert [block.points.tolist() for block in rest if isinstance(block, Polyline)] == [
+        [[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
+    ]
+
+
+def test_a_query_of_the_status_has_no_effect() -> None:
+    program = "? ; status\nG0 X1"
+    assert points(program, "grbl") == [(1.0, 0.0, 0.0)]
+    assert [each.code for each in warnings(program, "grbl")] == ["code-not-needed"]
+    assert error_of(program, dialect="linuxcnc").code == "character-unknown"
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc", "haas", "mach3"])
+@pytest.mark.parametrize(("line", "word"), [("G2 X4 Y4 CR=4. F9", "CR="), ("G0 X=IC(5)", "X=")])
+def test_addresses_of_sinumerik_are_named(dialect: str, line: str, word: str) -> None:
+    found = error_of(line, dialect=dialect)
+    assert (found.code, found.message) == (
+        "syntax-not-in-dialect",
+        f"{word} is a word of SINUMERIK",
+    )
+
+
+@pytest.mark.parametrize("code", ["M105", "M190", "M104"])
+def test_codes_of_printers_are_named(code: str) -> None:
+    found = error_of(code, dialect="fanuc")
+    assert found.code == "code-not-supported"
+    assert "3D printer" in found.message
+
+
+def test_a_repeated_word_says_who_takes_it() -> None:
+    found = error_of("M3 S1000 S0", dialect="fanuc")
+    assert found.code == "word-repeated"
+    assert "FANUC takes the last one" in found.hint
+
+
+@pytest.mark.parametrize(
+    ("source", "kind"),
+    [
+        ("$PART-3.MIN%\nG0 X20", "Okuma"),
+        ("G15 H1\nG0 X20 Y3", "Okuma"),
+        ("NOEX VC1=3\nG0 X20 Y3", "Okuma"),
+    ],
+)
+def test_okuma_is_recognised(source: str, kind: str) -> None:
+    assert kind in recognise(source.split("\n")).refusal
+
+
+def test_an_extruder_is_recognised_with_two_digits() -> None:
+    assert recognise(["G00 E0"]).dialect == "marlin"
+
+
+MACH3 = [
+    ("G90 G0 X10 Y10\nG51 X2 Y-2\nG1 X20 F9\nY5\nG50\nG1 X1", [(40, 10), (40, -10), (1, -10)]),
+    ("G90 G51 X2\nG51 Y3\nG1 X1 Y1 F9", [(2, 3)]),
+    ("G91 G51 X2\nG1 X1 F9\nX1", [(2, 0), (4, 0)]),
+    ("G90 G68 A1 B0 R90\nG1 X2 Y0 F9\nG69\nX2 Y0", [(1, 1), (2, 0)]),
+    ("G90 G0 X10 Y10\nG16\nG1 X5 Y90 F9\nY180\nG15\nX0 Y0", [(10, 15), (5, 10), (0, 0)]),
+    ("G90 G0 X1\nG12 I5 F9", [(6, 0), (1, 0)]),
+]
+
+
+@pytest.mark.parametrize(("program", "ends"), MACH3)
+def test_figures_of_mach3(program: str, ends: list[tuple[float, float]]) -> None:
+    """Axis words of G51 are factors, A and B the centre of G68; G16 counts from the position."""
+    reached = [end[:2] for end in points(program, "mach3")]
+    assert reached[-len(ends) :] == [pytest.approx(end, abs=1e-12) for end in ends]
+
+
+@pytest.mark.parametrize(
+    ("program", "code"),
+    [
+        ("G51", "scaling-factor"),
+        ("G51 X0", "scaling-factor"),
+        ("G68 R90", "axis-words-missing"),
+        ("G12 I5 D1 F9", "word-unused"),
+    ],
+)
+def test_faults_of_figures_of_mach3(program: str, code: str) -> None:
+    assert error_of(program, dialect="mach3").code == code
+
+
+@pytest.mark.parametrize(("code", "turns"), [("G12", -1.0), ("G13", 1.0)])
+def test_a_circle_of_mach3(code: str, turns: float) -> None:
+    (arc,) = (each for each in run(f"{code} I5 F9", dialect="mach3") if isinstance(each, ArcFeed))
+    assert (arc.center, arc.radius, arc.turns) == ((0.0, 0.0), 5.0, turns)
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "mach3", "siemens", "marlin"])
+@pytest.mark.parametrize("code", ["G5.1 Q1", "G05 P10000"])
+def test_look_ahead_is_no_spline(dialect: str, code: str) -> None:
+    found = error_of(code, dialect=dialect)
+    assert found.code == "code-not-in-dialect"
+    assert "FANUC" in found.hint
+    assert "linuxcnc" not in found.hint
+
+
+def test_a_dwell_by_x_needs_a_point_unless_the_controller_is_known() -> None:
+    (dwell,) = (each for each in run("G4 X2.\nM30") if isinstance(each, Dwell))
+    assert dwell.seconds == 2.0
+    assert error_of("G4 X2\nM30").code == "decimal-point-needed"
+    assert error_of("G4 X2.", dialect="linuxcnc").code == "axis-words-unused"
+
+
+def test_all_axes_of_haas_return_without_axis_words() -> None:
+    assert points("G91 G0 X5 Z5\nG28", "haas") == [(5, 0, 5), (0, 0, 0)]
+    assert error_of("G28", dialect="fanuc").code == "axis-words-missing"
+
+
+@pytest.mark.parametrize("code", ["G73", "G83"])
+def test_pecks_of_haas_become_smaller(code: str) -> None:
+    """I is the first peck, J its decrease, K the smallest one: 5, 4, 3, 2, 2, 2, 2."""
+    program = f"G90 G0 Z10\nG99 {code} Z-18 R2 I5 J1 K2 F100\nX5\nG80"
+    bottoms: list[float] = []
+    previous = 10.0
+    for x, _, z in points(program, "haas"):
+        if x == 0.0 and z < previous and z not in (2.0, *(b + 0.5 for b in bottoms)):
+            bottoms.append(z)
+        previous = z
+    assert bottoms == [-3, -7, -10, -12, -14, -16, -18]
+    again = [z for x, _, z in points(program, "haas") if x == 5.0]
+    assert [z for z in again if z in bottoms] == bottoms
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("I5 J1", "cycle-word-missing"),
+        ("I5 J-1 K2", "value-out-of-range"),
+        ("I5 J1 K6", "value-out-of-range"),
+        ("I0 J1 K0", "value-out-of-range"),
+        ("I5 J1 K0.001", "cycle-too-long"),
+    ],
+)
+def test_faults_of_smaller_pecks(words: str, code: str) -> None:
+    program = f"G90 G0 Z10\nG83 Z-1000 R2 {words} F100"
+    assert error_of(program, dialect="haas").code == code
+
+
+def test_q_takes_the_place_of_smaller_pecks() -> None:
+    later = "G90 G0 Z10\nG99 G83 Z-8 R2 I5 J1 K2 F100\nX5 Q5\nG80"
+    only = "G90 G0 X5 Z10\nG99 G83 Z-8 R2 Q5 F100\nG80"
+    assert points(later, "haas")[-5:] == points(only, "haas")[-5:]
+
+
+@pytest.mark.parametrize(("line", "angle"), [("M19 P90", 90.0), ("M19 R12.5", 12.5), ("M19", 0.0)])
+def test_haas_orients_to_an_angle_by_p_or_r(line: str, angle: float) -> None:
+    (orient,) = (each for each in run(line, dialect="haas") if isinstance(each, Orient))
+    assert (orient.angle, orient.direction) == (angle, "shortest")
+
+
+def test_p_of_fanucs_orientation_is_unknown() -> None:
+    assert error_of("M19 P1", dialect="fanuc").code == "word-unused"

@@ -1,0 +1,85 @@
+"""Refined plans are compared with the path where its samples are too far apart for them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cnc.kernels.planner.phases import PHASE
+from cnc.model.blocks import PathMode
+from cnc.model.diagnostics import MotionLimitError
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.phases import cut_at_length
+from cnc.planner.plan import PlanChunk
+from cnc.planner.section import Section
+from tests.support.planner.motions import machine, nurbs, path_of
+
+COARSE = 0.05
+"""Intervals are cut for this part of the speed bound: their samples are too far apart."""
+
+
+def hairpins(seed: int) -> list:
+    """Return an exact NURBS with tight bends."""
+    rng = np.random.default_rng(seed)
+    step = rng.normal(0.0, 8.0, (12, 3))
+    for k in range(2, 12, 3):
+        step[k] = -rng.uniform(0.7, 1.0) * step[k - 1]
+    points = np.concatenate((np.zeros((1, 3)), np.cumsum(step, axis=0)))
+    return [PathMode("t.nc", 1, "exact-path"), nurbs(points, degree=3, feed=250.0)]
+
+
+def duration(seed: int) -> float:
+    """Return the duration of the plan on a machine with limits of each axis, s."""
+    mill = machine(axis=(1500.0, 40_000.0), tangential=None, normal=None, jerk=None, period=1e-4)
+    plans = [
+        plan
+        for plan in LookAhead(mill).plan(path_of(hairpins(seed)))
+        if isinstance(plan, PlanChunk)
+    ]
+    return plans[-1].t0 + plans[-1].duration
+
+
+SEEDS = range(3, 7)
+
+
+def test_motion_between_samples_that_are_far_apart_is_legal(monkeypatch):
+    monkeypatch.setattr("cnc.planner.section.REFINED", COARSE)
+    monkeypatch.setattr("cnc.planner.section.FINEST", math.inf)
+    finer, cut_finer = [], Section.cut_finer
+    monkeypatch.setattr(
+        Section, "cut_finer", lambda self, limits: finer.append(self) or cut_finer(self, limits)
+    )
+    for seed in SEEDS:
+        duration(seed)
+    assert finer
+
+
+def test_such_a_motion_is_illegal_without_the_comparison(monkeypatch):
+    monkeypatch.setattr("cnc.planner.section.REFINED", COARSE)
+    monkeypatch.setattr("cnc.planner.acceptance.exceeding_sections", lambda *_: [])
+    with pytest.raises(MotionLimitError, match="plan-illegal"):
+        _ = [duration(seed) for seed in SEEDS]
+
+
+def test_a_plan_without_finer_intervals_is_not_refined(monkeypatch):
+    monkeypatch.setattr("cnc.planner.section.REFINED", COARSE)
+    usual = [duration(seed) for seed in SEEDS]
+    monkeypatch.setattr("cnc.planner.section.FINEST", 0.0)
+    found = [duration(seed) for seed in SEEDS]
+    assert max(found[k] / usual[k] for k in range(len(SEEDS))) > 1.01
+
+
+@pytest.mark.parametrize(("place", "before"), [(1.0, 1), (1.0 + 1e-13, 1), (1.0 - 1e-12, 1)])
+def test_a_cut_at_the_end_of_a_phase_leaves_no_phase_of_no_length(place, before):
+    phases = np.array([(0.5, 0.0, 2.0, 0.0, 0.0), (0.1, 1.0, 2.0, 0.0, 300.0)], PHASE)
+    head, tail = cut_at_length(phases, place)
+    assert (len(head), len(tail)) == (before, 2 - before)
+    assert tail[0]["duration"] == 0.1
+
+
+def test_a_cut_inside_a_phase_is_exact():
+    phases = np.array([(0.5, 0.0, 2.0, 0.0, 0.0), (0.1, 1.0, 2.0, 0.0, 300.0)], PHASE)
+    head, tail = cut_at_length(phases, 0.25)
+    assert head["duration"] == pytest.approx([0.125])
+    assert tail["duration"] == pytest.approx([0.375, 0.1])
+    assert tail[0]["s"] == 0.25

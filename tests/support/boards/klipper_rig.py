@@ -1,0 +1,141 @@
+"""Shared parts of the Klipper board's tests: machines, boards on a simulator, checks of edges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.api import Report
+from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.simulator.board import simulator_for
+from cnc.boards.klipper.simulator.firmware import FIRMWARES
+from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.session.options import Outputs
+from tests.support.session.runs import run_with
+
+MCUS = tuple(FIRMWARES)
+NAMES = {
+    True: [f"gpio{number}" for number in range(30)],
+    False: [f"P{letter}{number}" for letter in "ABCD" for number in range(8)],
+}
+
+
+def with_board(known: Machine, mcu: str = "rp2040", **changes: Any) -> Machine:
+    """Return a machine with the pins of a microcontroller: motors, switches, probe, e-stop."""
+    pins = iter(NAMES[mcu == "rp2040"])
+    axes = {
+        letter: KlipperAxis(
+            step=(next(pins),),
+            direction=((("!" if k % 2 else "") + next(pins)),),
+            endstop=f"^!{next(pins)}",
+        )
+        for k, letter in enumerate(known.axes)
+    }
+    klipper = KlipperBoard(
+        mcu=mcu,
+        spindle=KlipperSpindle(pin=next(pins), pwm=True, backward=next(pins)),
+        flood=next(pins),
+        mist=next(pins),
+        probe=f"^!{next(pins)}",
+        emergency_stop=f"^!{next(pins)}",
+    ).model_copy(update={**axes, **changes})
+    return known.model_copy(
+        update={"board": known.board.model_copy(update={"klipper": klipper, "kind": "klipper"})}
+    )
+
+
+def machine(mcu: str = "rp2040", **changes: Any) -> Machine:
+    """Return the router of the stepper board with the pins of a microcontroller."""
+    return with_board(load_machine("stepper-uno"), mcu, **changes)
+
+
+def pins(known: Machine) -> KlipperBoard:
+    assert known.board.klipper is not None
+    return known.board.klipper
+
+
+@contextmanager
+def board(
+    known: Machine,
+    simulator: KlipperSimulator | None = None,
+    port: KlipperSimulatorPort | None = None,
+) -> Iterator[tuple[Klipper, KlipperSimulator]]:
+    """Provide a driver on a simulated board."""
+    simulator = simulator or simulator_for(known)
+    port = port or KlipperSimulatorPort(simulator)
+    driver = Klipper(port, known, "the simulator", clock=port)
+    try:
+        yield driver, simulator
+    finally:
+        driver.close()
+
+
+def played(
+    program: Path,
+    folder: Path,
+    known: Machine,
+    simulator: KlipperSimulator | None = None,
+    **options: Any,
+) -> tuple[Report, KlipperSimulator]:
+    """Run a program on a simulated board, and write its pulses to ``folder``/pulses.npz."""
+    with board(known, simulator) as (driver, simulator):
+        report = run_with(
+            program,
+            known,
+            board=driver,
+            outputs=Outputs(pulses=str(folder / "pulses.npz")),
+            **options,
+        )
+    return report, simulator
+
+
+def steps_of(
+    known: Machine, simulator: KlipperSimulator, letter: str, motor: int = 0
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return clocks (n,) and signs (n,) of the steps of a motor, from the edges of its pins."""
+    axis = getattr(pins(known), letter)
+    clock, level = simulator.edges(axis.step[motor].lstrip("!"))
+    backward = axis.direction[motor].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    return clock, level.astype(np.int64) * (-1 if backward else 1)
+
+
+def place(known: Machine, simulator: KlipperSimulator) -> list[int]:
+    """Return the position that the edges add up to, steps."""
+    return [int(steps_of(known, simulator, letter)[1].sum()) for letter in known.axes]
+
+
+def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:
+    """Return the position of an axis by the simulator's own count, which is quick to read."""
+    axis = getattr(pins(known), letter)
+    backward = axis.direction[0].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    counted = simulator.positions.get(simulator.pin(axis.step[0].lstrip("!")), 0)
+    return -counted if backward else counted
+
+
+def check_pulses(
+    known: Machine, simulator: KlipperSimulator, folder: Path, tolerance_us: float
+) -> None:
+    """Check that each axis made the planned steps, in order, and in time.
+
+    The start of the motion is where most steps are in time.
+    """
+    with np.load(folder / "pulses.npz") as planned:
+        time_ns, step = planned["time_ns"], planned["step"]
+    offsets: list[NDArray[np.float64]] = []
+    for column, letter in enumerate(known.axes):
+        clock, sign = steps_of(known, simulator, letter)
+        rows = np.flatnonzero(step[:, column])
+        np.testing.assert_array_equal(sign, step[rows, column])
+        offsets.append(clock / simulator.firmware.frequency * 1e6 - time_ns[rows] * 1e-3)
+    late = np.concatenate(offsets)
+    if len(late):
+        assert (late.max() - late.min()) <= 2 * tolerance_us

@@ -1,0 +1,57 @@
+"""Runs of a square on the GRBL simulator, for the position check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cnc.api import Callbacks, Control, Report
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.executor.run import Progress
+from cnc.machine.load import load_machine
+from tests.support.session.runs import run_with
+
+MACHINE = load_machine("grbl-uno")
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
+SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
+SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
+END = (4.0, 3.0, -1.0)
+
+
+def tool(simulator: GrblSimulator) -> tuple[float, ...]:
+    """Return the position of the tool from its first position; the board counts from its start."""
+    began = simulator.core.environment.of_travels(*simulator.core.per_axis(130)).offset
+    return tuple(
+        round(p + o - b, 3)
+        for p, o, b in zip(
+            simulator.position, simulator.core.environment.offset, began, strict=True
+        )
+    )
+
+
+def ran(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:
+    """Run a program on a port that keeps DTR high, as the serial port does."""
+    port = GrblSimulatorPort(simulator, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
+    board.connect()
+    try:
+        return run_with(program, MACHINE, board=board, **arguments)
+    finally:
+        board.close()
+
+
+def refused(report: Report) -> str:
+    """Return message and hint of the only fault, ``position-lost``."""
+    (fault,) = report.faults
+    assert fault.diagnostic.code == "position-lost", fault.diagnostic
+    assert fault.exit_code == 3
+    return f"{fault.diagnostic.message}\n{fault.diagnostic.hint}"
+
+
+def stopping(control: Control, at_x: float) -> Callbacks:
+    def on_sent(sent: Progress) -> None:
+        if sent.position is not None and sent.position[0] > at_x:
+            control.stop()
+
+    return Callbacks(on_sent=on_sent)
