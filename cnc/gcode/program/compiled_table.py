@@ -182,8 +182,10 @@ class _Part:
     def numbers(self) -> Array:
         """Return the numbers of the instructions."""
         code = self.text.coded.code
-        is_name = code.operation[self.code] == NAMED
-        return code.number[self.code] + np.where(is_name, float(self._names), 0.0)
+        # The number of other instructions may be unset.
+        numbers = code.number[self.code].copy()
+        numbers[code.operation[self.code] == NAMED] += self._names
+        return numbers
 
     def called(self) -> Array:
         """Return the labels that the lines call."""
