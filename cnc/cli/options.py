@@ -53,7 +53,8 @@ MachineOption = Annotated[
 BoardOption = Annotated[
     str | None,
     option(
-        "loopback, stepper, grbl, grbl-sim, file, or an installed driver; by default the board "
+        "loopback, stepper, grbl, grbl-sim, klipper, klipper-sim, file, or an installed driver; "
+        "by default the board "
         "of the machine file."
     ),
 ]

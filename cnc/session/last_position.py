@@ -14,23 +14,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from cnc.model.state_folder import folder
 from cnc.session.checkpoint import replace_json
-
-
-def folder() -> Path:
-    """Return the folder of the files, for the present user."""
-    if named := os.environ.get("XDG_STATE_HOME"):
-        return Path(named) / "cnc" / "positions"
-    if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
-        return Path(local) / "cnc" / "positions"
-    return Path(os.path.expanduser("~")) / ".local" / "state" / "cnc" / "positions"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal, NamedTuple, get_args
 
+from cnc.gcode.dialects.near_codes import near
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import LineWords, Word, fault
@@ -150,6 +151,7 @@ class Dialect:
     corners: Literal["", "lines", "all"]
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
+    turret_offsets: Literal["", "P", "L"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -327,7 +329,7 @@ _PLAIN = (
     "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
-    "two_line_cycles", "orient_angle",
+    "two_line_cycles", "orient_angle", "turret_offsets",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -367,33 +369,14 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         )
     if meaning := _known()[kind].get(f"{code:g}"):
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
-    near = " or ".join(
+    similar = " or ".join(
         f"{kind.upper()}{other}"
-        for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
+        for other in near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
     )
-    hint = f"did you mean {near}?" if near else ""
+    hint = f"did you mean {similar}?" if similar else ""
     if kind == "m":
         builder = (
             f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
         )
         hint = f"{hint} {builder}" if hint else builder
     return fault("code-unknown", f"{name} is unknown", word, hint)
-
-
-def _near(written: str, legal: frozenset[float]) -> list[str]:
-    """Return codes that a typing error may have turned into the one written.
-
-    The errors are a missing point, another digit after it, a digit too many, two digits swapped.
-    """
-    before, point, _ = written.lstrip("0").partition(".")
-    places = range(1, len(before))
-    if point:
-        slips = [before, *(f"{before}.{digit}" for digit in range(1, 6))]
-    else:
-        slips = [f"{before[:at]}.{before[at:]}" for at in places if before[at:].strip("0")]
-        slips += [before[:at] + before[at + 1 :] for at in places]
-        slips += [
-            before[: at - 1] + before[at] + before[at - 1] + before[at + 1 :] for at in places
-        ]
-    numbers = dict.fromkeys(float(slip) for slip in slips if slip)
-    return [f"{number:g}" for number in numbers if number in legal][:3]
