@@ -34,7 +34,7 @@ PIECE_S = 0.02
 """Length of the pieces in which moves are compressed and sent."""
 PREFILL_S = 0.1
 """Motion beyond the reserve that is there before the motion starts."""
-START_S = 0.1
+START_S = 0.2
 """Time from the start of a motion to its first move."""
 LATE_S = 0.004
 """A move must be sent so long before its time."""
