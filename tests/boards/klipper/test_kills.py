@@ -70,7 +70,8 @@ def test_killed_command(wait: float, tmp_path: Path, monkeypatch: pytest.MonkeyP
     port = KlipperSimulatorPort(simulator)
     again = Klipper(port, known, "again", clock=port, identity=name)
     assert again._position.counts(again._supervisor.read_positions()) == rested
-    assert again.known_steps == (None, None, None)
+    # A busy computer may have ended the motion on its path before.
+    assert again.known_steps in ((None, None, None), tuple(rested))
 
 
 @pytest.mark.parametrize(
