@@ -272,15 +272,12 @@ class Supervisor:
                         self.position.forget()
                     self.guards.disarm()
                     self.guards.trigger()
-                self.outputs.set(self.outputs.state.off(), sender.now + self._soon())
+                self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
         finally:
             self._stopping = False
             sender.stop()
-
-    def _soon(self) -> int:
-        return round(AHEAD_S * self.connection.board_clock.frequency)
 
     def _underrun(self) -> None:
         """Come to rest on the path, because no more motion comes."""
