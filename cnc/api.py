@@ -20,6 +20,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
@@ -32,6 +34,7 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.path.build import build
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
@@ -106,7 +109,7 @@ def plan(
         start=start_position(known),
         tolerance=known.path.tolerance,
     )
-    yield from LookAhead(known).plan(path)
+    yield from LookAhead(known).plan(Joints(known).path(path, start_position(known)))
 
 
 def check(
@@ -287,11 +290,11 @@ def home(
     finally:
         if owned:
             opened.close()
-    each = zip(known.axes.items(), positions, strict=True)
-    return {
-        letter: None if steps is None else steps / axis.steps_per_mm
-        for (letter, axis), steps in each
-    }
+    joints = Joints(known)
+    found = np.array([np.nan if steps is None else steps for steps in positions])
+    tip = joints.tip(found / joints.machine.steps_per_mm)
+    each = zip(known.axes, tip.tolist(), strict=True)
+    return {letter: None if place != place else place for letter, place in each}
 
 
 def _loaded(machine: MachineChoice) -> Machine:

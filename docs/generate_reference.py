@@ -102,6 +102,12 @@ def _table(model: dict[str, Any], definitions: dict[str, Any]) -> Iterator[str]:
         meaning = str(value.get("description", "")).replace("\n", " ").replace("|", "\\|")
         yield f"| `{key}` | {default} | {meaning} |"
     yield ""
+    for choice in model.get("oneOf", []):
+        inner = _resolved(choice, definitions)
+        kinds = inner["properties"]["type"]
+        yield f"### `type = {json.dumps(kinds.get('const') or kinds['enum'][0])}`"
+        yield ""
+        yield from _table(inner, definitions)
     for key, inner in nested:
         yield f"### `{key}`"
         yield ""

@@ -1,7 +1,7 @@
 """Discovery of boards at the serial ports: their settings, and the machine file that they give.
 
-A port is first queried as a GRBL board, then as a stepper board. The hello of the stepper protocol
-is not a command of any other board.
+A port is first queried as a GRBL board, then as a stepper board, then as a Klipper board. The hello
+of the stepper protocol is not a command of any other board, nor is the question of Klipper's.
 
 All printed lines but those of the machine file are comments of TOML. Therefore
 ``cncrun boards /dev/ttyUSB0 > mill.toml`` makes the machine file.
@@ -12,12 +12,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.port_report import grbl_report
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
+from cnc.boards.klipper.connection import BAUD as KLIPPER_BAUD
+from cnc.boards.klipper.connection import Connection as KlipperConnection
+from cnc.boards.klipper.port_report import KlipperInfo, klipper_report, read_info
 from cnc.boards.port import PortLost, SystemClock
 from cnc.boards.serial_port import BY_NUMBER, FoundPort, found_ports, open_port, port_of
 from cnc.boards.stepper.connection import BAUD, MIN_BAUD, Connection
@@ -42,7 +46,8 @@ class FoundBoard:
         info: Firmware and settings of a GRBL board.
         status: Status of a GRBL board.
         stepper: A stepper board's description of itself.
-        baud: Speed at which the stepper board answered, bits/s.
+        klipper: A Klipper board's description of itself.
+        baud: Speed at which the stepper or Klipper board answered, bits/s.
         fault: Reason why no board answered.
     """
 
@@ -51,6 +56,7 @@ class FoundBoard:
     info: BoardInfo | None = None
     status: Status | None = None
     stepper: Welcome | None = None
+    klipper: KlipperInfo | None = None
     baud: int = 0
     fault: BoardError | None = None
     serial_number: str = ""
@@ -105,12 +111,16 @@ def _probe(name: str, found: FoundPort, baud: int) -> FoundBoard:
             return FoundBoard(name, description, fault=error)
         # A GRBL board has been reset by now, so the hello cannot disturb its motion.
         speed = baud if baud >= MIN_BAUD else BAUD
-        try:
+        with suppress(BoardError):
             port.change_baud(speed)
             connection = Connection(port, SystemClock(), name)
             return FoundBoard(name, description, stepper=connection.greet(HELLO_S), baud=speed)
-        except BoardError:
-            return FoundBoard(name, description, fault=error)
+        speed = baud if baud >= MIN_BAUD else KLIPPER_BAUD
+        with suppress(BoardError):
+            port.change_baud(speed)
+            known = KlipperConnection(port, SystemClock(), name)
+            return FoundBoard(name, description, klipper=read_info(known, HELLO_S), baud=speed)
+        return FoundBoard(name, description, fault=error)
     finally:
         link.close()
 
@@ -126,6 +136,8 @@ def port_report(found: FoundBoard, baud: int = 115200) -> Iterator[str]:
     yield "  ".join(each for each in (f"# {found.port}", found.description, number) if each)
     if found.stepper is not None:
         yield from stepper_report(found.port, found.stepper, found.baud)
+    elif found.klipper is not None:
+        yield from klipper_report(found.lasting_port, found.klipper, found.baud)
     elif found.info is not None and found.status is not None:
         yield from grbl_report(found.lasting_port, found.info, found.status, baud)
     elif found.fault is not None:

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, get_args, runtime_checkable
+from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +138,33 @@ class PulseSink(Board, Protocol):
 
 OnReport = Callable[[], None]
 """A function that is called after each report of a board."""
+
+
+class MachineReport(NamedTuple):
+    """The last report of a board that plans its own motion.
+
+    Attributes:
+        state: The state in the words of the board, such as Run or Hold.
+        work: Work position of each axis, mm; empty if it is not known.
+        feed: Actual feed, mm/min; None if it is not reported.
+        spindle: Speed of the spindle, rev/min; None if it is not reported.
+        overrides: Of feed, traverses and spindle, per cent; None as long as they are not known.
+    """
+
+    state: str
+    work: tuple[float, ...] = ()
+    feed: float | None = None
+    spindle: float | None = None
+    overrides: tuple[int, int, int] | None = None
+
+
+@runtime_checkable
+class ReportsState(Protocol):
+    """A board that reports its state during a run."""
+
+    @property
+    def report(self) -> MachineReport:
+        """The last report."""
 
 
 @runtime_checkable

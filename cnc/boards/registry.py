@@ -96,10 +96,16 @@ def open_board(
         port: Port of the board, instead of that in the machine file.
 
     Raises:
-        UsageError: ``board-without-port``, or the driver is unknown or not loadable.
+        UsageError: ``board-without-port``, ``kinematics-on-board`` for joints and a board that
+            takes lines, or the driver is unknown or not loadable.
     """
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
+    if factory.traits.takes_lines and machine.kinematics.joints:
+        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
+        message = f"the board {name!r} has its kinematics in its firmware"
+        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
+    machine = machine.of_joints
     if port is not None:
         if not factory.traits.has_port:
             hint = "leave --port out, or name a board that has one: --board grbl"

@@ -71,11 +71,14 @@ class SerialLink:
         try:
             if self._file is None:
                 return self._read_by_pyserial(timeout)
-            # Waiting here, with a timeout of 0 in pyserial, takes half as many system calls.
+            # Waiting and reading here takes half as many system calls as by pyserial.
             if timeout > 0.0 and not select.select((self._file,), (), (), timeout)[0]:
                 return b""
-            data: bytes = self._serial.read(READ_SIZE)
-            return data
+            with contextlib.suppress(BlockingIOError):
+                # Only a connection that has ended is ready without data: pyserial tells how.
+                data: bytes = os.read(self._file, READ_SIZE) or self._serial.read(1)
+                return data
+            return b""
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
@@ -94,7 +97,11 @@ class SerialLink:
             PortLost: The connection is lost, or accepts nothing for WRITE_TIMEOUT.
         """
         try:
-            self._serial.write(data)
+            if self._file is not None:
+                with contextlib.suppress(BlockingIOError):
+                    data = data[os.write(self._file, data) :]
+            if data:
+                self._serial.write(data)
         except OSError as error:
             raise port_lost(self._name, _reason(error)) from error
 

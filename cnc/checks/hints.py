@@ -184,7 +184,7 @@ def step_rate(report: Report) -> Iterator[Diagnostic]:
         report: the result of the run, which has the largest speeds of the axes.
     """
     rate = report.machine.board.max_step_rate
-    for letter, axis in report.machine.axes.items():
+    for letter, axis in report.machine.joint_tables.items():
         steps = (report.largest.axes.get(letter, {}).get("velocity") or 0.0) * axis.steps_per_mm
         if steps > rate * (1.0 + ROUNDING):
             message = f"{letter.upper()} makes {steps:.6g} steps/s; the board at most {rate:.6g}"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import AXES, LENGTH, START
-from cnc.machine.models import Machine
+from cnc.machine.models import Axis, Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block, SpindleSync
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.bounds import bounding_box
@@ -29,8 +29,9 @@ class TravelCheck:
 
     Attributes:
         length: path length so far, mm.
-        lo: (axes,) smallest position so far, infinite before the first chunk.
-        hi: (axes,) largest position so far.
+        lo: (columns,) smallest position so far, infinite before the first chunk; the columns of
+            the axes, then those of the joints, if these are not the axes.
+        hi: (columns,) largest position so far.
         last_line: source line of the last motion.
     """
 
@@ -38,15 +39,20 @@ class TravelCheck:
         self.machine = machine
         self.length = 0.0
         self.last_line = 0
-        n = len(machine.axes)
+        self._tables: list[tuple[str, str, Axis]] = []
+        self._tables += [("axes", letter, axis) for letter, axis in machine.axes.items()]
+        if machine.kinematics.joints:
+            joints = machine.joint_tables.items()
+            self._tables += [("joints", name, joint) for name, joint in joints]
+        n = len(self._tables)
         self.lo: Floats = np.full(n, np.inf)
         self.hi: Floats = np.full(n, -np.inf)
-        travels = [axis.travel or (-np.inf, np.inf) for axis in machine.axes.values()]
+        travels = [axis.travel or (-np.inf, np.inf) for _, _, axis in self._tables]
         self._lowest = np.array([low for low, _ in travels]) - slack
         self._highest = np.array([high for _, high in travels]) + slack
         self._reported: set[tuple[int, int]] = set()
         self._pitch = 0.0
-        self._max_velocity = np.array([axis.max_velocity for axis in machine.axes.values()])
+        self._max_velocity = np.array([axis.max_velocity for _, _, axis in self._tables])
 
     def add(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
         """Measure a chunk.
@@ -111,23 +117,26 @@ class TravelCheck:
         return {
             axis: (low, high)
             for axis, low, high in zip(
-                self.machine.axes, self.lo.tolist(), self.hi.tolist(), strict=True
+                self.machine.axes, self.lo.tolist(), self.hi.tolist(), strict=False
             )
         }
 
     def _fault(
         self, chunk: PathChunk, line: int, axis: int, lo: float, hi: float
     ) -> MotionLimitError:
-        letter, limits = list(self.machine.axes.items())[axis]
+        table, letter, limits = self._tables[axis]
         lowest, highest = limits.travel or (-np.inf, np.inf)
         unit = "degrees" if letter in ROTARY_LETTERS else "mm"
+        name = letter.upper()
+        if table == "joints":
+            unit, name = "", f"joint {letter}"
         reached = hi if hi > self._highest[axis] else lo
         message = (
-            f"{letter.upper()} would reach {_plain(reached)} {unit}; "
+            f"{name} would reach {_plain(reached)} {unit}; "
             f"the travel is {_plain(lowest)} to {_plain(highest)} {unit}"
         )
         hint = (
-            f"move the work offset or the part, or correct axes.{letter}.travel in the machine "
+            f"move the work offset or the part, or correct {table}.{letter}.travel in the machine "
             "file; positions are machine coordinates, after all offsets"
         )
         return MotionLimitError(Diagnostic("soft-limit", message, chunk.file, line, hint=hint))

@@ -25,15 +25,18 @@ def boards(
     ],
     baud: Annotated[
         int,
-        option("Baud rate. Stepper boards are tried at 1000000 if they do not answer at this one."),
+        option(
+            "Baud rate. Boards that do not answer at this one are tried as stepper boards at "
+            "1000000 and as Klipper boards at 250000."
+        ),
     ] = 115200,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
     """List the serial ports and the board at each.
 
     For a GRBL board its settings and a machine file made from them are printed (redirect the output
-    into a file), for a stepper board its version, axes, tick and buffer. Opening a port resets most
-    boards; nothing moves.
+    into a file), for a stepper board its version, axes, tick and buffer, for a Klipper board its
+    pins and the tables of a machine file. Opening a port resets most boards; nothing moves.
     """
     terminal.open_log()
     from cnc.boards.discovery import port_report, probe_ports
@@ -61,8 +64,8 @@ def home(
 ) -> int:
     """Home the machine on its limit switches.
 
-    With a stepper board each axis moves to its switch twice, then off it. A GRBL board homes all
-    axes in its own cycle ($H).
+    With a stepper or Klipper board each axis moves to its switch twice, then off it. A GRBL board
+    homes all axes in its own cycle ($H).
     """
     terminal.open_log(machine)
     api = library()

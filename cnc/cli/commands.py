@@ -72,7 +72,8 @@ def run(
     api = library()
     control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
-    with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
+    display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
+    with display, Keyboard(control) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,

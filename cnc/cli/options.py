@@ -53,7 +53,8 @@ MachineOption = Annotated[
 BoardOption = Annotated[
     str | None,
     option(
-        "loopback, stepper, grbl, grbl-sim, file, or an installed driver; by default the board "
+        "loopback, stepper, grbl, grbl-sim, klipper, klipper-sim, file, or an installed driver; "
+        "by default the board "
         "of the machine file."
     ),
 ]
@@ -232,6 +233,10 @@ class BoardOptions:
     spindle_override: Annotated[
         float | None, option("Per cent of the spindle speeds on a GRBL board, 10 to 200.")
     ] = None
+    plain: Annotated[
+        bool,
+        option("Print a line every ten seconds in place of the screen, as without a terminal."),
+    ] = False
     yes: Annotated[
         bool,
         option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),

@@ -7,6 +7,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from cnc.cli.keyboard import HELP
+from cnc.cli.run_screen import PlainLines, RunScreen
 from cnc.cli.signals import OperatorSignals
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
@@ -19,10 +20,16 @@ if TYPE_CHECKING:
 
 
 class ProgressDisplay:
-    """Shows the progress of a program, and serves signals (:mod:`cnc.cli.signals`)."""
+    """Shows the progress of a program, and serves signals (:mod:`cnc.cli.signals`).
 
-    def __init__(self, control: Control, *, quiet: bool) -> None:
-        self._quiet = quiet
+    While lines or pulses are sent, a screen shows the machine (:mod:`cnc.cli.run_screen`). Where
+    standard output is no terminal, or ``plain``, a line now and then takes its place.
+    """
+
+    def __init__(self, control: Control, *, quiet: bool, plain: bool = False) -> None:
+        self._quiet, self._plain = quiet, plain
+        self._screen: RunScreen | PlainLines | None = None
+        self._total: int | None = None
         self._control = control
         self._bar: _ProgressBar | None = None
         self._held = False
@@ -57,18 +64,21 @@ class ProgressDisplay:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if isinstance(self._screen, RunScreen):
+            self._screen.close()
         if self._bar is not None:
             self._bar.close()
         self._signals.__exit__()
 
     def _on_progress(self, stage: Stage, done: int, total: int | None) -> None:
         self._signals.moving = stage == "running"
-        if self._bar is not None:
+        self._total = total
+        if self._bar is not None and self._screen is None:
             self._bar.update(stage, done, total)
 
     def _on_sent(self, sent: Sent) -> None:
-        if self._bar is not None:
-            self._bar.note = self._status(sent)
+        if not self._quiet:
+            self._show(sent)
         if sent.held and not self._held and not self._quiet:
             place = f"{sent.hold_reason}, line" if sent.hold_reason else "held at line"
             print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
@@ -76,25 +86,14 @@ class ProgressDisplay:
         if sent.at_rest:
             self._signals.at_rest()
 
-    def _status(self, sent: Sent) -> str:
-        """Return the position, the time left, the backlog and the operator's requests."""
-        words = (
-            [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
-        )
-        if sent.left is not None:
-            minutes, seconds = divmod(round(sent.left), 60)
-            words.append(f"{minutes}:{seconds:02d} left")
-        if sent.ahead is not None:
-            words.append(f"{sent.ahead:.2f} s ahead")
-        if sent.buffered is not None:
-            words.append(f"{sent.buffered} lines waiting")
-        if self._control.feed_override != 100.0:
-            words.append(f"feed {self._control.feed_override:g} %")
-        if self._control.rapid_override != 100:
-            words.append(f"traverses {self._control.rapid_override} %")
-        if self._control.spindle_override != 100.0:
-            words.append(f"spindle {self._control.spindle_override:g} %")
-        return "  ".join([*words, *(["held"] if sent.held else [])])
+    def _show(self, sent: Sent) -> None:
+        """Show the progress of the board."""
+        if self._screen is None:
+            live = self._bar is not None and not self._plain and sys.stdout.isatty()
+            if self._bar is not None:
+                self._bar.close()
+            self._screen = RunScreen(self._control) if live else PlainLines(self._control)
+        self._screen.update(sent, self._total)
 
 
 def print_compiling() -> None:
@@ -165,3 +164,4 @@ class _ProgressBar:
         """Remove the bar."""
         if self._progress is not None:
             self._progress.stop()
+            self._progress = None

@@ -11,6 +11,10 @@ Moves are planned like those of a program, within the limits of velocity, accele
 The closing of a switch ends a move at once, as a probe does. No move is longer than the travel of
 its axis. The switches of all other axes end the motion with an alarm, except switches that are
 closed already: their axes do not move.
+
+Where the joints are a linear function of the tip (CoreXY), the switches belong to the axes, and
+both motors move one axis at a time. Where they are another function (a delta), each joint has a
+switch and homes alone, so a joint needs a travel.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
@@ -153,16 +158,17 @@ def homed_steps(
     standing: Sequence[int | None],
     start: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Return the grid point (axes,) of the machine after homing.
+    """Return the grid point (joints,) of the machine after homing.
 
     Args:
         machine: The machine.
         cycles: Homing cycles.
-        standing: Grid point of each axis before, None where it is not known.
-        start: Position (axes,) that is assumed for axes whose position is not known, mm.
+        standing: Grid point of each joint before, None where it is not known.
+        start: Position (axes,) of the tip that is assumed where that of a joint is not known, mm.
     """
-    steps_per_mm = machine.steps_per_mm
-    assumed = np.round(start * steps_per_mm).astype(np.int64)
+    joints = Joints(machine)
+    scale = joints.machine.steps_per_mm
+    assumed = np.round(joints.at(start) * scale).astype(np.int64)
     steps = np.array(
         [
             other if known is None else known
@@ -170,9 +176,20 @@ def homed_steps(
         ],
         np.int64,
     )
+    if not joints.linear:
+        for cycle in cycles:
+            steps[cycle.column] = round(cycle.rest * float(scale[cycle.column]))
+        return steps
+    tip = joints.tip(steps / scale)
     for cycle in cycles:
-        steps[cycle.column] = round(cycle.rest * float(steps_per_mm[cycle.column]))
-    return steps
+        tip[cycle.column] = _on_grid(machine, cycle, cycle.rest)
+    return np.rint(joints.at(tip) * scale).astype(np.int64)
+
+
+def _on_grid(machine: Machine, cycle: AxisHoming, place: float) -> float:
+    """Return the place of an axis that is a whole number of its steps, mm."""
+    scale = float(machine.steps_per_mm[cycle.column])
+    return round(place * scale) / scale
 
 
 class _Homing:
@@ -192,10 +209,13 @@ class _Homing:
         self.machine = machine
         self.control = control
         self.on_progress = on_progress
-        self.steps_per_mm = machine.steps_per_mm
+        self.joints = Joints(machine)
+        self.steps_per_mm = self.joints.machine.steps_per_mm
         standing = switched.known_steps
-        self.known = [steps is not None for steps in standing]
+        self.known = self._known_axes([steps is not None for steps in standing])
+        """Whether the position of each axis is known."""
         self.steps = homed_steps(machine, (), standing, start)
+        """Grid point of the joints."""
 
     def closed(self, cycle: AxisHoming) -> bool:
         return self.switched.switches[cycle.column]
@@ -230,14 +250,33 @@ class _Homing:
             raise self.failed(
                 f"the switch of {letter} did not close a second time", "check that it is not loose"
             )
-        self.steps[cycle.column] = self.in_steps(cycle, cycle.rest) + cycle.towards * self.in_steps(
-            cycle, settings.pull_off
+        tip = self.tip()
+        tip[cycle.column] = _on_grid(self.machine, cycle, cycle.rest) + cycle.towards * _on_grid(
+            self.machine, cycle, settings.pull_off
         )
+        self.steps = np.rint(self.joints.at(tip) * self.steps_per_mm).astype(np.int64)
         self.known[cycle.column] = True
         self.off(cycle)
 
-    def in_steps(self, cycle: AxisHoming, mm: float) -> int:
-        return round(mm * float(self.steps_per_mm[cycle.column]))
+    def tip(self) -> NDArray[np.float64]:
+        """Return the position of the axes (axes,), mm."""
+        return self.joints.tip(self.steps / self.steps_per_mm)
+
+    def _known_axes(self, joints: Sequence[bool]) -> list[bool]:
+        """Return for each axis whether the joints that move it have a known position."""
+        together = self.machine.kinematics.joints
+        names = tuple(self.joints.machine.axes)
+        state = dict(zip(map(str, names), joints, strict=True))
+        moved = self.machine.kinematics.axes if together else ()
+        all_known = all(state[name] for name in together)
+        return [all_known if letter in moved else state[letter] for letter in self.machine.axes]
+
+    def known_joints(self) -> list[bool]:
+        """Return for each joint whether the axes that it moves have a known position."""
+        together = self.machine.kinematics.joints
+        state = dict(zip(map(str, self.machine.axes), self.known, strict=True))
+        all_known = all(state[letter] for letter in self.machine.kinematics.axes)
+        return [all_known if name in together else state[name] for name in self.joints.machine.axes]
 
     def off(self, cycle: AxisHoming) -> None:
         """Move off the switch by the pull-off."""
@@ -263,9 +302,8 @@ class _Homing:
         Returns:
             Whether the switch reached that state.
         """
-        target = self.steps.copy()
-        target[cycle.column] += cycle.towards * self.in_steps(cycle, distance)
-        end = target / self.steps_per_mm
+        end = self.tip()
+        end[cycle.column] += cycle.towards * _on_grid(self.machine, cycle, distance)
         block: Block
         if until is None:
             block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
@@ -283,12 +321,18 @@ class _Homing:
             not (shut or (cycle is not None and column == cycle.column))
             for column, shut in enumerate(closed)
         ]
-        self.switched.prepare_next_start(watched=watched, known=self.known)
-        start = self.steps / self.steps_per_mm
+        self.switched.prepare_next_start(watched=watched, known=self.known_joints())
+        start = self.tip()
         fastest = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
         ahead = LookAhead(machine, self.control, slice_s=self.board.capabilities.slice_s or SLICE)
-        planned = ahead.plan(build(blocks, axes=machine.axis_names, start=start))
-        pulses = ReferencePulse(self.steps_per_mm, start, 1e9 / fastest)
+        path = self.joints.path(build(blocks, axes=machine.axis_names, start=start), start)
+        planned = ahead.plan(path)
+        pulses = ReferencePulse(
+            self.steps_per_mm,
+            self.joints.at(start),
+            1e9 / fastest,
+            tip_columns=self.joints.tip_columns,
+        )
         outcome = execute(
             planned,
             self.board,
@@ -327,7 +371,7 @@ def home(
         on_axis: Called with the cycle of each axis before it begins.
 
     Returns:
-        Grid point of each axis, None where it is not known.
+        Grid point of each joint, None where it is not known.
 
     Raises:
         UsageError: ``no-switches``, or an error of :func:`homing_sequence`.
@@ -342,7 +386,9 @@ def home(
         raise UsageError(
             Diagnostic("no-switches", "this board has no limit switches for homing", hint=hint)
         )
-    switches = len(board.switches)
+    switches, joints = len(board.switches), Joints(machine)
+    if not joints.linear:
+        machine, start = joints.machine, joints.at(start)
     homing = _Homing(board, board, machine, control or Control(), on_progress, start)
     for cycle in homing_sequence(machine, axes, switches):
         if on_axis is not None:
@@ -353,7 +399,7 @@ def home(
         homing.run(None)
     return tuple(
         steps if known else None
-        for steps, known in zip(homing.steps.tolist(), homing.known, strict=True)
+        for steps, known in zip(homing.steps.tolist(), homing.known_joints(), strict=True)
     )
 
 

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.boards.protocols import LineSink, board_error
+from cnc.boards.protocols import LineSink, ReportsState, board_error
 from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
@@ -157,6 +157,7 @@ class _Stream:
                 file=self.file,
                 at=board.moving_line,
                 at_rest=self.control.held and board.holds,
+                machine=board.report if isinstance(board, ReportsState) else None,
             )
             self.on_progress(now)
 

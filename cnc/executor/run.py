@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
+from cnc.boards.protocols import HasButtons, MachineReport, PlaysAhead, ProbesByMotion, PulseSink
 from cnc.executor.motion_commands import CommandsInMotion
 from cnc.model.blocks import Abort, Block, End, Held, Probe, Spindle, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
@@ -72,6 +72,11 @@ class Progress:
         file: Program of the last motion sent.
         at: Line that the motion has reached with certainty, 0 if none is known.
         at_rest: Whether a hold has come to rest.
+        axes: Letters of the machine's axes, in the order of the positions.
+        machine: The last report of a board that plans its own motion.
+        text: Text of the line.
+        feed: Programmed feed of the line, mm/min; None for a traverse, or if it is not known.
+        tool: Number of the tool; None before the first tool change.
     """
 
     time: float
@@ -86,6 +91,11 @@ class Progress:
     file: str = ""
     at: int = 0
     at_rest: bool = False
+    axes: tuple[str, ...] = ()
+    machine: MachineReport | None = None
+    text: str = ""
+    feed: float | None = None
+    tool: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,11 +288,11 @@ def execute(
 
     After a stop request, only the motion needed for the stop is sent, and the board is left
     stopped. Without ``ramp_down``, no motion is sent. With it, the rest of the current chunk
-    follows, and then the motion that ``ramp_down`` gives, unless the chunk ends at rest. For a
+    follows. If that does not end at rest, the motion that ``ramp_down`` gives follows too. For a
     hold, the plan itself comes to rest and contains :class:`~cnc.model.blocks.Held`.
 
-    A fault of the program can appear during the run, when the answer of a probe or an input leads
-    to another path than in the check pass. Then a board with sensors comes to rest on the path, if
+    A fault of the program can appear during the run: an answer of a probe or an input may lead to
+    another path than in the check pass. Then a board with sensors comes to rest on the path, if
     ``ramp_down`` is given. After any other exception the board is aborted.
 
     Args:

@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cnc.machine.board import Board
+from cnc.machine.kinematics import KINEMATICS, OF_TIP
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.locate import locate
 from cnc.machine.models import (
@@ -106,6 +107,7 @@ def load_machine(path: Path | str | None = None) -> Machine:
         if key in tables:
             hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
+    _complete_axes(file, text, tables)
     try:
         machine = Machine.model_validate(
             {"name": header.name, "kind": header.kind, "file": str(file), **tables}
@@ -115,6 +117,35 @@ def load_machine(path: Path | str | None = None) -> Machine:
     for wrong in machine.inconsistencies():
         raise _error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
+
+
+def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None:
+    """Give the axes that joints move the scale and the speed of the fastest of these joints.
+
+    Tables of a wrong form are left for the validation.
+    """
+    kinematics, axes, joints = (tables.get(name) for name in ("kinematics", "axes", "joints"))
+    if not isinstance(kinematics, dict) or not isinstance(axes, dict):
+        return
+    kinds = {kind: model for model in KINEMATICS for kind in model.kinds()}
+    if "type" in kinematics and kinematics["type"] not in kinds:
+        message = f"must be one of {', '.join(kinds)}, not {_toml(kinematics['type'])}"
+        raise _error(file, text, ("kinematics", "type"), message)
+    model = kinds.get(kinematics.get("type", "cartesian"))
+    given = [joint for joint in (joints or {}).values() if isinstance(joint, dict)]
+    for letter in model.axes if model is not None else ():
+        table = axes.get(letter)
+        if not isinstance(table, dict):
+            continue
+        for key in table:
+            if key in Axis.model_fields and key not in OF_TIP:
+                hint = f"write it into [joints.{model.joints[0]}] and its fellows" if model else ""
+                message = "belongs to the joints that move this axis"
+                raise _error(file, text, ("axes", letter, key), message, hint)
+        for key in ("steps_per_mm", "max_velocity"):
+            values = [joint.get(key) for joint in given]
+            numbers = [float(value) for value in values if isinstance(value, int | float)]
+            table[key] = max(numbers, default=1.0)
 
 
 def _resolve(path: Path | str | None) -> Traversable:
@@ -210,10 +241,15 @@ def _validation_error(
     found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
     # pydantic appends its own locations to the key (an index, "[key]"); users see the keys only.
     key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
+    if key[0] == "kinematics" and len(key) > 2:
+        key = ("kinematics", *key[2:])  # pydantic names the type of the kinematics, too
     if _is_unknown_key(found):
         return _unknown_key(file, text, key)
     kind = found["type"]
     context = found.get("ctx", {})
+    if kind == "union_tag_not_found":
+        kinds = ", ".join(kind for model in KINEMATICS for kind in model.kinds())
+        return _error(file, text, ("kinematics",), f"type is missing: {kinds}")
     if kind == "value_error":
         message = str(context["error"])
     elif kind == "missing" and isinstance(found["loc"][-1], int):
@@ -244,7 +280,10 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
             "machine",
             *(each for each in Machine.model_fields if each not in ("name", "kind", "file")),
         ]
-    elif key[0] == "axes":
+    elif key[0] == "kinematics":
+        fields = [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
+        known = fields
+    elif key[0] in ("axes", "joints"):
         if len(key) > 3:
             known = list(Homing.model_fields)
         else:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
+from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.program import Program
 from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
 from cnc.model.blocks import AxisLetter
@@ -169,6 +170,15 @@ class Machine(Section):
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )
+    kinematics: KinematicsTable = Field(
+        default=Cartesian(), description="How the joints move the tool tip."
+    )
+    joints: dict[str, Axis] = Field(
+        default={},
+        description=(
+            "The joints of the kinematics, each as a table [joints.a] with the keys of an axis."
+        ),
+    )
     path: PathLimits = Field(
         default=PathLimits(), description="Limits along the path, and the required accuracy."
     )
@@ -202,10 +212,40 @@ class Machine(Section):
         """Steps per millimetre (degree) of each axis, a new array (axes,)."""
         return np.array([axis.steps_per_mm for axis in self.axes.values()], dtype=np.float64)
 
+    @property
+    def joint_tables(self) -> dict[str, Axis]:
+        """The joints with their limits, in the order of their columns.
+
+        They are the axes. Those of the kinematics stand where the first axis stood that they move.
+        """
+        if not self.kinematics.joints:
+            return {str(letter): axis for letter, axis in self.axes.items()}
+        moved, found = self.kinematics.axes, {}
+        for letter, axis in self.axes.items():
+            if letter not in moved:
+                found[str(letter)] = axis
+            elif letter == next(other for other in self.axes if other in moved):
+                found |= {name: self.joints[name] for name in self.kinematics.joints}
+        return found
+
+    @property
+    def has_joints_as_axes(self) -> bool:
+        """Whether the axes are the joints of another machine, as in ``of_joints``."""
+        return isinstance(self.kinematics, OfJoints)
+
+    @property
+    def of_joints(self) -> Machine:
+        """The machine whose axes are the joints, for what lies behind the plan: pulses, boards."""
+        if not self.kinematics.joints:
+            return self
+        update = {"axes": self.joint_tables, "kinematics": OfJoints(), "joints": {}}
+        return self.model_copy(update=update)
+
     def inconsistencies(self) -> Iterator[Inconsistency]:
         """Yield the contradictions between keys; none for a machine that can run."""
-        for letter in self.axes:
-            yield from self._axis_limits(letter)
+        yield from self._joint_names()
+        for table, name, joint in self._motors():
+            yield from self._axis_limits(table, name, joint)
         for letter in self.axes:
             yield from self._homing_position(letter)
         for letter in (self.homing.order or ()) if self.homing is not None else ():
@@ -230,11 +270,34 @@ class Machine(Section):
                 "remove the table",
             )
 
-    def _axis_limits(self, letter: AxisLetter) -> Iterator[Inconsistency]:
-        axis, most = self.axes[letter], self.board.max_step_rate
+    def _motors(self) -> Iterator[tuple[str, str, Axis]]:
+        """Yield table, name and limits of each joint."""
+        for name, joint in self.joint_tables.items():
+            yield "joints" if name in self.kinematics.joints else "axes", name, joint
+
+    def _joint_names(self) -> Iterator[Inconsistency]:
+        """Compare the tables of the joints, and the axes, with those of the kinematics."""
+        wanted, kind = self.kinematics.joints, self.kinematics.type
+        hint = f"the joints of {kind} are {', '.join(wanted)}" if wanted else f"{kind} has none"
+        for letter in self.kinematics.axes:
+            if letter not in self.axes:
+                message = f"{kind} moves the axis {letter}, which the machine does not have"
+                yield Inconsistency(("kinematics", "type"), message, f"add [axes.{letter}]")
+        for name in self.joints:
+            if name not in wanted:
+                yield Inconsistency(("joints", name), "there is no such joint", hint)
+        for name in wanted:
+            if name not in self.joints:
+                yield Inconsistency(("kinematics", "type"), f"[joints.{name}] is missing", hint)
+            if name in self.axes and name not in self.kinematics.axes:
+                message = f"the kinematics has a joint {name}, too"
+                yield Inconsistency(("axes", name), message, "choose another kinematics or axis")
+
+    def _axis_limits(self, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:
+        most = self.board.max_step_rate
         if axis.step_rate > most * (1 + RATE_ROUNDING):
             yield Inconsistency(
-                ("axes", letter, "max_velocity"),
+                (table, letter, "max_velocity"),
                 f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is "
                 f"{axis.step_rate:.0f} steps/s, but board.max_step_rate is {most:.0f}",
                 f"lower it to {most / axis.steps_per_mm:g}, "
@@ -245,16 +308,16 @@ class Machine(Section):
             path.max_tangential_acceleration is None or path.max_normal_acceleration is None
         ):
             yield Inconsistency(
-                ("axes", letter, "max_acceleration"),
+                (table, letter, "max_acceleration"),
                 "nothing limits the acceleration of this axis",
-                f"set axes.{letter}.max_acceleration, "
+                f"set {table}.{letter}.max_acceleration, "
                 "or path.max_tangential_acceleration and path.max_normal_acceleration",
             )
         if axis.max_jerk is None and path.max_jerk is None:
             yield Inconsistency(
-                ("axes", letter, "max_jerk"),
+                (table, letter, "max_jerk"),
                 "nothing limits the jerk of this axis",
-                f"set axes.{letter}.max_jerk, or path.max_jerk",
+                f"set {table}.{letter}.max_jerk, or path.max_jerk",
             )
 
     def _homing_position(self, letter: AxisLetter) -> Iterator[Inconsistency]:

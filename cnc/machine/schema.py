@@ -8,6 +8,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
+from cnc.machine.kinematics import OF_TIP
 from cnc.machine.models import Header, Machine
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -44,6 +45,7 @@ def machine_schema() -> dict[str, Any]:
     keys = tables.pop("properties")
     for own in ("name", "kind", "file"):
         del keys[own]
+    _allow_axes_of_joints(tables["$defs"], keys["axes"])
     return {
         "$schema": DRAFT,
         **tables,
@@ -52,6 +54,19 @@ def machine_schema() -> dict[str, Any]:
         "times in s.",
         "properties": {"machine": header, **keys},
     }
+
+
+def _allow_axes_of_joints(models: dict[str, Any], axes: dict[str, Any]) -> None:
+    """Let an axis that joints move have only the keys of its place."""
+    place = {key: models["Axis"]["properties"][key] for key in OF_TIP}
+    models["AxisOfJoints"] = {
+        "description": "An axis that joints of the kinematics move.",
+        "type": "object",
+        "additionalProperties": False,
+        "properties": place,
+    }
+    other = {"$ref": "#/$defs/AxisOfJoints"}
+    axes["additionalProperties"] = {"anyOf": [axes["additionalProperties"], other]}
 
 
 def schema_text() -> str:

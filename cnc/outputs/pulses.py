@@ -71,8 +71,8 @@ class VcdPulses(Writer[TextTarget]):
     """Grid moves as a value change dump (IEEE 1364).
 
     Each axis has a step wire and a direction wire; the source line is an integer. A pulse is high
-    for 1 us, or for half the shortest step period of the board if that is less. The direction
-    wire is high for positive steps and changes together with the rising edge of the step.
+    for 1 us, but at most for half the shortest step period of the board. The direction wire is high
+    for positive steps and changes together with the rising edge of the step.
     """
 
     def __init__(self, name: str, machine: Machine) -> None:

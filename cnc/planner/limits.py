@@ -27,6 +27,8 @@ class Limits:
         max_feed: mm/s.
         tangential_acceleration: and the following: see
             :class:`cnc.kernels.planner.limit_arrays.LimitArrays`.
+        tip_columns: number of columns of the tool tip in front of those of the joints, which have
+            no limits of their own; 0 where the axes are the joints.
         feed_factor: the operator's override of programmed feeds; 0 while the motion is held.
         slowing_from: motion that slows may have this speed where its feed is lower, mm/s.
     """
@@ -41,6 +43,7 @@ class Limits:
     axis_velocity: Floats
     axis_acceleration: Floats
     axis_jerk: Floats
+    tip_columns: int = 0
     feed_factor: float = 1.0
     slowing_from: float = 0.0
 
@@ -51,8 +54,12 @@ class Limits:
         def unless_none(value: float | None) -> float:
             return inf if value is None else value
 
+        joints = machine.joint_tables.values()
+        tip_columns = len(machine.axes) if machine.kinematics.joints else 0
+
         def each(name: str) -> Floats:
-            return np.array([unless_none(getattr(axis, name)) for axis in machine.axes.values()])
+            own = [unless_none(getattr(joint, name)) for joint in joints]
+            return np.array([inf] * tip_columns + own)
 
         path = machine.path
         return cls(
@@ -66,6 +73,7 @@ class Limits:
             axis_velocity=each("max_velocity"),
             axis_acceleration=each("max_acceleration"),
             axis_jerk=each("max_jerk"),
+            tip_columns=tip_columns,
         )
 
     @property
@@ -113,7 +121,7 @@ class Limits:
 
         It is that in the best direction, or that which is enough in any.
         """
-        size = np.min if any_direction else np.linalg.norm
-        a = min(self.tangential_acceleration, float(size(self.axis_acceleration)))
-        j = min(self.tangential_jerk, float(size(self.axis_jerk)))
+        size, own = np.min if any_direction else np.linalg.norm, slice(self.tip_columns, None)
+        a = min(self.tangential_acceleration, float(size(self.axis_acceleration[own])))
+        j = min(self.tangential_jerk, float(size(self.axis_jerk[own])))
         return 0.5 * v * (v / a + a / j) if v * j >= a * a else v * sqrt(v / j)

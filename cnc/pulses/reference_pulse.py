@@ -48,6 +48,8 @@ class ReferencePulse:
             sooner after a step makes neither step.
         algorithm: None, or half steps, for half steps on lines and arcs and enclosing lines on all
             other curves.
+        tip_columns: columns of the path in front of those that step. They belong to the tool tip of
+            a machine whose joints are not its axes.
         separate_axes: moves of different axes may be as close as they fall due.
     """
 
@@ -58,12 +60,15 @@ class ReferencePulse:
         min_pulse_ns: float = 0.0,
         *,
         algorithm: Algorithm | None = None,
+        tip_columns: int = 0,
         separate_axes: bool = False,
     ) -> None:
-        self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
-        self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(
-            np.int64
-        )
+        # A column without a scale stays at grid point 0.
+        still = np.zeros(tip_columns)
+        self.steps_per_mm = np.concatenate((still, np.asarray(steps_per_mm, dtype=np.float64)))
+        self._stepping = slice(tip_columns, None)
+        begin = np.concatenate((still, np.asarray(start, dtype=np.float64)))
+        self._grid = np.rint(begin * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
         self._min_row_ns = 0.0 if separate_axes else min_pulse_ns
@@ -84,12 +89,12 @@ class ReferencePulse:
     @property
     def origin_steps(self) -> NDArray[np.int64]:
         """Grid point at the start of the program (axes,)."""
-        return self._origin.copy()
+        return self._origin[self._stepping].copy()
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
         """Grid point after all pulses so far (axes,)."""
-        return self._grid.copy()
+        return self._grid[self._stepping].copy()
 
     @property
     def error_blu(self) -> float:
@@ -138,7 +143,7 @@ class ReferencePulse:
                 state["released_ns"] = self._released_ns
                 yield PulseChunk(
                     buffers.time_ns[:ready].copy(),
-                    buffers.moves.step[:ready].copy(),
+                    buffers.moves.step[:ready, self._stepping].copy(),
                     buffers.line[:ready].copy(),
                 )
                 for buffer in (buffers.time_ns, buffers.moves.step, buffers.line):
@@ -158,7 +163,7 @@ class ReferencePulse:
         The next chunk begins within half a BLU of it. The rest of the path that led here is not
         made up for.
         """
-        self._grid[:] = grid
+        self._grid[self._stepping] = grid
         self._latest = None
 
     def settle(self) -> Iterator[PulseChunk]:
@@ -186,5 +191,7 @@ class ReferencePulse:
                 self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest
             )
             yield PulseChunk(
-                np.array([self._last_ns]), step[None].astype(np.int8), chunk.path.line[-1:].copy()
+                np.array([self._last_ns]),
+                step[None, self._stepping].astype(np.int8),
+                chunk.path.line[-1:].copy(),
             )

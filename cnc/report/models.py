@@ -106,6 +106,9 @@ class Summary(BaseModel):
         description="Dialect that the program was read in; auto if none was recognised. Empty if "
         "the program could not be read"
     )
+    assumed: str = _optional(
+        "What the reading of a lathe's program assumes, such as diameters; absent for others"
+    )
     ok: bool = Field(description="Whether there is no error")
     lines: Count = Field(description="Source lines that were read")
     blocks: Count = Field(description="Canonical blocks; each straight move counts")

@@ -68,7 +68,7 @@ class Extremes:
                     "acceleration": axis.max_acceleration,
                     "jerk": axis.max_jerk,
                 }
-                for letter, axis in machine.axes.items()
+                for letter, axis in machine.joint_tables.items()
             },
         )
 
@@ -176,7 +176,11 @@ class Report:
         """Give each limit a count of violations."""
         names = [
             *LIMIT_NAMES,
-            *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES),
+            *(
+                f"{name}_{joint}"
+                for joint in self.machine.joint_tables
+                for name in AXIS_LIMIT_NAMES
+            ),
         ]
         self.violations = dict.fromkeys(names, 0) | self.violations
 
@@ -225,11 +229,13 @@ class Report:
         changes: dict[str, Any] = (
             {} if self.changes is None else {"changes": self.changes.as_model()}
         )
+        assumed: dict[str, Any] = {"assumed": self.assumed} if self.assumed else {}
         played: dict[str, Any] = {} if self.played_s is None else {"played_s": self.played_s}
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
             dialect=self.dialect,
+            **assumed,
             ok=self.ok,
             lines=self.lines,
             blocks=self.blocks,

@@ -86,3 +86,11 @@ def refuse_overrides(control: Control) -> None:
         if percent != 100:
             message = f"this board has no override of {name}"
             raise UsageError(Diagnostic(code, message, hint="leave it out; GRBL boards have it"))
+
+
+def refuse_lines(machine: Machine, options: RunOptions) -> None:
+    """Refuse lines for a machine with joints of its own: the board's firmware knows no joints."""
+    if takes_lines(machine.board.kind) or options.outputs.lines is not None:
+        message = "a board that takes lines has its kinematics in its firmware"
+        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
+        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
+from cnc.model.state_folder import folder
 from cnc.session.checkpoint import replace_json
-from cnc.session.last_position import folder
 
 KEPT = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
 Offsets = dict[str, dict[str, float]]

@@ -11,6 +11,7 @@ from cnc.boards.protocols import HasLimitSwitches, RemembersPosition
 from cnc.executor.homing import homed_steps, homing_sequence
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.planner.joints import Joints
 from cnc.session.context import SessionContext
 
 
@@ -21,19 +22,20 @@ def locate(context: SessionContext, board: RemembersPosition) -> None:
         BoardError: ``not-homed`` if the board has lost a position that homing can find.
     """
     reader, machine = context.reader, context.reader.machine
-    known = board.known_steps
+    known, joints = board.known_steps, Joints(machine)
+    homed_machine = machine if joints.linear else joints.machine
     sequence = (
-        homing_sequence(machine, (), len(board.switches))
+        homing_sequence(homed_machine, (), len(board.switches))
         if context.options.home and isinstance(board, HasLimitSwitches)
         else ()
     )
     steps = homed_steps(machine, sequence, known, reader.start)
-    reader.start = steps / machine.steps_per_mm
+    reader.start = joints.tip(steps / joints.machine.steps_per_mm)
     homed = {axis.letter for axis in sequence}
     lost = [
-        letter
-        for letter, place in zip(machine.axes, known, strict=True)
-        if place is None and letter not in homed
+        name
+        for name, place in zip(joints.machine.axes, known, strict=True)
+        if place is None and name not in homed
     ]
     if not lost or sequence:
         return

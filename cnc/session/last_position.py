@@ -6,7 +6,7 @@ Therefore the reported position is compared with the position at the end of the 
     STATE/positions/BOARD.json: `board`, `position` {axis: mm}, `ended`, `lost`
 
 STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended`
-is "" during a run (and after a crash of the computer), then "end", "stopped", or the code of a
+is "" during a run, and after a crash of the computer. Then it is "end", "stopped", or the code of a
 fault. `lost`: whether the position is unreliable.
 """
 
@@ -14,23 +14,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from cnc.model.state_folder import folder
 from cnc.session.checkpoint import replace_json
-
-
-def folder() -> Path:
-    """Return the folder of the files, for the present user."""
-    if named := os.environ.get("XDG_STATE_HOME"):
-        return Path(named) / "cnc" / "positions"
-    if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
-        return Path(local) / "cnc" / "positions"
-    return Path(os.path.expanduser("~")) / ".local" / "state" / "cnc" / "positions"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """The run pass on a board that plans for itself: the path as lines, and the operator's requests.
 
 All lines are made before the first is sent, so that nothing moves if one of them cannot be made.
-They are kept in memory. If answers decide how the program continues, or there are too many lines,
-they are made again while they are sent.
+They are kept in memory. They are made again while they are sent, if there are too many or if
+answers decide how the program continues.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from cnc.session.board_offsets import board_timing, line_translator, offset_line
 from cnc.session.context import SessionContext
 from cnc.session.pauses import pause_reason, pause_text
 from cnc.session.planned_motion import PlannedMotion
+from cnc.session.present_line import PresentLine
 
 KEPT_BYTES = 192_000_000
 """Limit on the lines that are kept before the first is sent: about two million of them."""
@@ -66,6 +67,7 @@ class LinePass:
         report.largest = self._largest()
         self._warn(self._lowered.findings())
         countdown = Countdown(self.timing)
+        present = PresentLine(context.reader.path, report.program)
 
         def changed_offsets() -> Iterable[GcodeLine]:
             state = context.reader.state
@@ -81,17 +83,20 @@ class LinePass:
                 rapid_override=board.rapid_override,
             )
             time = self.timing.seconds - left
-            context.observer.sent(replace(progress, time=time, left=left))
+            context.observer.sent(
+                present.described(replace(progress, time=time, left=left, axes=machine.axis_names))
+            )
 
         before_motion()
         began = board.now()
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
-                self._steps() if kept is None else kept,
+                present.steps(self._steps() if kept is None else kept),
                 board,
                 control=control,
                 on_progress=on_progress,
+                on_line=present.sent,
                 afterwards=changed_offsets,
                 pause_text=lambda block: pause_text(block, context.reader),
             )

@@ -36,8 +36,8 @@ class Callbacks:
             check pass).
         on_warning: Called with each warning and note.
         on_compiling: Called before the kernels are compiled, on the first run on a computer.
-        on_kernel: Called before each kernel is compiled, with the number that are compiled, the
-            number in total, and the name of this one.
+        on_kernel: Called before each kernel is compiled: the number that are compiled, the number
+            in total, and the name of this one.
         on_sent: Called with the progress of the board.
         on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
             ends before anything moves.

@@ -28,8 +28,8 @@ def pause_reason(block: Block) -> str:
 def pause_text(block: Block, reader: ProgramReader) -> str:
     """Return the reason of a pause with what the operator should know; empty without a pause.
 
-    For a tool that is its comment in the tool table. Otherwise it is the comment of the program in
-    the line of the pause, or in a line of its own before it.
+    For a tool that is its comment in the tool table. Otherwise it is the program's comment in the
+    line of the pause, or alone in the line before.
     """
     reason = pause_reason(block)
     if not reason:

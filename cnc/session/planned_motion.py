@@ -12,6 +12,7 @@ from cnc.model.blocks import Block
 from cnc.model.streams import SampleChunk
 from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
@@ -41,8 +42,8 @@ class PlannedMotion:
     def path(self, *, for_lines: bool) -> Iterator[PathChunk | Block]:
         """Read the path again and compare it with the travel.
 
-        A program may continue on another path than in the check pass, if it depends on the answers
-        of probes and inputs.
+        A program that depends on answers of probes and inputs may take another path than in the
+        check pass.
 
         Args:
             for_lines: Whether the path has no blends, for a board that plans for itself.
@@ -84,11 +85,12 @@ class PlannedMotion:
         largest.step_deviation = (
             self._step_deviation if self._context.options.sampled else audit.step_deviation
         )
+        joints, tip = self._machine.joint_tables, planner.limits.tip_columns
         each = zip(
-            self._machine.axes,
-            audit.axis_velocity.tolist(),
-            audit.axis_acceleration.tolist(),
-            audit.axis_jerk.tolist(),
+            joints,
+            audit.axis_velocity[tip:].tolist(),
+            audit.axis_acceleration[tip:].tolist(),
+            audit.axis_jerk[tip:].tolist(),
             strict=True,
         )
         largest.axes = {
@@ -119,7 +121,8 @@ class PlannedMotion:
     def _sampled(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
         """Yield the plan; sample each chunk and write the trace."""
         context = self._context
-        sampler = Sampled(self._machine.path.period, context.reader.start)
+        start = Joints(self._machine).columns(context.reader.start)
+        sampler = Sampled(self._machine.path.period, start)
         target = context.options.outputs.trace
         trace = None
         if target is not None:

@@ -1,7 +1,7 @@
 """Position check of a GRBL board: its reported position against the end of the last run.
 
-A board that has restarted counts from zero at the present position of the tool, and another sender
-may have moved the machine. A program would then cut at a displaced position. It is refused
+A board that has restarted counts from zero at the present position of the tool. Another sender may
+also have moved the machine. A program would then cut at a displaced position. It is refused
 (``position-lost``) unless it homes the machine first, or the operator confirms the reported
 position.
 """

@@ -30,6 +30,7 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.planner.joints import Joints
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import STANDARD_INPUT_NAME
@@ -43,8 +44,18 @@ InterpreterState = tuple[Parameters, ToolTable]
 def start_position(machine: Machine) -> Floats:
     """Return the assumed position before a program, (axes,) mm.
 
-    It is machine zero, or the nearest point of the travel.
+    It is machine zero, or the nearest point of the travel. Where the joints do not reach it, it is
+    the zero of the joints, or the nearest point of their travel.
     """
+    start = _zero(machine)
+    if not machine.kinematics.joints:
+        return start
+    joints = Joints(machine)
+    return start if joints.reach(start) else joints.tip(_zero(joints.machine))
+
+
+def _zero(machine: Machine) -> Floats:
+    """Return machine zero (axes,), or the nearest point of the travel."""
     return np.array(
         [
             0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1])
@@ -163,13 +174,17 @@ class ProgramReader:
         return self._interpreted(rules, text, self._saved_state(rules))
 
     def path_of(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
-        """Yield the path of blocks, and the blocks that do not move."""
-        return build(
+        """Yield the path of blocks, and the blocks that do not move.
+
+        Behind the columns of the axes are those of the joints, where the joints are not the axes.
+        """
+        path = build(
             blocks,
             axes=self.machine.axis_names,
             start=self.start,
             tolerance=self.machine.path.tolerance,
         )
+        return Joints(self.machine).path(path, self.start)
 
     def begin_at(self, line: int | None) -> None:
         """Begin at a source line, or at the first for None.

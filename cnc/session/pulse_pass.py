@@ -24,6 +24,7 @@ from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, Usag
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.outputs.pulses import pulse_writer
+from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
@@ -73,6 +74,7 @@ class PulsePass:
     ) -> None:
         self._context, self._motion, self._board = context, motion, board
         self._machine, self._control = context.reader.machine, context.observer.control
+        self._joints = Joints(self._machine)
         self._fastest = self._machine.board.max_step_rate
         can = _expected(self._machine) if board is None else board.capabilities
         if board is not None:
@@ -97,7 +99,7 @@ class PulsePass:
         on_pulses: OnPulses | None = None
         target = context.options.outputs.pulses
         if target is not None:
-            writer = pulse_writer(target, self._machine, interpolator.origin_steps)
+            writer = pulse_writer(target, self._joints.machine, interpolator.origin_steps)
             on_pulses = context.files.opened(writer).write
         if isinstance(board, ChecksFeasibility):
             self._schedule = self._rehearse(board.feasibility_check(), kept)
@@ -137,11 +139,12 @@ class PulsePass:
     def _interpolator(self) -> ReferencePulse:
         context = self._context
         return ReferencePulse(
-            self._machine.steps_per_mm,
-            context.reader.start,
+            self._joints.machine.steps_per_mm,
+            self._joints.at(context.reader.start),
             1e9 / self._fastest,
             algorithm=self._algorithm,
             separate_axes=self._separate,
+            tip_columns=self._joints.tip_columns,
         )
 
     def _rehearse(self, feasibility: FeasibilityCheck, kept: PathItems | None) -> Schedule:
@@ -171,8 +174,8 @@ class PulsePass:
     ) -> None:
         """Make, count and write the pulses without a board."""
         report, observer = self._context.report, self._context.observer
-        feasibility = _expected_feasibility(self._machine)
-        steps = np.zeros(len(self._machine.axes), np.int64)
+        feasibility = _expected_feasibility(self._joints.machine)
+        steps = np.zeros(len(self._joints.machine.axes), np.int64)
 
         def count(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
@@ -191,7 +194,7 @@ class PulsePass:
             if isinstance(item, PlanChunk):
                 count(pulses.pulses(item), item)
         count(pulses.settle())
-        report.steps = dict(zip(self._machine.axes, steps.tolist(), strict=True))
+        report.steps = dict(zip(self._joints.machine.axes, steps.tolist(), strict=True))
 
     def _send(
         self,
@@ -220,7 +223,7 @@ class PulsePass:
         except BoardError:
             self._record_position(board.position_steps)
             raise
-        report.steps = dict(zip(self._machine.axes, outcome.steps.tolist(), strict=True))
+        report.steps = dict(zip(self._joints.machine.axes, outcome.steps.tolist(), strict=True))
         report.pulse_rows = outcome.rows
         report.stopped_at_line = outcome.stopped_at_line
         if not outcome.finished:
@@ -231,15 +234,13 @@ class PulsePass:
         if self._schedule is not None:
             left = self._schedule.left(progress, self._control.feed_override)
             progress = replace(progress, left=left)
-        self._context.observer.sent(progress)
+        self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
 
     def _record_position(self, grid: NDArray[np.int64]) -> None:
         """Record the position of the board after a program that did not reach its end."""
-        axes = self._machine.axes.items()
-        self._context.report.end_position = {
-            letter: steps / axis.steps_per_mm
-            for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)
-        }
+        tip = self._joints.tip(grid / self._joints.machine.steps_per_mm)
+        each = zip(self._machine.axes, tip.tolist(), strict=True)
+        self._context.report.end_position = dict(each)
 
 
 def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:

@@ -14,7 +14,7 @@ On a machine with limit switches it stays below the switch of Z.
 
 Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
 the line that it is written on. A run cannot begin at a line of a subprogram, because it would be
-unclear which of its calls is meant.
+unclear which call is meant.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class RunRecord:
                 machine=machine.name,
                 board=known.board,
             )
-            context.observer.checkpoint = CheckpointWriter(first, machine.axis_names)
+            context.observer.checkpoint = CheckpointWriter(first, machine.of_joints.axis_names)
 
     def end(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
         """Complete the records.

@@ -30,6 +30,7 @@ from cnc.session.board_choices import (
     adopt_kept_offsets,
     is_attended,
     reading_policy,
+    refuse_lines,
     refuse_overrides,
 )
 from cnc.session.check_pass import CheckPass
@@ -81,6 +82,8 @@ class Session:
     ) -> None:
         options = options or RunOptions()
         check_outputs(options.outputs)
+        if machine.kinematics.joints:
+            refuse_lines(machine, options)
         name = display_name(program)
         self.report = Report(name, machine, limits=Extremes.limits(machine))
         self._program = program

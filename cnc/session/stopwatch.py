@@ -1,6 +1,6 @@
 """Computing time of the stages of a session.
 
-Each stage draws its input through the stage before it, so a stopwatch around an iterator includes
+Each stage draws its input through the stage before it. So a stopwatch around an iterator includes
 the stages that feed it.
 """
 

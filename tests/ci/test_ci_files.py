@@ -78,13 +78,15 @@ def test_the_hook_checks_programs_only(shop):
     (shop.folder / ".pre-commit-config.yaml").write_text(yaml.safe_dump(config))
     shop("git", "init", "-q", check=True)
     shop("git", "add", ".", check=True)
-    done = shop(sys.executable, "-m", "pre_commit", "run", "--all-files")
-    assert done.returncode == 0, done.stdout + done.stderr
+    if soaking():
+        done = shop(sys.executable, "-m", "pre_commit", "run", "--all-files")
+        assert done.returncode == 0, done.stdout + done.stderr
     (shop.folder / "parts" / "bad.TAP").write_text(BAD)
     shop("git", "add", ".", check=True)
     done = shop(sys.executable, "-m", "pre_commit", "run", "--all-files")
     assert done.returncode == 1
-    assert "parts/bad.TAP:3:11: arc-radius-mismatch" in done.stdout
+    errors = re.findall(r"^(\S+): ([a-z-]+): ", done.stdout, re.MULTILINE)
+    assert errors == [("parts/bad.TAP:3:11", "arc-radius-mismatch")], done.stdout
 
 
 def test_the_hook_names_the_suffixes_of_a_folder_search():

@@ -6,8 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,14 +16,13 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli.signals import OperatorSignals
 from cnc.model.operator_control import Control
+from tests.support.waiting import HANG, wait_until
 
 pty = pytest.importorskip("pty")
 
 ROOT = Path(__file__).parents[2]
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 250.0, 121: 250.0, 122: 250.0}
 PROGRAM = "G21 G90\nM3 S900\nG1 X40 F600\nX0\nX3\nM5\nM2\n"
-PATIENCE = 120.0
-"""Longest time that the start of a process may take on a busy computer, s."""
 
 
 @pytest.fixture(autouse=True)
@@ -33,13 +31,6 @@ def hang_up_is_not_ignored() -> Iterator[None]:
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 class Run:
@@ -98,7 +89,7 @@ def run(tmp_path: Path) -> Iterator[Run]:
 
 def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
     os.close(run.terminal)
-    assert run.process.wait(PATIENCE) == 130
+    assert run.process.wait(HANG) == 130
     core = run.simulator.core
     assert run.simulator.speed == 0.0
     assert core.spindle_text == "M5 0"
@@ -115,7 +106,9 @@ def test_control_z_holds_the_machine_before_the_program_is_suspended(run: Run) -
     assert run.simulator.core.state == "Hold"
     assert run.simulator.speed == 0.0
     place = run.simulator.position
-    time.sleep(2.5)  # longer than the silence after which a board counts as dead
+    suspended = run.simulator.now
+    # Longer than the silence after which a board counts as dead.
+    wait_until(lambda: run.simulator.now > suspended + 2.5)
     assert run.simulator.position == place
     run.process.send_signal(signal.SIGCONT)
     os.write(run.terminal, b" ")

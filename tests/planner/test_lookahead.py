@@ -65,7 +65,7 @@ def assert_joined(chunks):
     assert at_rest == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-@settings(max_examples=share(500, 8))
+@settings(max_examples=share(500, 4))
 @given(seed=st.integers(0, 2**31))
 def test_random_paths_are_legal_by_differences_of_positions(seed):
     rng = np.random.default_rng(seed)

@@ -9,22 +9,18 @@ import math
 import numpy as np
 import pytest
 
-from cnc.model.blocks import Block, Held, PathMode
-from cnc.model.operator_control import Control
-from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
-from tests.support.planner.motions import lines, path_of, random_blocks
+from cnc.model.blocks import Block, PathMode
+from tests.support.planner.motions import lines, random_blocks
+from tests.support.planner.operated import assert_legal_under_operator
 from tests.support.planner.random_jobs import random_machine
 from tests.support.soak import share
 
-TOGETHER = 25
+TOGETHER = share(25, 10)
+"""Seeds in one test."""
 FOUND = (302,)
 """Seeds of motions that were illegal. In 302 a hold ended the acceleration beyond a place that the
 motion has to cross at constant speed.
 """
-
-MOST_HOLDS = 400
-"""A run with more holds than the operator requests has no end."""
 
 
 def chain(rng: np.random.Generator, size: float) -> list[Block]:
@@ -46,38 +42,12 @@ def chain(rng: np.random.Generator, size: float) -> list[Block]:
     return [mode, moves]
 
 
-def operate(rng: np.random.Generator, control: Control, often: float) -> None:
-    """Hold, resume or override at a random moment."""
-    if control.held:
-        if rng.random() < 0.5:
-            control.resume()
-    elif rng.random() < often:
-        if rng.random() < 0.4:
-            control.hold()
-        else:
-            control.override(float(10 ** rng.uniform(0.5, 2.3)))
-
-
 def run(seed: int) -> None:
     """Plan the motion of a seed under its operator."""
     rng = np.random.default_rng(seed)
     mill, size = random_machine(rng, float(rng.choice((1e-3, 1e-4))))
     blocks = chain(rng, size) if rng.random() < 0.7 else random_blocks(rng, 3)
-    operated = rng.random() < 0.6
-    control = Control() if operated else None
-    often = 10 ** rng.uniform(-2.0, -0.5)
-    ahead = LookAhead(mill, control)
-    holds, end = 0, None
-    for item in ahead.plan(path_of(blocks)):
-        if isinstance(item, Held):
-            holds += 1
-            assert holds < MOST_HOLDS, seed
-        elif isinstance(item, PlanChunk):
-            end = item
-        if control is not None:
-            operate(rng, control, often)
-    assert not ahead.audit.violations, seed
-    assert end is None or (end.phase_v[-1], end.phase_a[-1]) == (0.0, 0.0), seed
+    assert_legal_under_operator(rng, mill, blocks, rng.random() < 0.6, 0.5, seed)
 
 
 @pytest.mark.parametrize("first", range(0, share(5000, TOGETHER), TOGETHER))

@@ -11,17 +11,13 @@ import numpy as np
 import pytest
 
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import Block, Dwell, Held, PathMode
-from cnc.model.operator_control import Control
-from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
-from tests.support.planner.motions import AXES, arc, lines, nurbs, path_of
+from cnc.model.blocks import Block, Dwell, PathMode
+from tests.support.planner.motions import AXES, arc, lines, nurbs
+from tests.support.planner.operated import assert_legal_under_operator
 from tests.support.soak import share
 
-TOGETHER = 20
-MOST_HOLDS = 400
-"""A run with more holds than the operator requests has no end."""
-
+TOGETHER = share(20, 5)
+"""Programs in one test."""
 SLOWEST = 1.0 / 60.0
 """mm/s: 1 mm/min."""
 
@@ -120,37 +116,12 @@ def random_program(rng: np.random.Generator, machine: Machine) -> list[Block]:
     return blocks
 
 
-def operate(rng: np.random.Generator, control: Control, often: float) -> None:
-    """Hold, resume or override at a random moment."""
-    if control.held:
-        if rng.random() < 0.5:
-            control.resume()
-    elif rng.random() < often:
-        if rng.random() < 0.4:
-            control.hold()
-        else:
-            control.override(float(10 ** rng.uniform(1.0, 2.3)))
-
-
 def run(seed: int) -> None:
     """Plan the motion of a seed, half of the time under an operator."""
     rng = np.random.default_rng([seed, 20])
     machine = random_machine(rng)
     blocks = random_program(rng, machine)
-    control = Control() if rng.random() < 0.5 else None
-    often = 10 ** rng.uniform(-2.0, -0.5)
-    ahead = LookAhead(machine, control)
-    holds, end = 0, None
-    for item in ahead.plan(path_of(blocks)):
-        if isinstance(item, Held):
-            holds += 1
-            assert holds < MOST_HOLDS, seed
-        elif isinstance(item, PlanChunk):
-            end = item
-        if control is not None:
-            operate(rng, control, often)
-    assert not ahead.audit.violations, seed
-    assert end is None or (end.phase_v[-1], end.phase_a[-1]) == (0.0, 0.0), seed
+    assert_legal_under_operator(rng, machine, blocks, rng.random() < 0.5, 1.0, seed)
 
 
 @pytest.mark.parametrize("first", range(0, share(5000, TOGETHER), TOGETHER))

@@ -69,7 +69,7 @@ def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) 
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 
-@settings(max_examples=share(1000, 18))
+@settings(max_examples=share(1000, 8))
 @given(
     seed=st.integers(0, 10**6),
     offset=OFFSETS,
@@ -90,7 +90,7 @@ def test_random_programs_are_the_same_motion_in_grbl(seed, offset, tolerance, ar
     )
 
 
-@settings(max_examples=share(500, 12))
+@settings(max_examples=share(500, 6))
 @given(
     seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3)
 )

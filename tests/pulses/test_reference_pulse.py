@@ -88,7 +88,7 @@ def test_random_nurbs(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(300, 15))
+@settings(max_examples=share(300, 6))
 def test_mixed_paths(seed: int) -> None:
     rng = np.random.default_rng(seed)
     start = rng.uniform(-1, 1, 3)

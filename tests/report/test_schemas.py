@@ -1,6 +1,7 @@
 """SARIF follows the schema of its standard, the summary the schema of its model."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 
@@ -118,3 +119,10 @@ def test_every_key_of_the_summary_has_a_description():
 def test_a_name_that_is_not_utf_8_is_kept():
     one = reported([Diagnostic("soft-limit", "a\udc80", "b\udcff", 1)], name="c\udc81")
     assert json.loads(json.dumps(one.as_json()))["program"] == "c\udc81"
+
+
+def test_a_lathes_assumptions_stand_in_the_summary() -> None:
+    assert "assumed" not in reported([]).as_json()
+    report = replace(reported([]), dialect="fanuc", assumed="X in diameters")
+    assert report.as_json()["assumed"] == "X in diameters"
+    of_summary().validate(report.as_json())

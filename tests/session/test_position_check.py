@@ -15,8 +15,8 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.executor.run import Progress
+from cnc.model import state_folder
 from cnc.model.diagnostics import BoardError, UsageError
-from cnc.session import last_position
 from cnc.session.last_position import LastPosition
 from tests.support.session.position_runs import (
     END,
@@ -320,11 +320,11 @@ def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) ->
     assert first.resume_line == 5
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
-    for file in last_position.folder().iterdir():
+    for file in state_folder.folder().iterdir():
         file.unlink()
     simulator.power_up()
     assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
-    for file in last_position.folder().iterdir():
+    for file in state_folder.folder().iterdir():
         file.unlink()
     LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
     assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
@@ -349,7 +349,7 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
-    (file,) = last_position.folder().iterdir()
+    (file,) = state_folder.folder().iterdir()
     for text in (
         "{",
         "[]",
@@ -368,11 +368,11 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
 
 def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert last_position.folder() == tmp_path / "cnc" / "positions"
+    assert state_folder.folder() == tmp_path / "cnc" / "positions"
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "me"))
-    monkeypatch.setattr(last_position.sys, "platform", "linux")
-    assert last_position.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
+    monkeypatch.setattr(state_folder.sys, "platform", "linux")
+    assert state_folder.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
-    monkeypatch.setattr(last_position.sys, "platform", "win32")
-    assert last_position.folder() == tmp_path / "local" / "cnc" / "positions"
+    monkeypatch.setattr(state_folder.sys, "platform", "win32")
+    assert state_folder.folder() == tmp_path / "local" / "cnc" / "positions"

@@ -16,7 +16,7 @@ from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import BoardTraits, Capabilities, OnReport, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, MachineReport, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
@@ -124,6 +124,19 @@ class GrblBoard:
     def status(self) -> Status:
         """The last status report."""
         return self.stream.status
+
+    @property
+    def report(self) -> MachineReport:
+        """State, work position, feed and spindle speed, as last reported."""
+        status, offset = self.status, self.status.offset
+        work = [a - b for a, b in zip(status.position or (), offset or (), strict=False)]
+        return MachineReport(
+            status.state,
+            self._machine_axes(tuple(work)),
+            status.feed,
+            status.speed,
+            status.overrides,
+        )
 
     @property
     def capabilities(self) -> Capabilities:

@@ -102,7 +102,8 @@ class LineStream:
         protocol, monitor, text = self.link.protocol, self.monitor, line.text
         if kind in ("writer", "system"):
             self.rest()
-        self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
+        if self.status.state == "Alarm":
+            self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= monitor.liveness.max_waiting
             or not protocol.fits(text, kind)
@@ -116,7 +117,7 @@ class LineStream:
         if kind == "probe":
             self.probed = None
         monitor.sending(line, self.link.now())
-        self.write(protocol.send(text, line.line, kind))
+        self.link.queue(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (
             protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
         ):
@@ -275,7 +276,7 @@ class LineStream:
     def _mark(self) -> None:
         self._marked_at = self.link.now()
         self.monitor.liveness.marked(self._marked_at)
-        self.write(self.link.protocol.mark())
+        self.link.queue(self.link.protocol.mark())
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""

@@ -83,6 +83,7 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.greeted_unasked = False
+        self._queued = b""
         self._port = LoggedPort(port, name, log, text=True)
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
@@ -94,13 +95,18 @@ class GrblLink:
         """Return the present time, s."""
         return self.clock.now()
 
+    def queue(self, data: bytes) -> None:
+        """Write with the next bytes, or before the next :meth:`pump`."""
+        self._queued += data
+
     def write(self, data: bytes) -> None:
         """Write at once; PortLost."""
+        data, self._queued = self._queued + data, b""
         self._port.write(data)
 
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
-        self._port.write(command.value)
+        self.write(command.value)
 
     def close(self) -> None:
         """Close the port."""
@@ -122,10 +128,12 @@ class GrblLink:
         """
         now = self.clock.now()
         if now >= self._next_poll and not self._writing(now):
-            self._port.write(b"?")
+            self.write(b"?")
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
+        elif self._queued:
+            self.write(b"")
         data = self._port.read(timeout)
         events = self._received(data) if data else []
         asked = self._unanswered_since
@@ -274,6 +282,7 @@ class GrblLink:
             A fault that occurs meanwhile: an alarm, or no confirmation of the stop.
         """
         self._alarms.clear()
+        self._queued = b""
         try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
@@ -291,6 +300,7 @@ class GrblLink:
 
     def drop(self) -> None:
         """Send hold and reset to a board that no longer answers, until it greets or time is up."""
+        self._queued = b""
         with contextlib.suppress(BoardError):
             for _ in range(DROP_ATTEMPTS):
                 self.send_realtime(RealTime.HOLD)

@@ -51,6 +51,7 @@ class OperatorRequests:
         self.control = control
         self._held = self._held_by_machine = False
         self._requested_at = -PATIENCE
+        self._seen: tuple[float, ...] = ()
         self._steps = {column: Stepped(-PATIENCE, -1) for column in (FEED, RAPID, SPINDLE)}
 
     @property
@@ -61,11 +62,24 @@ class OperatorRequests:
     def commands(self, status: Status, status_at: float, now: float) -> bytes:
         """Return the bytes to write now; mostly none.
 
+        There are some only after a new report or a new request.
+
         Args:
             status: The last status report.
             status_at: Time of that report, s.
             now: Present time, s.
         """
+        control = self.control
+        seen = (
+            status_at,
+            control.held,
+            control.feed_override,
+            control.rapid_override,
+            control.spindle_override,
+        )
+        if seen == self._seen:
+            return b""
+        self._seen = seen
         return (
             self._hold(status, status_at, now)
             + self._step(status, now, FEED, self.override)

@@ -35,6 +35,7 @@ class Status:
         overrides: Of feed, rapid and spindle, per cent.
         free: Free planner blocks and bytes of the receive buffer; None where not reported.
         feed: mm/min.
+        speed: Spindle speed, rev/min.
         pins: Letters of the active inputs.
     """
 
@@ -45,6 +46,7 @@ class Status:
     overrides: tuple[int, int, int] | None = None
     free: tuple[int, int] | None = None
     feed: float | None = None
+    speed: float | None = None
     pins: str = ""
 
     @property
@@ -83,9 +85,9 @@ class StatusReader:
             if "WCO" in fields:
                 self._offset = self._numbers(fields["WCO"])
             if "Ov" in fields:
-                feed, rapid, spindle = (int(value) for value in fields["Ov"].split(","))
-                self._overrides = feed, rapid, spindle
-            speed = fields.get("FS", fields.get("F"))
+                first, second, third = (int(value) for value in fields["Ov"].split(","))
+                self._overrides = first, second, third
+            feed, _, speed = fields.get("FS", fields.get("F", "")).partition(",")
             blocks, bytes_ = (
                 (int(value) for value in fields["Bf"].split(",")) if "Bf" in fields else (-1, -1)
             )
@@ -96,7 +98,8 @@ class StatusReader:
                 None if self._offset is None else self._lengths(self._offset),
                 self._overrides,
                 (blocks, bytes_) if "Bf" in fields else None,
-                float(speed.split(",")[0]) * self.unit if speed else None,
+                float(feed) * self.unit if feed else None,
+                float(speed) if speed else None,
                 fields.get("Pn", ""),
             )
         except ValueError:

@@ -150,7 +150,10 @@ class Connection:
         Raises:
             BoardError: ``board-silent``, ``board-not-klipper``.
         """
+        while self.port.read(0.0):
+            pass  # Bytes from an earlier connection.
         self.dictionary = self._identify(timeout)
+        self.link.settled = True
         window = int(self.dictionary.constant("RECEIVE_WINDOW", 0.0))
         if window:
             self.link.window = window

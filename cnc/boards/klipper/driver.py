@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.klipper.alarms import RELEASE
 from cnc.boards.klipper.connection import BAUD
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput
@@ -22,7 +23,7 @@ from cnc.boards.klipper.layout import InputObject, section
 from cnc.boards.klipper.outputs import OutputState, actions
 from cnc.boards.klipper.profile import profile_of
 from cnc.boards.klipper.sender import PIECE_S, TooLate
-from cnc.boards.klipper.supervisor import RELEASE, Supervisor
+from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, MotionState, board_error
 from cnc.machine.models import Machine
@@ -44,6 +45,7 @@ class Klipper:
         name: Name of the port, for messages.
         clock: Clock of the port.
         background: Exchange bytes between calls in a thread, so that the board is not alone.
+        identity: Identity under which the position is kept for the next program; "" for none.
 
     Raises:
         BoardError: No Klipper board answers, or it refuses its configuration.
@@ -60,12 +62,13 @@ class Klipper:
         *,
         clock: Clock | None = None,
         background: bool = False,
+        identity: str = "",
     ) -> None:
         self._machine = machine
         self._lock = threading.RLock()
         self._closed = threading.Event()
         self._began = False
-        self._supervisor = Supervisor(port, machine, name, clock or SystemClock())
+        self._supervisor = Supervisor(port, machine, name, clock or SystemClock(), identity)
         self._sender = self._supervisor.sender
         self._checks = self._supervisor.checks
         self._position = self._supervisor.position
@@ -77,7 +80,7 @@ class Klipper:
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Klipper:
         """Open the board on the port ``target``, else on that of the machine file."""
-        from cnc.boards.serial_port import open_port
+        from cnc.boards.serial_port import identity, open_port
 
         section(machine)
         name = str(target) if target is not None else machine.board.port
@@ -89,7 +92,7 @@ class Klipper:
             raise UsageError(Diagnostic("no-port", "the Klipper board needs a port", hint=hint))
         port = open_port(name, baud_of(machine))
         try:
-            return cls(port, machine, name, background=True)
+            return cls(port, machine, name, background=True, identity=identity(name))
         except BaseException:
             port.close()
             raise
@@ -185,8 +188,11 @@ class Klipper:
             supervisor.guards.watched = set(np.flatnonzero(watched).tolist())
             supervisor.guards.armed = None
             self._refuse_pressed(supervisor.guards.watched)
+            for driver in supervisor.drivers:
+                driver.check()
             self._position.set(supervisor.read_positions(), self._checks.position_steps)
             self._position.known = known
+            supervisor.store(moving=True)
             self._sender.begin(self._checks.position_steps)
             supervisor.stopped_short = False
             supervisor.active = self._began = True
@@ -259,6 +265,7 @@ class Klipper:
             if self._supervisor.active:
                 self._supervisor.active = False
                 self._supervisor.halt()
+                self._supervisor.store(moving=False)
 
     def close(self) -> None:
         """Stop the motion and close the port."""
@@ -296,6 +303,7 @@ class Klipper:
         supervisor.set_outputs(supervisor.outputs.state.off())
         supervisor.connection.flush(supervisor.pump)
         supervisor.active = False
+        supervisor.store(moving=False)
 
     def _refuse_pressed(self, watched: set[int]) -> None:
         """Raise a fault if the e-stop or a limit switch that is watched is pressed."""

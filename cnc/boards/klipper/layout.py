@@ -9,15 +9,22 @@ from dataclasses import dataclass, field
 from cnc.boards.klipper.protocol.dictionary import Dictionary, Value
 from cnc.boards.klipper.protocol.errors import LocalError
 from cnc.boards.protocols import board_error
-from cnc.machine.klipper import KlipperAxis, KlipperBoard, Pin
+from cnc.machine.klipper import KlipperAxis, KlipperBoard, Pin, TrinamicDriver
 from cnc.machine.load import error_in
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
-MAX_DURATION_S = 0.5
-"""Time after which the board switches an output off, if it hears nothing of it."""
+MAX_DURATION_S = 0.4
+"""Time after which the board switches an output off, if it hears nothing of it.
+
+With the time by which an update is sent ahead, this is half a second.
+"""
 EXPIRED, EMERGENCY, BY_HOST, ARMED, LIMIT = 1, 2, 3, 4, 16
 """Reasons of a trigger; LIMIT plus the column is the limit switch of an axis."""
+UART_BAUD, SLOW_UART_BAUD = 40_000, 9_000
+"""Speed of a motor driver's UART, and on an AVR, bits/s."""
+SPI_MODE, SPI_RATE = 3, 4_000_000
+"""Mode and speed of a motor driver's SPI (TMC5160 data sheet, chapter 4)."""
 REQUIRED = (
     "config_stepper",
     "queue_step",
@@ -103,7 +110,8 @@ class Layout:
         outputs: The outputs.
         objects: Number of objects.
         config: Encoded commands that configure them, but for allocation and end.
-        drivers: Object of each UART or SPI device by its key.
+        drivers: Object of the UART or SPI device of the motor driver of each axis.
+        scales: Steps per mm of each axis.
     """
 
     trigger: int = 0
@@ -112,12 +120,17 @@ class Layout:
     outputs: list[OutputObject] = field(default_factory=list)
     objects: int = 0
     config: list[bytes] = field(default_factory=list)
-    drivers: dict[tuple[str, ...], int] = field(default_factory=dict)
+    drivers: dict[str, int] = field(default_factory=dict)
+    scales: tuple[float, ...] = ()
 
     @property
     def crc(self) -> int:
-        """Checksum of the configuration, by which a later program recognises it."""
-        return zlib.crc32(b"".join(self.config) + bytes((self.objects,))) or 1
+        """Checksum of the configuration and of the motors, by which a program recognises it.
+
+        The board does not know directions and scales, but they decide what its counts mean.
+        """
+        motors = f"{self.motors} {self.scales} {self.objects}"
+        return zlib.crc32(b"".join(self.config) + motors.encode()) or 1
 
     def limit(self, column: int) -> InputObject | None:
         """Return the limit switch of an axis."""
@@ -152,7 +165,8 @@ class LayoutBuilder:
         self._machine, self._dictionary = machine, dictionary
         self._known = section(machine)
         self._ticks = dictionary.constant("CLOCK_FREQ")
-        self.layout = Layout()
+        self._uarts: dict[int, int] = {}
+        self.layout = Layout(scales=tuple(machine.steps_per_mm.tolist()))
 
     def build(self) -> Layout:
         """Return the layout.
@@ -174,6 +188,8 @@ class LayoutBuilder:
             if axis is not None:
                 self._motors(letter, column, axis)
                 self._enable(letter, axis, enables)
+                if axis.driver is not None:
+                    self._driver(letter, axis.driver)
                 if axis.endstop is not None:
                     self._input((letter, "endstop"), "limit", axis.endstop, LIMIT + column, column)
         known = self._known
@@ -201,14 +217,10 @@ class LayoutBuilder:
         number = self._dictionary.number("pin", name)
         if number is None:
             pins = self._dictionary.enumerations.get("pin", {})
-            hint = f"its pins are {_ranges(pins)}"
+            hint = f"its pins are {pin_ranges(pins)}"
             message = f"the board has no pin {name}"
             raise error_in(self._machine, ("board", "klipper", *key), message, hint)
         return number
-
-    def create(self, command: str, **values: Value) -> int:
-        """Configure a further object, and return it."""
-        return self._create(command, **values)
 
     def encode(self, command: str, **values: Value) -> None:
         """Append a command to the configuration."""
@@ -255,6 +267,38 @@ class LayoutBuilder:
             )
             self.layout.outputs.append(OutputObject(oid, "enable", pin.inverted, limited=False))
 
+    def _driver(self, letter: str, driver: TrinamicDriver) -> None:
+        """Configure the UART or SPI device of a motor driver; drivers may share a UART."""
+        key = letter, "driver"
+        if driver.uart is not None:
+            pin = self.pin((*key, "uart"), driver.uart)
+            if pin not in self._uarts:
+                slow = str(self._dictionary.constants.get("MCU", "")).startswith("at")
+                baud = SLOW_UART_BAUD if slow else UART_BAUD
+                self._uarts[pin] = self._create(
+                    "config_tmcuart",
+                    rx_pin=pin,
+                    pull_up=int(Pin.of(driver.uart).pull_up),
+                    tx_pin=pin,
+                    bit_time=round(self._ticks / baud),
+                )
+            self.layout.drivers[letter] = self._uarts[pin]
+        elif driver.select is not None:
+            buses = self._dictionary.enumerations.get("spi_bus", {})
+            bus = buses.get(driver.spi_bus, min(buses.values(), default=0))
+            if driver.spi_bus and driver.spi_bus not in buses:
+                message = f"the board has no SPI bus {driver.spi_bus}"
+                hint = f"its buses are {', '.join(buses) or 'none'}"
+                path = ("board", "klipper", *key, "spi_bus")
+                raise error_in(self._machine, path, message, hint)
+            oid = self._create(
+                "config_spi",
+                pin=self.pin((*key, "select"), driver.select),
+                cs_active_high=int(Pin.of(driver.select).inverted),
+            )
+            self.encode("spi_set_bus", oid=oid, spi_bus=bus, mode=SPI_MODE, rate=SPI_RATE)
+            self.layout.drivers[letter] = oid
+
     def _input(
         self, key: tuple[str, ...], name: str, text: str, reason: int, column: int = -1
     ) -> None:
@@ -289,7 +333,7 @@ class LayoutBuilder:
         self.layout.outputs.append(OutputObject(oid, "spindle", pin.inverted, full, pwm=True))
 
 
-def _ranges(pins: Mapping[str, int]) -> str:
+def pin_ranges(pins: Mapping[str, int]) -> str:
     """Return the names of pins, with runs such as PA0 to PA15 shortened."""
     return ", ".join(_runs(pins)) or "none"
 

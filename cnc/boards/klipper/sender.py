@@ -12,7 +12,6 @@ an axis get the same runs.
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +21,9 @@ from numpy.typing import NDArray
 from cnc.boards.klipper.connection import POLL_S, Connection
 from cnc.boards.klipper.layout import Layout, MotorObject
 from cnc.boards.klipper.line_tracker import LineTracker
+from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.ramp import stretched
+from cnc.boards.klipper.slots import Slots
 from cnc.boards.klipper.steps import StepEncoder
 from cnc.kernels.klipper.step_runs import Runs
 from cnc.model.streams import PulseChunk
@@ -65,47 +66,6 @@ class Guard:
 
     pump: Callable[[float], object]
     arm: Callable[[int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class MotionLimits:
-    """Tolerances of a motion.
-
-    Attributes:
-        tolerance_s: Largest deviation of a step from its time, s.
-        spacing_s: Least time between two steps of an axis, s.
-        ramp_s: Length of an emergency ramp, s.
-    """
-
-    tolerance_s: float
-    spacing_s: float
-    ramp_s: float
-
-
-class Slots:
-    """Entries of the board's queue, by the clocks at which they are free again.
-
-    Args:
-        count: Number of entries.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._ends: list[int] = []
-
-    def add(self, clock: int) -> None:
-        """Add an entry that is free again at a clock."""
-        heapq.heappush(self._ends, clock)
-
-    def used(self, clock: int) -> int:
-        """Return the number of entries in use at a clock."""
-        while self._ends and self._ends[0] <= clock:
-            heapq.heappop(self._ends)
-        return len(self._ends)
-
-    def clear(self) -> None:
-        """Forget all entries: the board has dropped them."""
-        self._ends.clear()
 
 
 class Sender:

@@ -14,8 +14,14 @@ def shutdown_reason(connection: Connection, number: int) -> str:
     return next((name for name, known in names.items() if known == number), f"reason {number}")
 
 
-def configure(connection: Connection, layout: Layout) -> tuple[int, bool]:
+def configure(connection: Connection, layout: Layout, kept: int, new: int) -> tuple[int, bool]:
     """Configure the board, unless it has this configuration already.
+
+    Args:
+        connection: The connection.
+        layout: The objects of the board.
+        kept: Number that the board has stored, if it has this configuration.
+        new: Number for a new configuration.
 
     Returns:
         Entries of its move queue, and whether it kept its configuration and so its positions.
@@ -27,7 +33,7 @@ def configure(connection: Connection, layout: Layout) -> tuple[int, bool]:
     if config["is_shutdown"]:
         connection.send("clear_shutdown")
         config = _config(connection)
-    if config["is_config"] and config["crc"] == layout.crc and not config["is_shutdown"]:
+    if config["is_config"] and config["crc"] == kept and not config["is_shutdown"]:
         return config["move_count"], True
     if config["is_config"] or config["is_shutdown"]:
         # Only a board in shutdown can be configured anew without a reset.
@@ -39,7 +45,7 @@ def configure(connection: Connection, layout: Layout) -> tuple[int, bool]:
     connection.send("allocate_oids", count=layout.objects)
     for command in layout.config:
         connection.link.send(command)
-    connection.send("finalize_config", crc=layout.crc)
+    connection.send("finalize_config", crc=new)
     connection.flush(lambda seconds: _checked(connection, connection.pump(seconds)))
     config = _config(connection)
     if not config["is_config"] or config["is_shutdown"]:

@@ -8,32 +8,30 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
 from cnc.boards.klipper.connection import POLL_S, Connection
 from cnc.boards.klipper.guards import Guards
 from cnc.boards.klipper.layout import (
     BY_HOST,
-    EMERGENCY,
-    EXPIRED,
-    LIMIT,
     InputObject,
     LayoutBuilder,
     section,
 )
+from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs, OutputState
 from cnc.boards.klipper.position import MachinePosition
+from cnc.boards.klipper.position_store import PositionStore, StoredPosition
 from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
-from cnc.boards.klipper.sender import Guard, MotionLimits, Sender, TooLate
+from cnc.boards.klipper.sender import Guard, Sender, TooLate
 from cnc.boards.klipper.setup import configure, shutdown_reason
+from cnc.boards.klipper.trinamic.drivers import motor_drivers
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
 from cnc.boards.protocols import board_error
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-
-RELEASE = "release it when it is safe, then home the machine"
-DEAD_STOP = "the motors stopped without a ramp and may have lost steps: home the machine"
 
 
 class Supervisor:
@@ -43,6 +41,7 @@ class Supervisor:
         connection: The connection.
         layout: The objects of the board.
         slots: Entries of its move queue.
+        drivers: Motor drivers that the board configures.
         position: Conversion of positions.
         least_ns: Least time between two steps of an axis, ns.
         checks: Checks of all pulses before they are sent, and their counts.
@@ -57,13 +56,23 @@ class Supervisor:
         control: Requests of the operator.
     """
 
-    def __init__(self, port: Port, machine: Machine, name: str, clock: Clock) -> None:
+    def __init__(
+        self, port: Port, machine: Machine, name: str, clock: Clock, identity: str = ""
+    ) -> None:
         known = section(machine)
+        self.active = self.probing = self.stopped_short = self._stopping = False
+        self.control: Control | None = None
+        self.fault: BoardError | None = None
+        self.pending_fault: BoardError | None = None
         self.connection = Connection(port, clock, name)
         self.connection.open()
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
-        self.slots, self.kept = configure(self.connection, self.layout)
         self.position = MachinePosition(machine, self.layout.motors)
+        self._store = PositionStore(identity)
+        self._open_store()
+        self.drivers = motor_drivers(self.connection, self.layout, machine)
+        for driver in self.drivers:
+            driver.configure(machine)
         self.least_ns = 1e9 / machine.board.max_step_rate
         axes = len(machine.axes)
         self.checks = Loopback(axes, self.least_ns)
@@ -74,12 +83,33 @@ class Supervisor:
         guard = Guard(self.pump, self.guards.arm)
         self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
         self.outputs = Outputs(self.connection, self.layout, self.sender.slots.add)
-        self.active = self.probing = self.stopped_short = False
-        self.control: Control | None = None
-        self.fault: BoardError | None = None
-        self.pending_fault: BoardError | None = None
-        self._stopping = False
-        self._held_by: InputObject | None = None
+        self.sender.position = self.position.of(self._counts)
+
+    def _open_store(self) -> None:
+        """Configure the board, and take over the position that it has kept."""
+        layout = self.layout.crc
+        stored = self._store.read()
+        kept = stored.number if stored is not None and stored.layout == layout else layout
+        self._number = self._store.number(layout)
+        self.slots, same = configure(self.connection, self.layout, kept, self._number)
+        if same:
+            self._number = kept
+        self._counts = self.read_positions()
+        motors, axes = len(self.layout.motors), len(self.position.known)
+        if same and stored is not None and len(stored.offset) == motors:
+            self.position.offset = list(stored.offset)
+            # A program that was killed has left the motors without a ramp.
+            if len(stored.known) == axes and not stored.moving:
+                self.position.known = np.array(stored.known, np.bool_)
+        self.store(moving=False)
+
+    def store(self, *, moving: bool) -> None:
+        """Keep the position for the next program."""
+        known = self.position.known.tolist()
+        layout = self.layout.crc
+        self._store.write(
+            StoredPosition(layout, self._number, list(self.position.offset), known, moving)
+        )
 
     def pump(self, seconds: float) -> list[Message]:
         """Send what waits, receive bytes and check the messages.
@@ -143,14 +173,12 @@ class Supervisor:
             self.ask("endstop_query_state", "endstop_state", each.oid)["pin_value"] == each.active
         )
 
-    def level(self, each: InputObject) -> int:
-        """Return the level of an input."""
-        return self.ask("endstop_query_state", "endstop_state", each.oid)["pin_value"]
-
     def read_positions(self) -> list[int]:
         """Return the position of each motor as the board counts it."""
+        pump = self.pump if self.active or self._stopping else self.connection.pump
+        ask = self.connection.ask
         return [
-            self.ask("stepper_get_position", "stepper_position", motor.oid)["pos"]
+            ask("stepper_get_position", "stepper_position", pump, oid=motor.oid)["pos"]
             for motor in self.layout.motors
         ]
 
@@ -284,17 +312,8 @@ class Supervisor:
 
     def _alarm(self, reason: int) -> BoardError:
         """End the use of the board by a trigger, with its cause and position."""
-        if reason == EMERGENCY:
-            return self._dead_stop("board-emergency-stop", "the e-stop is pressed", RELEASE)
-        if reason >= LIMIT:
-            axis = self.position.letter(reason - LIMIT)
-            hint = "move away from it by hand with the drivers off, then home the machine"
-            return self._dead_stop("board-limit", f"the limit switch of {axis} was hit", hint)
-        if reason == EXPIRED:
-            message = "the board heard nothing from this computer"
-            return self._dead_stop("board-silence", message, DEAD_STOP)
-        message = f"the board stopped the motors for an unknown reason, {reason}"
-        return self._dead_stop("board-alarm", message, DEAD_STOP)
+        alarm = alarm_of(reason, self.position.letter)
+        return self._dead_stop(alarm.code, alarm.message, alarm.hint)
 
     def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
         """Read the position after a stop of the motors, which is not to be trusted."""
@@ -370,6 +389,7 @@ class Supervisor:
         self.checks.abort()
         self.sender.stop()
         self.active = False
+        self.store(moving=False)
         return error
 
     def wait(self, seconds: float) -> None:

@@ -278,14 +278,15 @@ def incompatibilities(machine: Machine, spacing_ns: int) -> Iterator[Diagnostic]
     """Yield the faults of a machine file that make every program impossible on the board.
 
     The motors of the board are X, Y, Z and a fourth one, in the order of its pins. An axis at
-    another position in the file would turn the wrong motor.
+    another position in the file would turn the wrong motor. Joints turn the motors in their order.
 
     Args:
         machine: The machine.
         spacing_ns: Least time between two steps of an axis, ns.
     """
     letters = tuple(machine.axes)
-    if len(letters) > MAX_AXES or letters[:3] != ("x", "y", "z")[: len(letters)]:
+    expected = letters if machine.has_joints_as_axes else ("x", "y", "z")
+    if len(letters) > MAX_AXES or letters[:3] != expected[:3][: len(letters)]:
         names = " ".join(letter.upper() for letter in letters)
         hint = (
             "write the tables [axes.x], [axes.y], [axes.z] in this order, "

@@ -164,21 +164,41 @@ class AxisWords:
 
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
-        at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
+        at = polar.first_polar(words)
+        x, y = self._polar_columns(at, user)
+        if {x, y} & found.keys():
+            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
+        program = self.coordinates.to_program(self.position)
+        found[x], found[y] = polar.point(
+            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
+        )
+
+    def polar_steps(self, words: LineWords, user: str) -> tuple[float, float] | None:
+        """Take @ and ^ under G91 as steps of the radius (mm) and the angle (degrees).
+
+        None under G90, and without such a word.
+
+        Raises:
+            GcodeError: ``polar-at-origin``, and those of a place for polar coordinates.
+        """
+        at = polar.first_polar(words)
+        if at is None or self._state.absolute:
+            return None
+        x, y = self._polar_columns(at, user)
+        program = self.coordinates.to_program(self.position)
+        return polar.steps(words, user, (program[x], program[y]), self._state.scale)
+
+    def _polar_columns(self, at: Word | None, user: str) -> tuple[int, int]:
+        """Return the columns of X and Y, after checks that polar coordinates may stand here."""
+        x, y = self.column.get("X"), self.column.get("Y")
         if self._dialect.flavour not in ("ngc", "siemens"):
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",
                 at,
             )
-        if (
-            user not in _POLAR_USERS
-            or self._machine_words
-            or (user in _CYCLES and not self._state.absolute)
-        ):
-            taker = (
-                "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
-            )
+        if user not in _POLAR_USERS or self._machine_words:
+            taker = "G53" if self._machine_words else user
             raise fault(
                 "polar-not-here", f"{taker} does not take polar coordinates", at, "give X and Y"
             )
@@ -191,12 +211,7 @@ class AxisWords:
             )
         if x is None or y is None:
             raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
-        if {x, y} & found.keys():
-            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
-        program = self.coordinates.to_program(self.position)
-        found[x], found[y] = polar.point(
-            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
-        )
+        return x, y
 
     def target(
         self, words: LineWords, user: str, start: list[float], *, machine: bool = False

@@ -3,7 +3,8 @@
 The tool stands over the centre. It goes down to Z, out to the radius I along a half circle, round
 the circle, and back. With K and Q it goes round circles from I to K, each Q larger, before it goes
 back. With L it repeats all of that, deeper by Z under G91. D is the offset of the tool's radius;
-the tool stays inside of the circles. Source: Haas, "Mill Operator's Manual", G12 and G13.
+the tool stays inside of the circles. Mach3 has I only: straight out along X, round, and straight
+back. Sources: Haas, "Mill Operator's Manual", G12 and G13; "Using Mach3Mill", G12 and G13.
 
 The manual draws the way between the circles but does not define it. Here it is a half circle, so
 that the tool never leaves the next circle.
@@ -18,6 +19,7 @@ import numpy as np
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
+from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
@@ -34,8 +36,15 @@ class CircularPocket:
     """Execution of G12 and G13."""
 
     def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, tools: ToolCodes
+        self,
+        motion: Motion,
+        state: ModalState,
+        here: SourceLocation,
+        tools: ToolCodes,
+        *,
+        straight: bool,
     ) -> None:
+        self._straight = straight
         self._motion = motion
         self._state = state
         self._here = here
@@ -53,6 +62,9 @@ class CircularPocket:
         refuse_axes(words, name, "Z")
         if state.plane != "XY":
             raise fault("pocket-plane", f"{name} in the {state.plane} plane", at, "give G17")
+        if self._straight and (extra := next((each for each in "DKQLZ" if each in words.rest), "")):
+            word = words.rest[extra]
+            raise fault("word-unused", f"{name} takes I only, not {word.written}", word)
         clockwise = (state.motion is G.G12) != motion.coordinates.figure.mirrors(
             motion.arcs.plane_columns(at, name)
         )
@@ -67,7 +79,10 @@ class CircularPocket:
             end = motion.reached(depth, motion.position)
             if end != motion.position:
                 motion.feed_to(end, feed)
-            self._circles(radii, feed, clockwise=clockwise)
+            if self._straight:
+                self._circle(radii[0], feed, clockwise=clockwise)
+            else:
+                self._circles(radii, feed, clockwise=clockwise)
         state.motion = None
 
     def _radii(self, words: LineWords, name: str, at: Word) -> list[float]:
@@ -125,19 +140,37 @@ class CircularPocket:
             end = motion.position.copy()
             end[i] = centre[0] + x
             end[j] = centre[1]
-            sign = -1.0 if clockwise else 1.0
-            motion.arc(
-                ArcFeed(
-                    self._here.file,
-                    self._here.line,
-                    "XY",
-                    (centre[0] + middle, centre[1]),
-                    np.array(end),
-                    abs(motion.position[i] - centre[0] - middle),
-                    sign * turns,
-                    feed,
-                )
+            radius = abs(motion.position[i] - centre[0] - middle)
+            self._arc(
+                end, (centre[0] + middle, centre[1]), radius, turns, feed, clockwise=clockwise
             )
+
+    def _circle(self, radius: float, feed: float, *, clockwise: bool) -> None:
+        """Make one circle, which a straight move along X reaches and leaves."""
+        motion = self._motion
+        i, j = motion.arcs.plane_columns(Word("G", 12.0, "G12", 1, 1))
+        start = motion.position
+        end = start.copy()
+        end[i] += radius
+        motion.feed_to(end, feed)
+        self._arc(end.copy(), (start[i], start[j]), radius, 1.0, feed, clockwise=clockwise)
+        motion.feed_to(start.copy(), feed)
+
+    def _arc(
+        self,
+        end: list[float],
+        centre: tuple[float, float],
+        radius: float,
+        turns: float,
+        feed: float,
+        *,
+        clockwise: bool,
+    ) -> None:
+        """Make an arc from the position. ``turns`` is positive."""
+        turns = -turns if clockwise else turns
+        here = self._here
+        arc = ArcFeed(here.file, here.line, "XY", centre, np.array(end), radius, turns, feed)
+        self._motion.arc(arc)
 
 
 def _arcs(radii: list[float]) -> Iterator[tuple[float, float, float]]:
@@ -151,7 +184,9 @@ def _arcs(radii: list[float]) -> Iterator[tuple[float, float, float]]:
     yield 0.0, 0.5, at / 2.0
 
 
-def register(motion: Motion, state: ModalState, here: SourceLocation, tools: ToolCodes) -> None:
+def register(
+    motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation, tools: ToolCodes
+) -> None:
     """Register the handlers."""
-    pocket = CircularPocket(motion, state, here, tools)
+    pocket = CircularPocket(motion, state, here, tools, straight=dialect.figures == "mach3")
     motion.handlers |= {G.G12: pocket.make, G.G13: pocket.make}

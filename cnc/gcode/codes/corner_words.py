@@ -1,4 +1,4 @@
-"""Chamfers and rounds between two straight moves: ``,C`` and ``,R``.
+"""Chamfers and rounds between two moves: ``,C`` and ``,R``. Those at arcs: corner_rounds.
 
 The corner between the move of the line and the next one is cut by a chamfer, C from the corner on
 both moves, or rounded by an arc of radius R that touches both. Source: FANUC Series 0i operator's
@@ -11,7 +11,8 @@ import math
 from typing import NamedTuple
 
 from cnc.gcode.syntax.words import LineWords, Word, fault
-from cnc.model.diagnostics import CncError
+from cnc.model.blocks import ArcFeed
+from cnc.model.diagnostics import CncError, GcodeError
 
 _ROUNDING = 1e-9
 _STRAIGHT = 1e-9
@@ -31,6 +32,7 @@ class Corner(NamedTuple):
         feed: Feed of the first move, mm/s.
         line: Line of the first move.
         plane: Columns of the axes of the plane.
+        arc: The first move, if it is an arc.
     """
 
     word: Word
@@ -40,6 +42,7 @@ class Corner(NamedTuple):
     feed: float
     line: int
     plane: tuple[int, int]
+    arc: ArcFeed | None = None
 
 
 class Cut(NamedTuple):
@@ -58,7 +61,7 @@ class Cut(NamedTuple):
     turns: float
 
 
-def take(words: LineWords) -> Word | None:
+def take(words: LineWords, user: str) -> Word | None:
     """Take the word of a corner.
 
     Raises:
@@ -67,7 +70,7 @@ def take(words: LineWords) -> Word | None:
     if ",A" in words.rest:
         angle = words.rest[",A"]
         raise fault("corner-angle", f"{angle.written}: the angle of a line is not supported", angle)
-    chamfer, rounding = words.take(",C", "G1"), words.take(",R", "G1")
+    chamfer, rounding = words.take(",C", user), words.take(",R", user)
     if chamfer and rounding:
         raise fault("word-wanted-twice", "a corner takes ,C or ,R, not both", rounding)
     word = chamfer or rounding
@@ -90,8 +93,7 @@ def cut(corner: Corner, following: list[float]) -> Cut:
     word = corner.word
     for one, other in ((corner.start, corner.end), (corner.end, following)):
         if any(a != b for n, (a, b) in enumerate(zip(one, other, strict=True)) if n not in (i, j)):
-            message = f"{word.written}: both moves of a corner must lie in the plane"
-            raise fault("corner-plane", message, word, "move the other axes on lines of their own")
+            raise out_of_plane(word)
     before = _direction(corner.start, corner.end, corner.plane)
     after = _direction(corner.end, following, corner.plane)
     if before is None or after is None:
@@ -115,9 +117,16 @@ def cut(corner: Corner, following: list[float]) -> Cut:
     return Cut(begin, end, (begin[i] - uy * side, begin[j] + ux * side), turn / math.tau)
 
 
-def not_followed(corner: Corner, what: str) -> CncError:
-    """Return the error of a corner that ``what`` follows, and no straight feed move."""
-    message = f"{corner.word.written} needs a G1 in the next line, not {what}"
+def out_of_plane(word: Word) -> GcodeError:
+    """Return the error of a corner whose moves leave the plane."""
+    message = f"{word.written}: both moves of a corner must lie in the plane"
+    return fault("corner-plane", message, word, "move the other axes on lines of their own")
+
+
+def not_followed(corner: Corner, what: str, *, arcs: bool) -> CncError:
+    """Return the error of a corner that ``what`` follows; ``arcs``: whether arcs may follow."""
+    wanted = "a G1, G2 or G3" if arcs and corner.word.letter == ",R" else "a G1"
+    message = f"{corner.word.written} needs {wanted} in the next line, not {what}"
     return fault("corner-next", message, corner.word).at(line=corner.line)
 
 

@@ -1,8 +1,8 @@
 """Codes that change the programmed figure: G50, G51, G50.1, G51.1, G68, G69; and G15, G16.
 
-Source: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
+Sources: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
 "Coordinate system rotation (G68, G69)" and "Polar coordinate command (G15, G16)"; Haas, "Mill
-Operator's Manual", G51 (P is the factor itself).
+Operator's Manual", G51 (P is the factor itself); "Using Mach3Mill", G15, G50, G51, G68.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ class FigureCodes:
                 self._motion.polar.end()
             case G.G16:
                 program = self._coordinates.to_program(self._motion.position)
-                self._motion.polar.begin(self._plane(at), program, at)
+                self._motion.polar.begin(
+                    self._plane(at), program, at, from_here=self._dialect.figures == "mach3"
+                )
             case G.G50:
                 if self._state.scaled:
                     self._set(Figure.none(len(figure.factors)))
@@ -91,6 +93,9 @@ class FigureCodes:
     def _scale(self, words: LineWords, at: Word) -> None:
         """G51 X Y Z P, or I J K for each axis. X Y Z is the centre, the position by default."""
         motion = self._motion
+        if self._dialect.figures == "mach3":
+            self._scale_axes(words, at)
+            return
         self._check_alone(at)
         here = self._coordinates.to_program(motion.position)
         centre = motion.axis_values(words, "G51")
@@ -107,6 +112,27 @@ class FigureCodes:
                 factors[column] = self._factor(word)
         fixed = tuple(centre.get(index, value) for index, value in enumerate(here))
         self._set(Figure(tuple(factors), fixed))
+        self._state.scaled = True
+
+    def _scale_axes(self, words: LineWords, at: Word) -> None:
+        """G51 of Mach3: axis words are factors about the zero; other axes keep theirs."""
+        motion, figure = self._motion, self._coordinates.figure
+        if not self._state.scaled:
+            self._check_alone(at)
+        factors = list(figure.factors)
+        given = [
+            (column, word)
+            for letter, column in motion.column.items()
+            if (word := words.take(letter, "G51")) is not None
+        ]
+        if not given:
+            message = f"{at.written} needs axis words: the factors"
+            raise fault("scaling-factor", message, at, "such as G51 X2 Y2")
+        for column, word in given:
+            if abs(word.number) < SMALLEST_FACTOR:
+                raise fault("scaling-factor", f"{word.written}: the factor must not be 0", word)
+            factors[column] = word.number
+        self._set(Figure(tuple(factors), Figure.none(len(factors)).fixed))
         self._state.scaled = True
 
     def _factor(self, word: Word) -> float:
@@ -152,7 +178,10 @@ class FigureCodes:
         names = PLANE_AXES[state.plane]
         plane = self._plane(at)
         here = coordinates.to_program(motion.position)
-        centre = motion.axis_values(words, "G68")
+        if self._dialect.figures == "mach3":
+            centre = self._centre_of_mach3(words, plane, at)
+        else:
+            centre = motion.axis_values(words, "G68")
         if other := next((index for index in centre if index not in plane), None):
             message = f"{motion.axes[other].upper()} is across the plane of the rotation"
             hint = f"its axes are {' '.join(names).upper()}"
@@ -166,3 +195,15 @@ class FigureCodes:
         )
         self._set(turned)
         coordinates.figure_is_new = True
+
+    def _centre_of_mach3(
+        self, words: LineWords, plane: tuple[int, int], at: Word
+    ) -> dict[int, float]:
+        """A and B: the centre of the rotation in X and Y."""
+        found = words.take("A", "G68"), words.take("B", "G68")
+        if found[0] is None or found[1] is None or self._state.plane != "XY":
+            hint = "such as G17 G68 A0 B0 R45"
+            message = f"{at.written} needs A and B, the centre in X and Y, and the plane G17"
+            raise fault("axis-words-missing", message, at, hint)
+        scale = self._state.scale
+        return {plane[0]: found[0].number * scale, plane[1]: found[1].number * scale}

@@ -205,20 +205,18 @@ class MachineCodes:
             self._spindle()
 
     def _orient(self, words: LineWords) -> None:
-        angle, timeout, direction_word = (words.take(letter, "M19") for letter in "RQP")
+        letters = self._dialect.orient_angle
+        angle = next((word for each in letters if (word := words.take(each, "M19"))), None)
+        timeout = direction_word = None
+        if self._dialect.flavour == "ngc":
+            timeout, direction_word = words.take("Q", "M19"), words.take("P", "M19")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
-            raise fault(
-                "value-out-of-range",
-                f"{angle.written}: the angle must be from 0 to 360 degrees",
-                angle,
-            )
+            message = f"{angle.written}: the angle must be from 0 to 360 degrees"
+            raise fault("value-out-of-range", message, angle)
         if timeout and timeout.number <= 0.0:
-            raise fault(
-                "value-out-of-range",
-                f"{timeout.written}: the time-out must be more than 0",
-                timeout,
-            )
+            message = f"{timeout.written}: the time-out must be more than 0"
+            raise fault("value-out-of-range", message, timeout)
         direction: Any = (
             _DIRECTIONS[whole(direction_word, "the direction", 0, 2)]
             if direction_word
@@ -281,7 +279,7 @@ class MachineCodes:
 
     def dwell(self, words: LineWords, code: Code) -> None:
         """Execute G4."""
-        word, letters = code.word, self._dialect.dwell
+        word, letters = code.word, self._dialect.dwell_units(words)
         times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
         if not times:
             raise fault(
@@ -301,6 +299,11 @@ class MachineCodes:
                 message = f"{time.written} is read as seconds; FANUC allows no decimal point here"
                 hint = "write whole milliseconds, or name the --dialect"
                 self._here.report_warning("dwell-point", message, time, hint)
+        if unit == 0.0:
+            message = (
+                f"{time.written} without a decimal point is {time.number / 1000:g} s for FANUC"
+            )
+            raise fault("decimal-point-needed", message, time, f"write {time.written}. for seconds")
         seconds = not_negative(time, "the time") * unit
         if seconds > MAX_DWELL:
             raise fault(

@@ -8,13 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
 from cnc.gcode.codes.axis_words import MIN_FEED, AxisWords
 from cnc.gcode.codes.collector import Collector
-from cnc.gcode.codes.corner_words import Corner
+from cnc.gcode.codes.corner_moves import CornerMoves
 from cnc.gcode.codes.prepared_lines import Known, QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
@@ -26,7 +24,7 @@ from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
 from cnc.model.blocks import ArcFeed, NurbsFeed
-from cnc.model.diagnostics import CncError, GcodeError
+from cnc.model.diagnostics import GcodeError
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
@@ -54,7 +52,7 @@ class Motion(AxisWords):
         compensation: Cutter radius compensation of the moves.
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
-        corner: The corner whose second move is not known yet (,C and ,R).
+        corners: The corner whose second move is not known yet (,C and ,R).
     """
 
     def __init__(
@@ -76,8 +74,8 @@ class Motion(AxisWords):
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self._out = out
         self._resting: G | None = dialect.motion
-        self.corner: Corner | None = None
         self.arcs = ArcMoves(self, dialect, here, state)
+        self.corners = CornerMoves(self, state, here, arcs=dialect.corners == "all")
 
     @property
     def compensated(self) -> bool:
@@ -153,9 +151,8 @@ class Motion(AxisWords):
 
         If an axis letter is the time of the dwell, the line can't have a move.
         """
-        timed = [
-            letter for letter in self._dialect.dwell if letter in AXES and letter in words.rest
-        ]
+        units = self._dialect.dwell_units(words)
+        timed = [letter for letter in units if letter in AXES and letter in words.rest]
         if timed and code:
             raise fault(
                 "word-wanted-twice",
@@ -239,12 +236,18 @@ class Motion(AxisWords):
             at = code or words.first_axis()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             feed = self.feed(words, end, self.distance(end), at)
-            if self._dialect.corners and (word := corner_words.take(words)):
-                self._hold_corner(word, end, feed)
+            if self._dialect.corners and (word := corner_words.take(words, "G1")):
+                start = self.position
+                if self.corners.corner is not None:
+                    start = self.corners.finish(end)
+                self.corners.hold(word, start, end, feed, self._here.line)
+                self.position = end
             else:
                 self.feed_to(end, feed)
         elif motion in _ARCS:
-            self.arc(self.arcs.block(words, motion, code))
+            block = self.arcs.block(words, motion, code)
+            name = motion.written
+            self._arc(block, corner_words.take(words, name) if self._dialect.corners else None)
         else:
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)
@@ -256,61 +259,37 @@ class Motion(AxisWords):
 
     def feed_to(self, end: list[float], feed: float) -> None:
         """Make a straight move to a machine position at ``feed`` mm/s."""
-        if self.corner is not None:
+        if self.corners.corner is not None:
             if math.isnan(feed):
-                raise self.corner_fault("G0")
-            self._finish_corner(end)
-        self._make_straight(end, feed, self._here.line)
+                raise self.corners.fault("G0")
+            self.corners.finish(end)
+        self.make_straight(end, feed, self._here.line)
         self.position = end
 
-    def _make_straight(self, end: list[float], feed: float, line: int) -> None:
+    def make_straight(self, end: list[float], feed: float, line: int) -> None:
+        """Put a straight move out, without setting the position."""
         if self.compensation.active:
             self.compensation.move(end, feed, line)
         else:
             self._out.move(end, feed, line)
 
-    def _hold_corner(self, word: Word, end: list[float], feed: float) -> None:
-        """Keep a straight move until the next one is known."""
-        plane = self.arcs.plane_columns(word, word.letter)
-        factor = self.coordinates.figure.scale(plane)
-        if factor is None:
-            raise fault("scaling-arc", f"{word.written} under different factors of G51", word)
-        start = self.position if self.corner is None else self._finish_corner(end)
-        size = word.number * self._state.scale * factor
-        self.corner = Corner(word, size, start, end, feed, self._here.line, plane)
-        self.position = end
-
-    def _finish_corner(self, following: list[float]) -> list[float]:
-        """Make the first move of a corner and the way round it; return the place behind it."""
-        corner = self.corner
-        assert corner is not None
-        self.corner = None
-        try:
-            way = corner_words.cut(corner, following)
-        except GcodeError as error:
-            raise error.at(line=corner.line) from None
-        self._make_straight(way.begin, corner.feed, corner.line)
-        if way.centre is None:
-            self._make_straight(way.end, corner.feed, corner.line)
-        else:
-            end, plane = np.array(way.end), self._state.plane
-            arc = (plane, way.centre, end, corner.size, way.turns, corner.feed)
-            self._make_arc(ArcFeed(self._here.file, corner.line, *arc))
-        return way.end
-
-    def corner_fault(self, what: str) -> CncError:
-        """Return the error of a corner that no straight feed move follows."""
-        assert self.corner is not None
-        return corner_words.not_followed(self.corner, what)
-
     def arc(self, block: ArcFeed) -> None:
         """Make an arc from the position."""
-        if self.corner is not None:
-            raise self.corner_fault("an arc")
-        self._make_arc(block)
+        self._arc(block, None)
+
+    def _arc(self, block: ArcFeed, corner: Word | None) -> None:
+        """Make an arc from the position, or keep it if it has a corner at its end."""
+        start = self.position
+        if self.corners.corner is not None:
+            block, start = self.corners.finish_before_arc(block)
+        if corner is not None:
+            self.corners.hold_arc(corner, start, block)
+        else:
+            self.make_arc(block)
         self.position = block.end.tolist()
 
-    def _make_arc(self, block: ArcFeed) -> None:
+    def make_arc(self, block: ArcFeed) -> None:
+        """Put an arc out, without setting the position."""
         if self.compensation.active:
             self.compensation.arc(block)
         else:
@@ -318,8 +297,8 @@ class Motion(AxisWords):
 
     def spline(self, block: NurbsFeed) -> None:
         """Make a spline from the position."""
-        if self.corner is not None:
-            raise self.corner_fault("a spline")
+        if self.corners.corner is not None:
+            raise self.corners.fault("a spline")
         self._out.add(block)
         self.position = block.control_points[-1].tolist()
 

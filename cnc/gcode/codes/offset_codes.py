@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tool_codes import ToolCodes
+from cnc.gcode.codes.turret_offsets import set_turret_offset
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
 from cnc.gcode.state.modal_groups import Code, ModalState
@@ -128,7 +129,7 @@ class OffsetCodes:
         ]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
-        elif self._dialect.offset_memory and not self._dialect.lenient:
+        elif self._dialect.home_needs_axes and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",
@@ -177,6 +178,10 @@ class OffsetCodes:
     def _g10(self, words: LineWords, at: Word) -> None:
         dialect = self._dialect
         kind = words.take("L", "G10")
+        if dialect.turret_offsets and (kind is None or kind.whole not in _ORIGINS):
+            self._check_compensation(at)
+            set_turret_offset(self._tools, words, kind, at, dialect)
+            return
         if kind is None:
             raise fault(
                 "offset-kind-missing",

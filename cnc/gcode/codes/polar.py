@@ -36,18 +36,40 @@ def point(
     Raises:
         GcodeError: ``polar-at-origin``.
     """
+    if not absolute:
+        x, y = stepped(here, *steps(words, user, here, scale))
+        return x - here[0], y - here[1]
     radius, angle = math.hypot(*here), math.degrees(math.atan2(here[1], here[0]))
-    at = first_polar(words)
-    if not absolute and radius == 0:
+    if word := words.take("@", user):
+        radius = word.number * scale
+    if word := words.take("^", user):
+        angle = word.number
+    return radius * cosine(angle), radius * sine(angle)
+
+
+def steps(
+    words: LineWords, user: str, here: tuple[float, float], scale: float
+) -> tuple[float, float]:
+    """Take the polar words of a line under G91: increments of the radius (mm) and of the angle.
+
+    Raises:
+        GcodeError: ``polar-at-origin``.
+    """
+    if here == (0.0, 0.0):
         raise fault(
             "polar-at-origin",
             "at the zero point a polar increment has no direction",
-            at,
+            first_polar(words),
             "give G90, or X and Y",
         )
-    if word := words.take("@", user):
-        radius = word.number * scale + (0.0 if absolute else radius)
-    if word := words.take("^", user):
-        angle = word.number + (0.0 if absolute else angle)
-    x, y = radius * cosine(angle), radius * sine(angle)
-    return (x, y) if absolute else (x - here[0], y - here[1])
+    distance, angle = words.take("@", user), words.take("^", user)
+    return (distance.number * scale if distance else 0.0), (angle.number if angle else 0.0)
+
+
+def stepped(
+    here: tuple[float, float], radius: float, angle: float, count: int = 1
+) -> tuple[float, float]:
+    """Return the point after a number of equal polar steps from a point, mm and degrees."""
+    reached = math.hypot(*here) + count * radius
+    turned = math.degrees(math.atan2(here[1], here[0])) + count * angle
+    return reached * cosine(turned), reached * sine(turned)

@@ -25,6 +25,7 @@ class ToolCodes:
         here: The current line.
         state: The modal state.
         motion: The moves.
+        table: The tool table.
         turret_offset: Number of the offset in effect on a lathe; 0 for none.
     """
 
@@ -47,7 +48,7 @@ class ToolCodes:
         self.state = state
         self.motion = motion
         self._coordinates = motion.coordinates
-        self._table = table
+        self.table = table
         table.bind(self._coordinates.parameters, lambda: state.loaded)
         parameters = self._coordinates.parameters
         parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
@@ -56,7 +57,7 @@ class ToolCodes:
 
     def _pocket(self, tool: int | None) -> float:
         """Pocket of a tool; 0 without one."""
-        entry = None if tool is None else self._table.tool(tool)
+        entry = None if tool is None else self.table.tool(tool)
         return 0.0 if entry is None else float(entry.pocket)
 
     # Offsets in effect
@@ -149,11 +150,11 @@ class ToolCodes:
         Raises:
             GcodeError: ``tool-unknown``, ``tool-table-missing``, at the word ``at``.
         """
-        entry = self._table.tool(number)
+        entry = self.table.tool(number)
         if entry is not None:
             return entry
-        if self._table.file or (len(self._table) and not self._zero_without_table):
-            hint = f"add T{number} to {self._table.file or 'the tool table'}"
+        if self.table.file or (len(self.table) and not self._zero_without_table):
+            hint = f"add T{number} to {self.table.file or 'the tool table'}"
             raise fault(
                 "tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint
             )
@@ -171,8 +172,8 @@ class ToolCodes:
 
     def _check_length(self, entry: ToolEntry, at: Word) -> None:
         """Report a tool of a table from a file that has no length."""
-        if self._table.file and not entry.offsets and "Z" in self.motion.column:
-            message = f"{at.written}: tool {entry.number} has no length in {self._table.file}"
+        if self.table.file and not entry.offsets and "Z" in self.motion.column:
+            message = f"{at.written}: tool {entry.number} has no length in {self.table.file}"
             hint = f"measure it, and add Z to the line of T{entry.number}"
             self.here.report_warning("tool-length-zero", message, at, hint)
 
@@ -193,7 +194,7 @@ class ToolCodes:
         Raises:
             GcodeError: ``tool-unknown``, at the word ``at``.
         """
-        if number and self._table.file:
+        if number and self.table.file:
             self.entry(number, at)
 
     # G10
@@ -212,7 +213,7 @@ class ToolCodes:
                     at,
                     "give T0 M6 before",
                 )
-            self._table.reload()
+            self.table.reload()
             return
         word = words.take("P", "G10")
         if word is None:
@@ -256,7 +257,7 @@ class ToolCodes:
             if orientation
             else entry.orientation,
         )
-        self._table.put(changed)
+        self.table.put(changed)
 
     def _write_memory(self, words: LineWords, kind: int, number: int, at: Word) -> None:
         """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds."""
@@ -269,10 +270,10 @@ class ToolCodes:
                 "give R and the offset",
             )
         value = word.number * self.state.scale
-        entry = self._table.tool(number) or ToolEntry(number)
+        entry = self.table.tool(number) or ToolEntry(number)
         old = {
             10: entry.offsets.get("Z", 0.0),
-            11: entry.length_wear,
+            11: entry.wear.get("Z", 0.0),
             12: entry.diameter / 2.0,
             13: entry.radius_wear,
         }[kind]
@@ -280,9 +281,9 @@ class ToolCodes:
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})
         elif kind == 11:
-            entry = replace(entry, length_wear=value)
+            entry = replace(entry, wear=entry.wear | {"Z": value})
         elif kind == 12:
             entry = replace(entry, diameter=2.0 * value)
         else:
             entry = replace(entry, radius_wear=value)
-        self._table.put(entry)
+        self.table.put(entry)

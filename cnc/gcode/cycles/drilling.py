@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 
 from cnc.gcode.codes.machine_codes import MAX_DWELL
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.polar import stepped
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Turning
@@ -112,6 +113,7 @@ class DrillingCycles:
         retract = self._word(words, series, "R", name, at)
         settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
+        polar = motion.polar_steps(words, name)
         given = motion.axis_values(words, name)
         heights = self._heights(plane, series, depth, retract)
         top, bottom, _ = heights
@@ -123,10 +125,14 @@ class DrillingCycles:
                 _of_line(words, "R", at),
                 f"{name} goes from R down to {plane.across}",
             )
-        if settings.peck and repeats * (top - bottom) > MOST_PECKS * settings.peck:
+        smallest = settings.least or settings.peck
+        if settings.peck and repeats * (top - bottom) > MOST_PECKS * smallest:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
-        holes = self._holes(plane, given, heights, repeats)
+        if polar is None:
+            holes = self._holes(plane, given, heights, repeats)
+        else:
+            holes = _on_circle(plane, polar, heights, repeats)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
@@ -165,8 +171,10 @@ class DrillingCycles:
     ) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
         state, rules = self._state, self._rules
-        dwell = peck = 0.0
-        if cycle in PECKING or cycle == FINE_BORING:
+        dwell = peck = less = least = 0.0
+        if cycle in PECKING and self._shrinking(words, series):
+            peck, less, least = self._shrinking_pecks(words, series, name, at)
+        elif cycle in PECKING or cycle == FINE_BORING:
             word = self._word(words, series, "Q", name, at)
             peck = word.number * state.scale
             what = "the shift" if cycle == FINE_BORING else "a peck"
@@ -189,12 +197,36 @@ class DrillingCycles:
             feed=0.0,
             dwell=dwell,
             peck=peck if cycle in PECKING else 0.0,
+            less=less,
+            least=least,
             clearance=rules.clearance,
             turning=turning,
             shift=peck,
             feed_out_to=rules.feed_out_to,
             tap_dwell=rules.tap_dwell,
         )
+
+    def _shrinking(self, words: LineWords, series: Series) -> bool:
+        """Whether pecks have I, J and K (Haas), and not Q. The later of both is in effect."""
+        if not self._rules.pecks_shrink:
+            return False
+        if "I" in words.rest:
+            series.words.pop("Q", None)
+        elif "Q" in words.rest:
+            for letter in "IJK":
+                series.words.pop(letter, None)
+        return "I" in words.rest or "I" in series.words
+
+    def _shrinking_pecks(
+        self, words: LineWords, series: Series, name: str, at: Word
+    ) -> tuple[float, float, float]:
+        """Take I, J and K: the first peck, the decrease, and the smallest one, mm."""
+        found = [self._word(words, series, letter, name, at) for letter in "IJK"]
+        first, less, least = (word.number * self._state.scale for word in found)
+        if first <= 0.0 or less < 0.0 or not 0.0 < least <= first:
+            message = f"{name}: I and K must be more than 0, K not more than I, and J not negative"
+            raise fault("value-out-of-range", message, found[0])
+        return first, less, least
 
     def _seconds(self, word: Word) -> float:
         unit = self._dialect.dwell.get("P", 1.0)
@@ -277,6 +309,16 @@ class DrillingCycles:
                 yield Hole(
                     first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
                 )
+
+
+def _on_circle(
+    plane: CyclePlane, polar: tuple[float, float], heights: tuple[float, float, float], repeats: int
+) -> Iterator[Hole]:
+    """The holes of a line with polar steps: each is a step from the one before."""
+    top, bottom, clear = heights
+    for number in range(1, repeats + 1):
+        x, y = stepped(plane.start[:2], *polar, number)
+        yield Hole(x, y, bottom, top, clear)
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

@@ -61,7 +61,9 @@ class HoleSettings:
     Attributes:
         feed: mm/s.
         dwell: s at the bottom.
-        peck: mm of a peck (Q).
+        peck: mm of a peck (Q), or of the first one (I of Haas).
+        less: mm by which each peck is smaller than the one before (J of Haas).
+        least: mm of the smallest peck (K of Haas).
         clearance: mm of the retract of G73, and of the distance at which G83 ends its return.
         turning: Direction of the spindle before the cycle.
         shift: mm away from the wall along the plane's first axis before G76 retracts.
@@ -73,6 +75,8 @@ class HoleSettings:
     feed: float
     dwell: float = 0.0
     peck: float = 0.0
+    less: float = 0.0
+    least: float = 0.0
     clearance: float = 0.0
     turning: Turning = "cw"
     shift: float = 0.0
@@ -85,8 +89,17 @@ def peck_count(top: float, bottom: float, peck: float) -> int:
     return max(1, ceil((top - bottom) / peck - ROUNDING))
 
 
-def _depths(hole: Hole, peck: float) -> Iterator[float]:
+def _depths(hole: Hole, settings: HoleSettings) -> Iterator[float]:
     """Heights of the bottom after each peck; the last one is exact."""
+    peck = settings.peck
+    if settings.less > 0.0:
+        at = hole.retract - peck
+        while at > hole.bottom + ROUNDING * settings.least:
+            yield at
+            peck = max(settings.least, peck - settings.less)
+            at -= peck
+        yield hole.bottom
+        return
     count = peck_count(hole.retract, hole.bottom, peck)
     for number in range(1, count):
         yield hole.retract - number * peck
@@ -102,7 +115,7 @@ def drill(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 def break_chips(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
     """G73: retract a little after each peck."""
-    for depth in _depths(hole, settings.peck):
+    for depth in _depths(hole, settings):
         yield Cut(hole.at(depth), settings.feed)
         if depth > hole.bottom:
             yield Rapid(hole.at(min(depth + settings.clearance, hole.retract)))
@@ -111,7 +124,7 @@ def break_chips(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 def peck(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
     """G83: retract to R after each peck, and return to the clearance above its bottom."""
-    for depth in _depths(hole, settings.peck):
+    for depth in _depths(hole, settings):
         yield Cut(hole.at(depth), settings.feed)
         if depth > hole.bottom:
             yield Rapid(hole.at(hole.retract))

@@ -169,6 +169,8 @@ class TurningCycles:
         missing = [letter for letter in "XZ" if letter not in staying]
         if missing:
             hint = "give X and Z (or U and W) in the first line of the cycle"
+            if not given:
+                hint = f"{at.written} is a turning cycle here: remove it, or {hint}"
             raise fault("cycle-word-missing", f"{at.written} needs {missing[0]}", at, hint)
         return staying["Z"], staying["X"]
 

@@ -14,6 +14,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal, NamedTuple, get_args
 
+from cnc.gcode.dialects.near_codes import near
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import LineWords, Word, fault
@@ -51,6 +52,8 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
+        pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
+            smallest one.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
@@ -62,6 +65,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
     clearance: float
@@ -129,6 +133,7 @@ class Dialect:
     offset_memory: bool
     length_axes: str
     home_beside_motion: bool
+    home_needs_axes: bool
     machine_in_incremental: bool
     program_number: bool
     decimal_points: bool
@@ -143,7 +148,10 @@ class Dialect:
     local_calls: bool
     scale_unit: float
     extruder: str
-    corners: bool
+    corners: Literal["", "lines", "all"]
+    figures: Literal["fanuc", "mach3"]
+    orient_angle: str
+    turret_offsets: Literal["", "P", "L"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     lathe: bool
@@ -162,6 +170,17 @@ class Dialect:
     def systems(self) -> int:
         """Number of coordinate systems, from G54 on."""
         return 9 if G.G59_3 in self.g else 6
+
+    def dwell_units(self, words: LineWords) -> dict[str, float]:
+        """Return the letters that are the time of G4 in a line, with their units.
+
+        A letter that needs a decimal point may be an axis: it is the time if no other word is, and
+        G4 the only G-code.
+        """
+        certain = {letter: unit for letter, unit in self.dwell.items() if unit}
+        if len(words.g) > 1 or not words.rest.keys().isdisjoint(certain):
+            return certain
+        return self.dwell
 
     def check_g(self, word: Word) -> G:
         """Return the code of a G word.
@@ -306,10 +325,11 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
-    "home_beside_motion", "machine_in_incremental", "program_number", "decimal_points",
-    "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient", "first_bracket",
-    "after_g80", "local_calls", "scale_unit", "extruder", "corners", "dwell", "dwell_point",
-    "lathe", "increments", "integer_unit", "retract_is_distance", "two_line_cycles",
+    "home_beside_motion", "home_needs_axes", "machine_in_incremental", "program_number",
+    "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
+    "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
+    "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
+    "two_line_cycles", "orient_angle", "turret_offsets",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -342,38 +362,21 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"
+        if (note := load("fanuc").noted.get((kind.upper(), code))) and note.needs:
+            hint = f"with {note.needs} it is FANUC's {note.name}, which has no use here: remove it"
         return fault(
             "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
         )
     if meaning := _known()[kind].get(f"{code:g}"):
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
-    near = " or ".join(
+    similar = " or ".join(
         f"{kind.upper()}{other}"
-        for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
+        for other in near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
     )
-    hint = f"did you mean {near}?" if near else ""
+    hint = f"did you mean {similar}?" if similar else ""
     if kind == "m":
         builder = (
             f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
         )
         hint = f"{hint} {builder}" if hint else builder
     return fault("code-unknown", f"{name} is unknown", word, hint)
-
-
-def _near(written: str, legal: frozenset[float]) -> list[str]:
-    """Return codes that a typing error may have turned into the one written.
-
-    The errors are a missing point, another digit after it, a digit too many, two digits swapped.
-    """
-    before, point, _ = written.lstrip("0").partition(".")
-    places = range(1, len(before))
-    if point:
-        slips = [before, *(f"{before}.{digit}" for digit in range(1, 6))]
-    else:
-        slips = [f"{before[:at]}.{before[at:]}" for at in places if before[at:].strip("0")]
-        slips += [before[:at] + before[at + 1 :] for at in places]
-        slips += [
-            before[: at - 1] + before[at] + before[at - 1] + before[at + 1 :] for at in places
-        ]
-    numbers = dict.fromkeys(float(slip) for slip in slips if slip)
-    return [f"{number:g}" for number in numbers if number in legal][:3]

@@ -84,8 +84,7 @@ class Interpreter:
         tools: ToolTable | None = None,
         policy: ReadingPolicy = STRICT,
     ) -> None:
-        self.ended = self.aborted = False
-        self.begun = False
+        self.ended = self.aborted = self.begun = False
         self.plain = True
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
@@ -162,7 +161,7 @@ class Interpreter:
         runner = CycleRunner(motion, modal, here, self.out)
         self.drilling_cycles = drilling.register(motion, dialect, modal, runner)
         threading.register(motion, dialect, modal, runner)
-        circular_pocket.register(motion, modal, here, self.tool_codes)
+        circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
         probing.register(motion, modal, here, self.out, self.parameters)
         if not dialect.lathe:
             return None
@@ -242,8 +241,8 @@ class Interpreter:
         Raises:
             GcodeError: A spline is not complete.
         """
-        if self.motion.corner is not None:
-            raise self.motion.corner_fault("the end of the program")
+        if self.motion.corners.corner is not None:
+            raise self.motion.corners.fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.compensation_codes.off()
@@ -284,7 +283,7 @@ class Interpreter:
             and motion.collector is None
             and not self.coordinates.turned
             and self.motion.polar.plane is None
-            and self.motion.corner is None
+            and self.motion.corners.corner is None
         )
 
     def _execute(self, words: LineWords, codes: Codes | None, extra: tuple[ExtraCode, ...]) -> None:
@@ -305,8 +304,8 @@ class Interpreter:
             raise unused(words, self.modal)
         if extra:
             self._builder_codes.pause(extra)
-        if (corner := self.motion.corner) is not None and corner.line != self.here.line:
-            raise self.motion.corner_fault("a line without a move")
+        if (corner := self.motion.corners.corner) is not None and corner.line != self.here.line:
+            raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
         if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:

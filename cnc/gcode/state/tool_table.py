@@ -42,7 +42,7 @@ _AXES_IN_ORDER = "XYZABCUVW"
 class ToolEntry:
     """Data of one tool; ``offsets`` by axis letter.
 
-    ``radius_wear`` is added to the radius and ``length_wear`` to the offset of Z (FANUC). The file
+    ``radius_wear`` is added to the radius and ``wear`` to the offset of each axis (FANUC). The file
     does not hold these two.
     """
 
@@ -53,7 +53,7 @@ class ToolEntry:
     front_angle: float = 0.0
     back_angle: float = 0.0
     orientation: int = 0
-    length_wear: float = 0.0
+    wear: dict[str, float] = field(default_factory=dict)
     radius_wear: float = 0.0
     comment: str = ""
 
@@ -64,7 +64,7 @@ class ToolEntry:
 
     def offset(self, letter: str) -> float:
         """Offset of an axis in mm or degrees, wear included."""
-        return self.offsets.get(letter, 0.0) + (self.length_wear if letter == "Z" else 0.0)
+        return self.offsets.get(letter, 0.0) + self.wear.get(letter, 0.0)
 
 
 class ToolTable:

@@ -27,6 +27,7 @@ from cnc.kernels.stepper.segments import (
     SUB,
     TICK_NS,
     Bytes,
+    Ints,
     play,
 )
 from cnc.kernels.stepper.slots import (
@@ -90,7 +91,9 @@ def candidate(
     count = (phases & 1) + (phases >> 1 & 1) + (phases >> 2 & 1) + (phases >> 3)
     slots, backward = 0, 0
     if count <= MAX_PHASES and (form == PACKED or always != 0) and (form != PLACED or count > 0):
-        slots, backward = divide_into_slots(start, moves, rows, rules.tolerance, reach, scratch)
+        slots, backward = divide_into_slots(
+            start, moves, rows, rules.tolerance, reach, scratch.ends, scratch.windows
+        )
     interval, add = 0, 0
     if slots > 0:
         bounds = Bounds(
@@ -108,7 +111,7 @@ def candidate(
         if form == PACKED:
             write_masks(moves.axes[first : first + slots], out)
         planned = scratch.ends[slots - 1] + 1 - first
-        slots, covered = _played(start, moves, planned, rules, out, scratch)
+        slots, covered = _played(start, moves, planned, rules, out, scratch.tick, scratch.mask)
         out[0] = slots
     size = MASKS_AT + (slots + 1) // 2 if form == PACKED else at
     return Candidate(form, size, covered)
@@ -130,10 +133,12 @@ def _write_phase(
     A constant period is tried first, then a period that changes from step to step.
     """
     windows, polygon = scratch.windows, scratch.polygon
-    slots, steps = step_windows(start, axis, moves, tolerance, slots, scratch)
+    slots, steps = step_windows(
+        start, axis, moves, tolerance, slots, scratch.ends, windows, scratch.middles
+    )
     bounds = Bounds(0.0, float(MAX_PERIOD), float(SLOT), float(MAX_PERIOD))
     met, phase, period = longest(windows, slots, bounds, polygon)
-    change = subtract_bend(scratch, slots, steps) if met < slots else 0
+    change = subtract_bend(windows, scratch.middles, slots, steps) if met < slots else 0
     if change != 0:
         bent, bent_phase, bent_period = longest(windows, slots, bounds, polygon)
         if bent > met:
@@ -149,7 +154,13 @@ def _write_phase(
 
 @njit
 def _played(
-    start: Start, moves: GridMoves, planned: int, rules: Rules, out: Bytes, scratch: Scratch
+    start: Start,
+    moves: GridMoves,
+    planned: int,
+    rules: Rules,
+    out: Bytes,
+    tick: Ints,
+    mask: Bytes,
 ) -> tuple[int, int]:
     """Play a segment; return how many of its slots and of its moves are right from its start on.
 
@@ -159,18 +170,19 @@ def _played(
         planned: Number of moves that the segment should make.
         rules: Tolerance and spacing.
         out: The segment.
-        scratch: Gets the moves played.
+        tick: Gets the tick of each move played.
+        mask: Gets the axes that step in each of these.
     """
-    tick, mask = scratch.tick, scratch.mask
+    axes, due = moves.axes, moves.due
     rows, _ = play(out, 0, start.clock, tick, mask)
     before = start.clock // SUB
     slots, kept = 0, 0
     for k in range(min(rows, planned)):
         row = start.first + k
         if (
-            mask[k] != moves.axes[row]
+            mask[k] != axes[row]
             or tick[k] < before + rules.spacing
-            or not abs(tick[k] * TICK_NS - moves.due[row]) <= rules.tolerance
+            or not abs(tick[k] * TICK_NS - due[row]) <= rules.tolerance
         ):
             break
         before = tick[k]

@@ -137,7 +137,7 @@ def encode(
     state["run_up"] = state["run_down"] = 0
     while rows - done > keep and size + FREE_BYTES <= len(out):
         size = _write_pause(moves.due[done], state, out, size)
-        if _ticks_to(moves.due[done], state) > MAX_DELAY:
+        if _ticks_to(moves.due[done], state["clock"]) > MAX_DELAY:
             break
         best = Candidate(EVEN, 0, 0)
         for form in (EVEN, PACKED, PLACED):
@@ -168,15 +168,15 @@ def encode(
 
 
 @njit
-def _ticks_to(due: int, state: State) -> int:
+def _ticks_to(due: int, clock: int) -> int:
     """Return the ticks from the clock to the tick nearest to a time in ns."""
-    return (due + TICK_NS // 2) // TICK_NS - state["clock"] // SUB
+    return (due + TICK_NS // 2) // TICK_NS - clock // SUB
 
 
 @njit
 def _write_pause(due: int, state: State, out: Bytes, size: int) -> int:
     """Write segments without steps until a move is near; return the bytes in ``out``."""
-    ticks = _ticks_to(due, state)
+    ticks = _ticks_to(due, state["clock"])
     while ticks > MAX_DELAY and size + FREE_BYTES <= len(out):
         slots = min((ticks - PAUSE) // PAUSE, MAX_SLOTS)
         write_head(out, size, Head(slots, EVEN, 0, 0, PAUSE * SUB, 0))
@@ -214,37 +214,34 @@ def _write_timed(
     Returns:
         Number of moves written, and bytes in ``out``.
     """
+    clock, run_at = state["clock"], state["run_at"]
+    run_up, run_down = state["run_up"], state["run_down"]
     timed = 0
     most = max(best.rows, state["timed_run"])
     while timed < most and first + timed < until:
-        new_run = TIMED_AT if state["run_at"] < 0 else 0
+        new_run = TIMED_AT if run_at < 0 else 0
         if best.bytes <= 2 * best.rows + new_run:
             break
         row = first + timed
-        ticks = max(_ticks_to(moves.due[row], state), rules.spacing)
+        ticks = max(_ticks_to(moves.due[row], clock), rules.spacing)
         if ticks > MAX_TIMED:
             break
         up, down = moves.axes[row] & ~moves.backward[row], moves.backward[row]
-        run_up, run_down = state["run_up"], state["run_down"]
-        if (
-            state["run_at"] < 0
-            or out[state["run_at"]] == MAX_SLOTS
-            or (run_up | up) & (run_down | down)
-        ):
-            state["run_at"] = size
+        if run_at < 0 or out[run_at] == MAX_SLOTS or (run_up | up) & (run_down | down):
+            run_at = size
             size += TIMED_AT
-            out[state["run_at"]] = 0
+            out[run_at] = 0
             run_up, run_down = 0, 0
         run_up |= up
         run_down |= down
-        state["run_up"], state["run_down"] = run_up, run_down
-        run_at = state["run_at"]
         out[run_at] += 1
         out[run_at + 1] = TIMED | run_down << 4
         out[size] = ticks & 0xFF
         out[size + 1] = ticks >> 8 | moves.axes[row] << 4
         size += 2
-        state["clock"] += ticks * SUB
-        state["last_at"] = run_at
+        clock += ticks * SUB
         timed += 1
+    if timed > 0:
+        state["clock"], state["run_at"], state["last_at"] = clock, run_at, run_at
+        state["run_up"], state["run_down"] = run_up, run_down
     return timed, size

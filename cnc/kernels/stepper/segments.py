@@ -134,7 +134,8 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
         slots = 0
     elif form == TIMED:
         for k in range(slots):
-            word = whole_number(data, at + TIMED_AT + 2 * k, 2)
+            first = at + TIMED_AT + 2 * k
+            word = int(np.int64(data[first]) | np.int64(data[first + 1]) << 8)
             clock += (word & MAX_TIMED) * SUB
             tick[rows] = clock // SUB
             mask[rows] = word >> 12
@@ -169,7 +170,7 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
             end = clock // SUB
             steps = roles & 15
             if form == PACKED:
-                steps = whole_number(data, at + MASKS_AT + k // 2, 1) >> 4 * (k & 1) & 15
+                steps = int(np.int64(data[at + MASKS_AT + k // 2]) >> 4 * (k & 1) & 15)
             one = first_axis != 0 and phase < SLOT
             two = second_axis != 0 and other_phase < SLOT
             if form == PLACED:

@@ -124,7 +124,13 @@ def axis_roles(form: int, moves: GridMoves, first: int, until: int) -> tuple[int
 
 @njit
 def divide_into_slots(
-    start: Start, moves: GridMoves, rows: int, tolerance: int, reach: int, scratch: Scratch
+    start: Start,
+    moves: GridMoves,
+    rows: int,
+    tolerance: int,
+    reach: int,
+    ends: Ints,
+    windows: Windows,
 ) -> tuple[int, int]:
     """Divide moves into slots; fill ``ends`` and the windows of the times of the slots.
 
@@ -134,13 +140,14 @@ def divide_into_slots(
         rows: Number of moves.
         tolerance: Tolerance of the times, ns.
         reach: Largest number of slots.
-        scratch: Gets the ends and the windows.
+        ends: Gets the last move of each slot.
+        windows: Gets the windows.
 
     Returns:
         Number of slots, and mask of the axes that step down.
     """
     form, always, phases = start.form, start.always, start.phases
-    axes, due, windows = moves.axes, moves.due, scratch.windows
+    axes, backward, due = moves.axes, moves.backward, moves.due
     plus, minus = 0, 0
     slots, row = 0, start.first
     share = max(tolerance // 2, TICK_NS) if form == PLACED else tolerance
@@ -153,8 +160,8 @@ def divide_into_slots(
         legal = axes[last] & always == always
         up, down = plus, minus
         for k in range(row, last + 1):
-            up |= axes[k] & ~moves.backward[k]
-            down |= moves.backward[k]
+            up |= axes[k] & ~backward[k]
+            down |= backward[k]
             legal = legal and (
                 form == PACKED
                 or (axes[k] & ~(always | phases) == 0 and (k == last or axes[k] & always == 0))
@@ -165,7 +172,7 @@ def divide_into_slots(
             # The first and the last tick within the tolerance.
             earliest = -((share - due[last]) // TICK_NS)
             latest = (due[last] + share) // TICK_NS
-            scratch.ends[slots] = last
+            ends[slots] = last
             windows.w[slots] = 0.5 * slots
             windows.low[slots] = (earliest * SUB - start.clock) / (slots + 1)
             windows.high[slots] = (latest * SUB + SUB - 1 - start.clock) / (slots + 1)
@@ -176,22 +183,37 @@ def divide_into_slots(
 
 @njit
 def step_windows(
-    start: Start, axis: int, moves: GridMoves, tolerance: int, slots: int, scratch: Scratch
+    start: Start,
+    axis: int,
+    moves: GridMoves,
+    tolerance: int,
+    slots: int,
+    ends: Ints,
+    windows: Windows,
+    middles: Floats,
 ) -> tuple[int, int]:
     """Fill the windows of the positions of an axis's steps among the slots, one window per slot.
 
-    ``scratch.middles`` gets the middle of the window of each step.
+    Args:
+        start: Start of the candidate.
+        axis: Mask of the axis.
+        moves: The moves.
+        tolerance: Tolerance of the times, ns.
+        slots: Number of slots.
+        ends: Last move of each slot.
+        windows: Gets the windows.
+        middles: Gets the middle of the window of each step.
 
     Returns:
         Number of slots up to the first one with two steps of the axis, and number of steps.
     """
-    axes, due, windows = moves.axes, moves.due, scratch.windows
+    axes, due = moves.axes, moves.due
     begin = float(start.clock)
     off = SUB * max(0.5 * tolerance / TICK_NS - 0.5, 0.25)
     steps = 0
     row = start.first
     for slot in range(slots):
-        last = scratch.ends[slot]
+        last = ends[slot]
         end = due[last] * (SUB / TICK_NS)
         found = -1
         for k in range(row, last + 1):
@@ -218,7 +240,7 @@ def step_windows(
                     least, most = max(least, at - around), min(most, edge, at + around)
             windows.low[slot] = least
             windows.high[slot] = most
-            scratch.middles[steps] = 0.5 * (least + most)
+            middles[steps] = 0.5 * (least + most)
             steps += 1
         begin = end
         row = last + 1
@@ -226,12 +248,11 @@ def step_windows(
 
 
 @njit
-def subtract_bend(scratch: Scratch, slots: int, steps: int) -> int:
+def subtract_bend(windows: Windows, middles: Floats, slots: int, steps: int) -> int:
     """Subtract a quadratic term from the windows; return the change of the period per step.
 
     The change follows from the mean positions of the first, middle and last third of the steps.
     """
-    windows, middles = scratch.windows, scratch.middles
     third = steps // 3
     first, middle, last = 0.0, 0.0, 0.0
     for j in range(third):

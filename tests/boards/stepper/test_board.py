@@ -116,16 +116,10 @@ def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_pat
 
 
 SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
-
-
 SENSING = ("turned-thread.nc",)
 """Programs that need a spindle sensor, which this board lacks."""
-
-
 DENSE = ("crossings", "point-by-point")
 """Algorithms with rows for each axis. The connection may not carry them: an error before motion."""
-
-
 PROBING = ("probing.nc",)
 """Programs that need a probe contact."""
 
@@ -155,8 +149,6 @@ def test_programs_that_need_sensors_are_refused(name: str, tmp_path: Path) -> No
 
 FULL, ACCELERATION, JERK, RADIUS = 40.0, 400.0, 15000.0, 5.0
 """mm and s: what X and Y of the machine can, and the arcs below."""
-
-
 HORIZON = 0.15
 """s: no more than this is committed when a hold comes, and no less than 0.1."""
 
@@ -169,18 +161,10 @@ def stopping(acceleration: float, jerk: float) -> float:
 
 
 ON_A_LINE = stopping(ACCELERATION, JERK)
-
-
 SPEEDING_UP = ON_A_LINE + ACCELERATION / JERK
 """Speeding up, the acceleration has to end first."""
-
-
 _ROUND = FULL**2 / RADIUS
-
-
 _LEFT = (ACCELERATION**2 - _ROUND**2) ** 0.5
-
-
 ON_THE_ARC = stopping(
     _LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5 - FULL**3 / RADIUS**2
 )

@@ -36,7 +36,6 @@ class Part:
 
 PROBE_PIN = 19
 
-
 PROBING_PROGRAM = """G21 G90
 G38.{kind} X20 F300
 G1 X#5061 Y2 F600

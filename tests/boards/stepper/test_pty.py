@@ -77,17 +77,15 @@ def cncrun(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
+def to_run(program: Path, terminal: Terminal) -> list[str]:
+    """Return the arguments that run a program on the board behind a terminal."""
+    machine = ["--machine", "stepper-uno", "--board", "stepper"]
+    return [str(program), *machine, "--port", terminal.name]
+
+
 def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X4 Y-3 F1200\nG1 X8 Y1 Z2\nM2\n")
-    arguments = (
-        str(tmp_path / "p.ngc"),
-        "--machine",
-        "stepper-uno",
-        "--board",
-        "stepper",
-        "--port",
-        terminal.name,
-    )
+    arguments = to_run(tmp_path / "p.ngc", terminal)
     with cncrun(*arguments) as first:
         out, error = first.communicate(timeout=HANG)
     assert first.returncode == 0, out + error
@@ -115,15 +113,7 @@ def test_boards_command_reports_the_board(terminal: Terminal) -> None:
 
 def test_killed_host_leaves_the_machine_on_its_path(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X200 Y100 F2000\nM2\n")
-    arguments = (
-        str(tmp_path / "p.ngc"),
-        "--machine",
-        "stepper-uno",
-        "--board",
-        "stepper",
-        "--port",
-        terminal.name,
-    )
+    arguments = to_run(tmp_path / "p.ngc", terminal)
     with cncrun(*arguments) as host:
         wait_until(lambda: terminal.edges.stat().st_size >= 20_000)
         host.kill()

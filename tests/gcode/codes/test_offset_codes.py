@@ -12,11 +12,7 @@ from tests.support.gcode.gcode_cases import assert_blocks, error_of, run
 from tests.support.gcode.offset_tools import table
 
 INCH = 25.4
-
-
 ROOT = math.sqrt(3.0) / 2.0
-
-
 XYZ = ("x", "y", "z")
 
 

@@ -41,6 +41,15 @@ PROGRAMS = {
         "G0 Z5\nG81 @5 ^90 Z-1 R1 F60",
         ["rapid 0 0 5", "rapid 0 5 5", "rapid 0 5 1", "line 0 5 -1 F60", "rapid 0 5 5"],
     ),
+    "steps of a cycle with increments": (
+        "G0 X0 Y8 Z5\nG91 G99 G81 @-1 ^90 Z-1 R-4 L3 F60",
+        [
+            "rapid 0 8 5",
+            *("rapid -7 0 5", "rapid -7 0 1", "line -7 0 0 F60", "rapid -7 0 1"),
+            *("rapid 0 -6 1", "line 0 -6 0 F60", "rapid 0 -6 1"),
+            *("rapid 5 0 1", "line 5 0 0 F60", "rapid 5 0 1"),
+        ],
+    ),
     "a probe": ("G38.2 @5 ^0 F60", ["probe 5 0 0 F60 true true"]),
 }
 
@@ -72,7 +81,7 @@ ERRORS = {
     "of a coordinate system": ("polar-not-here", "G10 L2 P1 ¦@5"),
     "on the way home": ("polar-not-here", "G28 ¦@5"),
     "of a spline": ("word-unused", "G0 X0\nG5.2 P1 ¦@5 ^0 F60"),
-    "of a cycle with increments": ("polar-not-here", "G0 X1\nG91 G81 ¦@5 ^30 Z-1 R1 F60"),
+    "of a cycle with increments": ("polar-at-origin", "G91 G81 ¦@5 ^30 Z-1 R1 F60"),
     "twice": ("word-repeated", "G0 @5 ¦@6"),
     "without a number": ("number-missing", "G0 ¦@ ^5"),
     "without a motion code": ("motion-missing", "¦@5"),

@@ -10,8 +10,6 @@ from tests.support.gcode.gcode_cases import (
 )
 
 BEGIN = "G21 F600 S1000 M3\nG0 X1 Y2 Z3\n"
-
-
 STARTED = ["spindle cw 1000", "rapid 1 2 3"]
 
 

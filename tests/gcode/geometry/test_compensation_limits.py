@@ -25,8 +25,6 @@ from tests.support.gcode.compensation_cases import (
 )
 
 E = 1e-6
-
-
 GOUGE, ENTRY, ROUND = "compensation-gouge", "compensation-entry", "compensation-arc-radius"
 
 
@@ -43,15 +41,12 @@ POCKET = [
     ),
 ]
 
-
 BACK = [
     Arc(POCKET[0].x, POCKET[0].y, POCKET[1].cx, POCKET[1].cy, -POCKET[1].turns),
     Arc(15.0, 0.0, POCKET[0].cx, POCKET[0].cy, -POCKET[0].turns),
 ]
 
-
 TO = 40 + cmath.rect(24.0, math.radians(130)) + cmath.rect(24.0, math.radians(-115))
-
 
 FLOOR = Arc(
     TO.real,
@@ -61,11 +56,7 @@ FLOOR = Arc(
     -65 / 360,
 )
 """From 40, 0, at 40 degrees below the way there; it is 5.6 deep and 3.36 at its end."""
-
-
 GAP = math.asin(0.3)
-
-
 TIP = Arc(10 - 5 * math.sin(2 * GAP), 5 - 5 * math.cos(2 * GAP), 10, 5, 1.0 - GAP / math.pi)
 """From 10, 0, tangent to X, nearly around a circle: its ends are 3 apart."""
 

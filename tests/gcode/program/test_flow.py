@@ -11,7 +11,6 @@ from tests.support.gcode.flow_moves import xs
 
 COUNTED = "#1 = [#1 + 1]\n"
 
-
 CASES: dict[str, tuple[str, list[float]]] = {
     # if
     "if": ("o1 if [1]\nG0 X1\no1 endif\no2 if [0]\nG0 X2\no2 endif\nG0 X3", [1, 3]),

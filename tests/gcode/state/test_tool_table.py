@@ -77,7 +77,7 @@ def test_a_missing_table(tmp_path: Path) -> None:
 
 def test_wear_adds_to_radius_and_length() -> None:
     entry = ToolEntry(
-        1, offsets={"X": 1.0, "Z": 40.0}, diameter=6.0, length_wear=-0.25, radius_wear=0.125
+        1, offsets={"X": 1.0, "Z": 40.0}, diameter=6.0, wear={"Z": -0.25}, radius_wear=0.125
     )
     assert (entry.radius, entry.offset("Z"), entry.offset("X"), entry.offset("Y")) == (
         3.125,
@@ -109,7 +109,7 @@ def test_save_changes_only_the_lines_of_changed_tools(tmp_path: Path) -> None:
     table, path = load(tmp_path, TABLE), tmp_path / "tool.tbl"
     first = table.tool(1)
     assert first is not None
-    table.put(replace(first, offsets={"Z": 1e-7, "X": -0.1}, length_wear=5.0))
+    table.put(replace(first, offsets={"Z": 1e-7, "X": -0.1}, wear={"Z": 5.0}))
     table.put(ToolEntry(12, orientation=3, front_angle=1e22))
     table.save(path)
     lines = path.read_text().splitlines()

@@ -113,6 +113,14 @@ def place(known: Machine, simulator: KlipperSimulator) -> list[int]:
     return [int(steps_of(known, simulator, letter)[1].sum()) for letter in known.axes]
 
 
+def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:
+    """Return the position of an axis by the simulator's own count, which is quick to read."""
+    axis = getattr(pins(known), letter)
+    backward = axis.direction[0].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    counted = simulator.positions.get(simulator.pin(axis.step[0].lstrip("!")), 0)
+    return -counted if backward else counted
+
+
 def check_pulses(
     known: Machine, simulator: KlipperSimulator, folder: Path, tolerance_us: float
 ) -> None:

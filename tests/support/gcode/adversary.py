@@ -28,7 +28,6 @@ def agree(line: str, found: Statement, syntax: Syntax) -> None:
 
 LETTERS = "XYZFGMNIJKRPSTHDABCUVWLQEOxyzgmno"
 
-
 COMMENTS = [
     "",
     "note",
@@ -45,7 +44,6 @@ COMMENTS = [
     "é",
     "a\tb",
 ]
-
 
 ODD = [*"é\x00\x0b\x7f\u2028#=%/*$@.-+();1", "[1]", "#1", "O100", "SD=3"]
 

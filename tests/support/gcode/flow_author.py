@@ -13,12 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 Node = tuple[Any, ...]
-
-
 STEPS, DEEPEST = 4000, 8
 """Limit of the evaluator. Programs beyond it are left out."""
-
-
 NUMBERED = 5
 """Variables #1 to #5 are the arguments and locals of every subroutine."""
 

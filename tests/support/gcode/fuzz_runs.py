@@ -19,16 +19,12 @@ from tests.support.gcode.gcode_cases import read
 
 SECONDS = 5.0
 """Limit of the CPU time of a program. Most take a millisecond."""
-
-
 LIMITS = Limits(repeated_lines=500, depth=10)
-
 
 TOOLS = tuple(
     ToolEntry(number, number, {"X": 0.5, "Z": 10.0 * number}, diameter=0.5 * number)
     for number in (1, 2, 3, 11)
 )
-
 
 FOLDERS = (Path(__file__).parent / "subroutines",)
 

@@ -30,16 +30,10 @@ from tests.support.gcode.fuzzing import Program
 
 IDLE = frozenset("NO")
 """Line and program numbers have no effect."""
-
-
 IDLE_CODES = frozenset((G.G15, G.G67, G.G69))
 """Codes that cancel modes which are not supported. Post-processors write them at the start."""
-
-
 IDLE_WITH = {"Q": {"G64"}}
 """Q of G64 allows a simplification that is not made."""
-
-
 _UNSEEN = (Word, Statement, Diagnostic)
 """Objects that hold text, not meaning."""
 

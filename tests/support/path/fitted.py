@@ -11,8 +11,6 @@ from cnc.path.build import build
 from tests.support.path.path_cases import XYZ, ends, evaluate, evaluate_s, lines
 
 EPS = 0.01
-
-
 ALL = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
 
 

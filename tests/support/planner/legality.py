@@ -28,25 +28,20 @@ from tests.support.planner.programmed_path import (
     lengths,
     programmed,
 )
-
-ALLOWED = 1e-3
-"""Relative; a value may exceed its limit by this."""
-
+from tests.support.planner.trace_rows import (
+    ALLOWED,
+    NEVER,
+    Override,
+    feed_in_force,
+    pieces_of_rows,
+    range_max,
+    time_to_let_go,
+)
 
 APART = 1e-6
 """mm; a point may be this much farther from the path than the tolerance."""
-
-
 NOISE = 1e-12
 """mm; error of a position, from the accuracy of the arc length and from rounding."""
-
-
-SLICES_S, SLICES_LENGTH = 0.2, 0.02
-"""s, mm; an operator's request may take effect this late. The length counts for slow motion."""
-
-
-WINDOW = 4
-"""A row may belong to so many more programmed pieces before and after its source line."""
 
 
 @dataclass
@@ -90,13 +85,6 @@ def examine(
     return compare_files(blocks, trace, pulses, compared_with or machine, report.duration_s)
 
 
-Override = tuple[np.ndarray, np.ndarray]
-"""Machine times from which on feeds are scaled, the first of them 0, and the factors."""
-
-
-NEVER: Override = np.zeros(1), np.ones(1)
-
-
 def compare_files(
     blocks: Path,
     trace: Path,
@@ -124,10 +112,12 @@ def compare_files(
         found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
-    _check_clock(rows, np.load(pulses), machine, duration, found)
+    _check_clock(rows, np.load(pulses), machine.of_joints, duration, found)
     _check_limits(rows, machine, found)
+    tip = rows | {"position": rows.get("tool", rows["position"])}
+    _check_along(tip, machine, found)
     if path:
-        _check_path(rows, path, machine, override, found)
+        _check_path(tip, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
@@ -161,33 +151,52 @@ def _check_clock(
 
 
 def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
-    """Compare differences of the positions with the limits."""
-    period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
-    noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order
-        for order in (1, 2, 3)
-    ]
-    s_noise = [0.0] + [
-        2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)
-    ]
+    """Compare differences of the positions of the joints with their limits."""
+    p = rows["position"]
+    noise = _noise(np.abs(p).max(initial=1.0), machine)
 
-    def note(
-        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
-    ) -> None:
-        if limit is not None:
-            found.ratios[name] = (
-                max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order])
-                / limit
-            )
-
-    for column, (letter, axis) in enumerate(machine.axes.items()):
+    for column, (letter, axis) in enumerate(machine.joint_tables.items()):
         limits = (axis.max_velocity, axis.max_acceleration, axis.max_jerk)
         for order, (name, limit) in enumerate(
             zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1
         ):
-            note(f"{name} of {letter}", np.diff(p[:, column], order), order, limit, noise)
+            values = np.diff(p[:, column], order)
+            _note(f"{name} of {letter}", values, order, limit, noise, machine, found)
+
+
+def _noise(largest: float, machine: Machine) -> list[float]:
+    """Return the error of the derivatives of order 0 to 3 of values up to ``largest``."""
+    error = NOISE + 4.0 * np.spacing(largest)
+    return [0.0] + [2.0**order * error / machine.path.period**order for order in (1, 2, 3)]
+
+
+def _note(
+    name: str,
+    values: np.ndarray,
+    order: int,
+    limit: float | None,
+    unsure: list[float],
+    machine: Machine,
+    found: Findings,
+) -> None:
+    """Note the largest of differences as a part of a limit."""
+    if limit is not None:
+        largest = float(np.abs(values).max(initial=0.0)) / machine.path.period**order
+        found.ratios[name] = max(0.0, largest - unsure[order]) / limit
+
+
+def _check_along(rows: dict, machine: Machine, found: Findings) -> None:
+    """Compare the motion along and across the path with the limits."""
+    p, s, path = rows["position"], rows["s"], machine.path
     if len(p) < 4:
         return
+    noise, s_noise = _noise(np.abs(p).max(initial=1.0), machine), _noise(s[-1], machine)
+
+    def note(
+        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
+    ) -> None:
+        _note(name, values, order, limit, unsure, machine, found)
+
     note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
     note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
 
@@ -221,7 +230,7 @@ def _check_path(
 ) -> None:
     """Compare the trace with the programmed path, and the path with the trace."""
     p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
-    first, last = _belongs(line, np.array([piece.line for piece in path]))
+    first, last = pieces_of_rows(line, np.array([piece.line for piece in path]))
     tolerance = np.array([piece.tolerance for piece in path])
     straight = np.array([piece.curve is None for piece in path])
     start, end = np.array([piece.start for piece in path]), np.array([piece.end for piece in path])
@@ -245,11 +254,12 @@ def _check_path(
         for k, some in by_curve.items():
             # Only for rows that are not near enough to another piece.
             wanted = np.concatenate(some)
-            wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
+            enough = allowed[wanted] + 0.5 * APART
+            far = best[wanted] > enough
+            wanted, enough = wanted[far], enough[far]
             if len(wanted):
-                best[wanted] = np.minimum(
-                    best[wanted], path[k].distance(p[wanted], everywhere=everywhere)
-                )
+                apart = path[k].distance(p[wanted], enough, everywhere=everywhere)
+                best[wanted] = np.minimum(best[wanted], apart)
     found.apart = float((best - allowed).max())
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
@@ -274,16 +284,16 @@ def _check_path(
     # none: the axes limit it.
     feed = np.array([piece.feed for piece in path])
     lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
-    highest = _range_max(feed, lo, hi)
+    highest = range_max(feed, lo, hi)
     fed = np.isfinite(highest)
     highest = np.minimum(
         highest
-        * _in_force(
+        * feed_in_force(
             override,
             rows["t"][: len(p)],
             rows["s"],
             ds / machine.path.period / highest,
-            _letting_go(machine),
+            time_to_let_go(machine),
         ),
         machine.path.max_feed,
     )
@@ -329,71 +339,3 @@ def _missed(path: list[Piece], p: np.ndarray, ds: np.ndarray, chord_error: float
     own = np.flatnonzero(which == which[missed[0]])
     worst = own[np.argmax(over_by[own])]
     return f"the motion passes line {path[which[worst]].line} by {apart[worst]:.3g} mm"
-
-
-def _in_force(
-    override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float
-) -> np.ndarray:
-    """Return the factor of its feed that each step may use.
-
-    A request takes effect at the end of the motion that the board has or is about to get: two
-    slices. Then the acceleration may end within ``letting_go`` seconds. After that no step is
-    faster than the fastest so far, until the feeds are as requested.
-    """
-    since, factors = override
-    now = factors[np.searchsorted(since, t[1:], side="right") - 1]
-    allowed = now.copy()
-    for changed in np.flatnonzero(np.diff(now)) + 1:
-        handed_out = max(
-            t[changed + 1] + SLICES_S,
-            t[min(int(np.searchsorted(s, s[changed + 1] + SLICES_LENGTH)), len(now))],
-        )
-        gone = min(int(np.searchsorted(t[1:], handed_out + letting_go)) + 1, len(now))
-        before, peak = allowed[changed - 1], used[changed:gone].max()
-        slowed = gone + int(
-            np.append(np.flatnonzero(used[gone:] <= now[gone:] * (1.0 + ALLOWED)), len(now) - gone)[
-                0
-            ]
-        )
-        allowed[changed:gone] = np.maximum(now[changed:gone], before)
-        allowed[gone:slowed] = np.maximum(now[gone:slowed], min(before, peak))
-    return allowed
-
-
-def _letting_go(machine: Machine) -> float:
-    """Return twice the longest time in which an acceleration ends at full jerk, s."""
-    limits = [(machine.path.max_tangential_acceleration, machine.path.max_jerk)]
-    limits += [(axis.max_acceleration, axis.max_jerk) for axis in machine.axes.values()]
-    return 2.0 * max(a / j for a, j in limits if a is not None and j is not None)
-
-
-def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first and the last piece that each row may lie on.
-
-    Pieces are in the order of the source lines of the rows. Where moves become one curve, the line
-    of a row is that of any of them. So a row may lie between the pieces of the line before its own
-    and those of the second line behind it, since a blend reaches into the next move, and WINDOW
-    pieces more.
-    """
-    runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
-    begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
-    at = 0
-    for k, run in enumerate(runs):
-        ahead = np.flatnonzero(lines[at:] == line[run])
-        at += int(ahead[0]) if len(ahead) else 0
-        begins[k] = at
-        while at + 1 < len(lines) and lines[at + 1] == line[run]:
-            at += 1
-        ends[k] = at
-    first = np.maximum(np.append(0, begins[:-1]) - WINDOW, 0)
-    last = np.minimum(np.concatenate((begins, [len(lines) - 1] * 2))[2:] + WINDOW, len(lines) - 1)
-    which = np.repeat(np.arange(len(runs)), np.diff(np.append(runs, len(line))))
-    return first[which], np.maximum(last, ends)[which]
-
-
-def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the largest of values[low..high] for each pair."""
-    best = values[low]
-    for offset in range(1, int((high - low).max()) + 1):
-        best = np.maximum(best, values[np.minimum(low + offset, high)])
-    return best

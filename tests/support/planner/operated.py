@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
 from cnc.model.operator_control import Control
 from cnc.planner.limits import Limits
@@ -14,6 +15,8 @@ from cnc.pulses.sampled import Sampled
 from tests.support.planner.motions import machine, path_of
 
 Plans = list[PlanChunk]
+MOST_HOLDS = 400
+"""A run with more holds than the operator requests has no end."""
 
 
 def driven(
@@ -87,3 +90,40 @@ def speeds(chunk: PlanChunk) -> np.ndarray:
     return (
         chunk.phase_v[:-1, None] + t * (chunk.phase_a[:-1, None] + t * chunk.phase_j[:, None] / 2)
     ).ravel()
+
+
+def operate(rng: np.random.Generator, control: Control, often: float, lowest: float) -> None:
+    """Hold, resume, or override by 10**``lowest`` per cent or more, at a random moment."""
+    if control.held:
+        if rng.random() < 0.5:
+            control.resume()
+    elif rng.random() < often:
+        if rng.random() < 0.4:
+            control.hold()
+        else:
+            control.override(float(10 ** rng.uniform(lowest, 2.3)))
+
+
+def assert_legal_under_operator(
+    rng: np.random.Generator,
+    mill: Machine,
+    blocks: list[Block],
+    operated: bool,
+    lowest: float,
+    seed: int,
+) -> None:
+    """Assert that a motion is legal and ends at rest at the end of its path."""
+    control = Control() if operated else None
+    often = 10 ** rng.uniform(-2.0, -0.5)
+    ahead = LookAhead(mill, control)
+    holds, end = 0, None
+    for item in ahead.plan(path_of(blocks)):
+        if isinstance(item, Held):
+            holds += 1
+            assert holds < MOST_HOLDS, seed
+        elif isinstance(item, PlanChunk):
+            end = item
+        if control is not None:
+            operate(rng, control, often, lowest)
+    assert not ahead.audit.violations, seed
+    assert end is None or (end.phase_v[-1], end.phase_a[-1]) == (0.0, 0.0), seed

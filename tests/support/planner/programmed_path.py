@@ -39,13 +39,16 @@ class Piece:
         u = np.unique(np.concatenate((np.linspace(0.0, 1.0, count), self.corners)))
         return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
 
-    def distance(self, points: np.ndarray, *, everywhere: bool = False) -> np.ndarray:
+    def distance(
+        self, points: np.ndarray, enough: np.ndarray, *, everywhere: bool = False
+    ) -> np.ndarray:
         """Return the distance of points from the curve.
 
         The nearest of many chords, even in u and along the curve, are found first; golden sections
         between their ends follow. The nearest chords are those of the nearest ends of chords,
         unless ``everywhere``. The two differ where the curve passes a point twice, once with
-        shorter chords.
+        shorter chords. A distance of up to ``enough`` (n,) may be that from the nearest part only,
+        which is an upper bound. One that must be larger may be that from the chords.
         """
         u = np.linspace(0.0, 1.0, 4097)
         along = np.concatenate(([0.0], np.cumsum(lengths(np.diff(self.curve(u), axis=0)))))
@@ -73,17 +76,44 @@ class Piece:
             [distances_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T],
             axis=1,
         )
-        best = np.full(len(points), math.inf)
+        best = apart.min(axis=1)
+        # The curve is no farther from a chord than the chord's ends are apart, or little farther.
+        hopeful = best <= enough + 2.0 * lengths(np.diff(on, axis=0)).max()
+        best[hopeful] = math.inf
+        # Most points are on the curve, where the distance from the first chord grows evenly.
+        some = np.flatnonzero(hopeful)
+        first = chords[some, apart[some].argmin(axis=1)]
+        best[some] = self._by_secants(points[some], u[first], u[first + 1])
         for rank in range(3):
-            chord = chords[np.arange(len(points)), np.argsort(apart, axis=1)[:, rank]]
+            some = np.flatnonzero(hopeful & (best > enough))
+            if not len(some):
+                break
+            near = points[some]
+            chord = chords[some, np.argsort(apart[some], axis=1)[:, rank]]
             low, high = u[chord], u[chord + 1]
-            for _ in range(40):
+            for _ in range(32):
                 third = (high - low) * 0.381966
-                nearer = lengths(self.curve(low + third) - points) < lengths(
-                    self.curve(high - third) - points
+                nearer = lengths(self.curve(low + third) - near) < lengths(
+                    self.curve(high - third) - near
                 )
                 low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
-            best = np.minimum(best, lengths(self.curve(0.5 * (low + high)) - points))
+            best[some] = np.minimum(best[some], lengths(self.curve(0.5 * (low + high)) - near))
+        return best
+
+    def _by_secants(self, points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return distances of points from the curve near the chord from ``low`` to ``high``."""
+        begin, end = self.curve(low), self.curve(high)
+        along = end - begin
+        u, last = low, high
+        ahead, before = ((begin - points) * along).sum(axis=1), ((end - points) * along).sum(axis=1)
+        best = np.full(len(points), math.inf)
+        for _ in range(3):
+            rise = before - ahead
+            step = np.divide(ahead * (last - u), rise, out=np.zeros(len(u)), where=rise != 0.0)
+            last, before, u = u, ahead, np.clip(u - step, low, high)
+            off = self.curve(u) - points
+            ahead = (off * along).sum(axis=1)
+            best = np.minimum(best, lengths(off))
         return best
 
 

@@ -13,17 +13,9 @@ from cnc.machine.load import load_machine
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
-
-
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
-
-
 SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
-
-
 SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
-
-
 END = (4.0, 3.0, -1.0)
 
 

@@ -74,14 +74,15 @@ class KlipperLink:
         window: Most bytes without acknowledgement.
         round_trip: Estimate of the round trip.
         resent: Number of blocks that were sent again.
-        synchronised: Whether the sequence number that the board expects is known.
+        synchronised: Whether the board has told the sequence number that it expects.
+        settled: Whether this number is certain. Before, bytes from earlier may tell an old one.
     """
 
     def __init__(self) -> None:
         self.window = DEFAULT_WINDOW
         self.round_trip = RoundTrip()
         self.resent = 0
-        self.synchronised = False
+        self.synchronised = self.settled = False
         self._reader = BlockReader()
         self._base = 0
         self._sent: deque[_Sent] = deque()
@@ -166,13 +167,11 @@ class KlipperLink:
     def _acknowledge(self, expected: int, now: float, *, empty: bool) -> None:
         """Take the sequence number that the board expects next."""
         done = expected - self._base & SEQUENCE
-        if not self.synchronised:
-            self.synchronised = True
-            if done not in (0, len(self._sent)):
+        self.synchronised = True
+        if done > len(self._sent):
+            if not self.settled:
                 # The board expects another number, such as that after an earlier program.
                 self._renumber(expected)
-                return
-        if done > len(self._sent):
             return
         if done == 0:
             if empty and self._sent and now >= self._deaf_until:

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.layout import LayoutBuilder
+from cnc.boards.klipper.layout import LayoutBuilder, section
 from cnc.boards.klipper.profile import firmware_of
+from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import NAME, KlipperSimulatorPort
 from cnc.boards.protocols import BoardTraits
-from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle
+from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, Pin
 from cnc.machine.models import Machine
 
 
@@ -43,7 +44,23 @@ def simulator_for(machine: Machine) -> KlipperSimulator:
             if message.name == "config_endstop":
                 pressed = next(e.active for e in layout.inputs if e.oid == message["oid"])
                 simulator.levels[message["pin"]] = 1 - pressed
+    _add_drivers(simulator, machine)
     return simulator
+
+
+def _add_drivers(simulator: KlipperSimulator, machine: Machine) -> None:
+    """Connect the motor drivers that the machine file names."""
+    for letter in machine.axes:
+        axis = section(machine).axis(letter)
+        driver = None if axis is None else axis.driver
+        if driver is None:
+            continue
+        if driver.uart is not None:
+            pin = simulator.pin(Pin.of(driver.uart).name)
+            wire = simulator.uarts.setdefault(pin, UartModel())
+            wire.drivers[driver.address] = DriverModel()
+        elif driver.select is not None:
+            simulator.spi[simulator.pin(Pin.of(driver.select).name)] = DriverModel()
 
 
 def with_pins(machine: Machine) -> Machine:

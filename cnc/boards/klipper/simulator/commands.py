@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 from cnc.boards.klipper.protocol.dictionary import Message
+from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
 from cnc.boards.klipper.simulator.outputs import Output
 from cnc.boards.klipper.simulator.steppers import Motor
 from cnc.boards.klipper.simulator.trsync import Switch, Trigger
@@ -345,6 +346,31 @@ class Commands:
                 board.shut_down(output.missed)
 
         board.at(output.deadline, missed)
+
+    # Motor drivers.
+
+    def _config_tmcuart(self, message: Message) -> None:
+        wire = self._board.uarts.setdefault(message["rx_pin"], UartModel())
+        self._create(message["oid"], wire)
+
+    def _tmcuart_send(self, message: Message) -> None:
+        wire = self._object(message["oid"], UartModel)
+        read = wire.send(message.data("write"), message["read"])
+        self._board.respond("tmcuart_response", oid=message["oid"], read=read)
+
+    def _config_spi(self, message: Message) -> None:
+        device = self._board.spi.setdefault(message["pin"], DriverModel(powered=False))
+        self._create(message["oid"], device)
+
+    def _spi_set_bus(self, message: Message) -> None:
+        self._object(message["oid"], DriverModel)
+
+    def _spi_transfer(self, message: Message) -> None:
+        answer = self._object(message["oid"], DriverModel).transfer(message.data("data"))
+        self._board.respond("spi_transfer_response", oid=message["oid"], response=answer)
+
+    def _spi_send(self, message: Message) -> None:
+        self._object(message["oid"], DriverModel).transfer(message.data("data"))
 
     # Objects.
 

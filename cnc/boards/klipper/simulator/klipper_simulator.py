@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.klipper.protocol.errors import RemoteError
 from cnc.boards.klipper.protocol.frames import SEQUENCE, BlockReader, block_bytes
+from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
 from cnc.boards.klipper.simulator.firmware import FIRMWARES, Firmware
 from cnc.boards.klipper.simulator.outputs import Output
 from cnc.boards.klipper.simulator.steppers import Motor
@@ -40,6 +41,7 @@ class KlipperSimulator:
         now: Time since power-up by the host's clock, s.
         cable: The cable.
         levels: Level of each input pin by its number, or a function that gives it.
+        uarts, spi: Motor drivers at UART pins and at chip selects.
         edges_of: Clocks of the steps of each motor by its step pin, as :meth:`edges` joins them.
         history: Changes of outputs: clock, pin, value.
         reason: Reason of the shutdown, "" while there is none.
@@ -62,6 +64,8 @@ class KlipperSimulator:
         self.cable = Cable(firmware.baud, seed)
         self.levels: dict[int, int | Level] = {}
         self.history: list[tuple[int, int, int]] = []
+        self.uarts: dict[int, UartModel] = {}
+        self.spi: dict[int, DriverModel] = {}
         self.edges_of: dict[int, list[NDArray[np.int64]]] = {}
         self.positions: dict[int, int] = {}
         self.blocks_refused = 0

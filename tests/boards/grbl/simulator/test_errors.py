@@ -42,11 +42,8 @@ ERRORS = [
     (38, "T256"),
 ]  # fmt: skip
 
-
 ON_GRBL_ALONE = [(20, "M7"), (11, "G1" + "X1" * 50)]
 """grblHAL has mist, and longer lines."""
-
-
 EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [
     (GRBLHAL, *error) for error in ERRORS
 ]

@@ -1,0 +1,66 @@
+"""The report on a Klipper board at a port, with a skeleton of its machine file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from cnc.boards.klipper.connection import Connection
+from cnc.boards.klipper.layout import pin_ranges
+from cnc.boards.klipper.protocol.dictionary import Dictionary
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True, slots=True)
+class KlipperInfo:
+    """A board: its dictionary, the entries of its move queue, and its state."""
+
+    dictionary: Dictionary
+    slots: int
+    configured: bool
+    shut_down: bool
+
+
+def read_info(connection: Connection, timeout: float) -> KlipperInfo:
+    """Identify the board on a connection. Nothing moves, and nothing is configured.
+
+    Raises:
+        BoardError: No Klipper board answers.
+    """
+    connection.open(timeout)
+    config = connection.ask("get_config", "config", connection.pump)
+    return KlipperInfo(
+        connection.dictionary,
+        config["move_count"],
+        bool(config["is_config"]),
+        bool(config["is_shutdown"]),
+    )
+
+
+def klipper_report(port: str, board: KlipperInfo, baud: int) -> Iterator[str]:
+    """Yield the lines of the report: comments of TOML, then the tables of a machine file.
+
+    Args:
+        port: Name of the serial port.
+        board: The board.
+        baud: Speed of the port, bits/s.
+    """
+    known = board.dictionary
+    frequency = known.constant("CLOCK_FREQ", 0.0) / 1e6
+    state = "shut down" if board.shut_down else "configured" if board.configured else "ready"
+    yield f"# Klipper firmware {known.version}  {known.constants.get('MCU', '')}  {state}"
+    yield f"# clock {frequency:g} MHz, {board.slots} entries of its move queue"
+    yield f"# pins: {pin_ranges(known.enumerations.get('pin', {}))}"
+    buses = known.enumerations.get("spi_bus", {})
+    if buses:
+        yield f"# SPI buses: {', '.join(buses)}"
+    yield "# put the pins of your board into the tables, and add [axes.x] and so on:"
+    yield "#"
+    yield "# [board]"
+    yield f'# kind = "klipper"\n# port = {json.dumps(port)}\n# baud = {baud}'
+    for letter in AXES:
+        yield "#"
+        yield f"# [board.klipper.{letter}]"
+        yield '# step = "PIN"\n# direction = "PIN"\n# enable = "!PIN"\n# endstop = "^PIN"'

@@ -1,0 +1,1 @@
+"""Kinematics: joints and tool tip, in both directions, with derivatives along a path."""

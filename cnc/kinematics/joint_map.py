@@ -1,0 +1,112 @@
+"""All joints of a machine: those of its kinematics, and the axes that are joints themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kinematics.base import Kinematics
+from cnc.kinematics.belts import Belts
+from cnc.kinematics.delta import LinearDelta, RotaryDelta
+from cnc.kinematics.polar import Polar
+from cnc.kinematics.scara import Scara
+from cnc.kinematics.series import Series
+from cnc.machine import kinematics as tables
+from cnc.machine.kinematics import KinematicsTable
+from cnc.machine.models import Machine
+
+Floats = NDArray[np.float64]
+
+
+class JointMap:
+    """Joints in the order of :attr:`cnc.machine.models.Machine.joint_tables`.
+
+    Args:
+        kinematics: relates the taken axes and the joints ``own``.
+        taken: columns of the axes that the kinematics takes.
+        own: columns of its joints.
+        others: columns of the axes that are joints themselves.
+        names: names of all joints.
+
+    Attributes:
+        names: of the joints.
+        columns: names of the joints' columns in a path.
+        turning: (joints,): whether a joint comes to the same place after 360 degrees.
+        linear: whether the joints are a linear function of the tip.
+    """
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        taken: Sequence[int],
+        own: Sequence[int],
+        others: Sequence[int],
+        names: Sequence[str],
+    ) -> None:
+        self._kinematics, self._taken, self._own = kinematics, tuple(taken), tuple(own)
+        self._others = tuple(others)
+        self._rest = tuple(k for k in range(len(names)) if k not in self._own)
+        self.names = tuple(names)
+        self.columns = tuple(f"joint {name}" for name in names)
+        self.linear = kinematics.linear
+        self.turning = np.zeros(len(names), np.bool_)
+        self.turning[list(own)] = kinematics.turning
+
+    @classmethod
+    def of(cls, machine: Machine) -> JointMap | None:
+        """Return the joints of a machine; None where they are the axes."""
+        kinematics = _formula(machine.kinematics)
+        if kinematics is None:
+            return None
+        letters, names = machine.axis_names, tuple(machine.joint_tables)
+        moved, joints = machine.kinematics.axes, machine.kinematics.joints
+        return cls(
+            kinematics,
+            [letters.index(letter) for letter in moved],
+            [names.index(name) for name in joints],
+            [k for k, letter in enumerate(letters) if letter not in moved],
+            names,
+        )
+
+    def series(self, tip: Sequence[Series]) -> list[Series]:
+        """Return the series of all joints from those of all axes."""
+        own = self._kinematics.inverse([tip[k] for k in self._taken])
+        places = dict(zip(self._own, own, strict=True))
+        places |= {k: tip[axis] for k, axis in zip(self._rest, self._others, strict=True)}
+        return [places[k] for k in range(len(self.names))]
+
+    def inverse(self, tip: Floats) -> Floats:
+        """Return the joints (m, joints) of tips (m, axes).
+
+        Values that are out of reach are not numbers. Angles lie within half a turn of 0.
+        """
+        found = self.series([Series([column]) for column in tip.T])
+        return np.stack([np.asarray(series.terms[0]) for series in found], axis=-1)
+
+    def forward(self, joints: Floats) -> Floats:
+        """Return the tips (m, axes) of joints (m, joints)."""
+        tip = np.empty((len(joints), len(self._taken) + len(self._others)))
+        tip[:, self._others] = joints[:, self._rest]
+        own = self._kinematics.forward([joints[:, k] for k in self._own])
+        for axis, column in zip(self._taken, own, strict=True):
+            tip[:, axis] = column
+        return tip
+
+
+def _formula(table: KinematicsTable) -> Kinematics | None:
+    """Return the formulas of a kinematics; None where the axes are the joints."""
+    match table:
+        case tables.CoreXY() | tables.CoreXZ():
+            return Belts()
+        case tables.Polar():
+            return Polar()
+        case tables.Scara():
+            return Scara(table.arms, left=table.elbow == "left")
+        case tables.Delta():
+            return LinearDelta(table.radius, table.rod, table.angles)
+        case tables.RotaryDelta():
+            return RotaryDelta(table.base, table.platform, table.arm, table.rod, table.angles)
+        case _:
+            return None

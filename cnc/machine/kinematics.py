@@ -1,0 +1,133 @@
+"""The table [kinematics]: how the joints move the tool tip."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, get_args
+
+from pydantic import BeforeValidator, Field, FiniteFloat
+
+from cnc.machine.section import Section
+from cnc.model.blocks import AxisLetter
+
+OF_TIP = ("travel", "homing")
+"""Keys of an axis that joints move: they are about the place of the tip."""
+
+Length = Annotated[FiniteFloat, Field(gt=0)]
+
+
+def _tuple(value: object) -> object:
+    """Return a TOML array as a tuple, because the frozen models hold tuples."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+Pair = Annotated[tuple[Length, Length], BeforeValidator(_tuple)]
+Angles = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(_tuple)]
+
+
+class _Kinematics(Section):
+    """A kinematics; its joints have tables [joints.NAME] in place of some axes' limits."""
+
+    axes: ClassVar[tuple[AxisLetter, ...]] = ()
+    """Axes that no motor moves alone."""
+    joints: ClassVar[tuple[str, ...]] = ()
+    """The joints that move them."""
+
+    @classmethod
+    def kinds(cls) -> tuple[str, ...]:
+        """Return the values of ``type`` for this kinematics."""
+        return get_args(cls.model_fields["type"].annotation)
+
+
+class Cartesian(_Kinematics):
+    """Each axis is a joint."""
+
+    type: Literal["cartesian"] = Field(default="cartesian", description="Each axis has its motor.")
+
+
+class OfJoints(_Kinematics):
+    """The machine behind the kinematics: its axes are the joints. No file can name it."""
+
+    type: Literal["joints"] = "joints"
+
+
+class CoreXY(_Kinematics):
+    """Two motors move X and Y through belts."""
+
+    axes = ("x", "y")
+    joints = ("a", "b")
+
+    type: Literal["corexy", "hbot"] = Field(description="Joints a = X + Y and b = X - Y.")
+
+
+class CoreXZ(_Kinematics):
+    """Two motors move X and Z through belts."""
+
+    axes = ("x", "z")
+    joints = ("a", "b")
+
+    type: Literal["corexz"] = Field(description="Joints a = X + Z and b = X - Z.")
+
+
+class Polar(_Kinematics):
+    """A turntable under a radial axis."""
+
+    axes = ("x", "y")
+    joints = ("r", "c")
+
+    type: Literal["polar"] = Field(description="Joints r (radius, mm) and c (angle, degrees).")
+
+
+class Scara(_Kinematics):
+    """Two arms that turn in a plane."""
+
+    axes = ("x", "y")
+    joints = ("a", "b")
+
+    type: Literal["scara"] = Field(description="Joints a (shoulder) and b (elbow), degrees.")
+    arms: Pair = Field(description="Lengths of the first and of the second arm, mm.")
+    elbow: Literal["left", "right"] = Field(
+        default="left", description="Side of the first arm on which the tip lies."
+    )
+
+
+class Delta(_Kinematics):
+    """Three carriages on vertical towers hold the tip by rods."""
+
+    axes = ("x", "y", "z")
+    joints = ("a", "b", "c")
+
+    type: Literal["delta"] = Field(description="Joints a, b and c: heights of the carriages, mm.")
+    radius: Length = Field(
+        description=(
+            "Distance of the towers from the centre, less that of the rods' ends from the tip, mm."
+        )
+    )
+    rod: Length = Field(description="Length of the rods, mm.")
+    angles: Angles = Field(
+        default=(210.0, 330.0, 90.0), description="Angles of the towers, degrees from X."
+    )
+
+
+class RotaryDelta(_Kinematics):
+    """Three arms that turn hold the tip by rods."""
+
+    axes = ("x", "y", "z")
+    joints = ("a", "b", "c")
+
+    type: Literal["rotary-delta"] = Field(
+        description="Joints a, b and c: angles of the arms below the level, degrees."
+    )
+    base: Length = Field(description="Distance of the arms' axes from the centre, mm.")
+    platform: Length = Field(description="Distance of the rods' ends from the tip, mm.")
+    arm: Length = Field(description="Length of the upper arms, mm.")
+    rod: Length = Field(description="Length of the rods, mm.")
+    angles: Angles = Field(
+        default=(210.0, 330.0, 90.0), description="Angles of the arms, degrees from X."
+    )
+
+
+KinematicsTable = Annotated[
+    Cartesian | CoreXY | CoreXZ | Polar | Scara | Delta | RotaryDelta,
+    Field(discriminator="type"),
+]
+KINEMATICS: tuple[type[_Kinematics], ...] = get_args(get_args(KinematicsTable)[0])

@@ -1,0 +1,97 @@
+"""The joints of a machine: their positions, their path, and the columns of a path.
+
+The kinematics is loaded only for a machine whose joints are not its axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.machine.models import Machine
+from cnc.model.blocks import Block
+from cnc.model.diagnostics import Diagnostic, MachineFileError
+from cnc.path.chunk import PathChunk
+
+if TYPE_CHECKING:
+    from cnc.kinematics.joint_map import JointMap
+
+Floats = NDArray[np.float64]
+
+
+class Joints:
+    """The joints of a machine.
+
+    Args:
+        machine: The machine.
+
+    Attributes:
+        machine: A machine whose axes are the joints, for pulses and boards.
+        tip_columns: Number of columns of the tool tip in front of those of the joints in a path; 0
+            where the axes are the joints.
+        linear: Whether the joints are a linear function of the tip.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine.of_joints
+        self._axes = machine.axis_names
+        self._map: JointMap | None = None
+        if machine.kinematics.joints:
+            from cnc.kinematics.joint_map import JointMap
+
+            self._map = JointMap.of(machine)
+        self.tip_columns = 0 if self._map is None else len(self._axes)
+        self.linear = self._map is None or self._map.linear
+
+    def at(self, tip: Floats) -> Floats:
+        """Return the joints (joints,) at a position of the tip (axes,); mm, degrees.
+
+        Raises:
+            MachineFileError: ``start-out-of-reach`` where the joints do not reach it.
+        """
+        if self._map is None:
+            return tip
+        if not self.reach(tip):
+            each = zip(self._axes, tip.tolist(), strict=True)
+            place = " ".join(f"{letter.upper()}{value:g}" for letter, value in each)
+            message = f"the joints do not reach the start position {place}"
+            hint = "write axes.*.travel within the reach, or correct [kinematics]"
+            raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
+        found: Floats = self._map.inverse(tip[None])[0]
+        return found
+
+    def reach(self, tip: Floats) -> bool:
+        """Return whether the joints reach a position of the tip (axes,)."""
+        return self._map is None or bool(np.isfinite(self._map.inverse(tip[None])).all())
+
+    def tip(self, joints: Floats) -> Floats:
+        """Return the tip (axes,) at a position of the joints (joints,); mm, degrees."""
+        if self._map is None:
+            return joints
+        found: Floats = self._map.forward(joints[None])[0]
+        return found
+
+    def columns(self, tip: Floats) -> Floats:
+        """Return a position in the columns of a path: the tip, then the joints if they differ."""
+        return tip if self._map is None else np.concatenate((tip, self.at(tip)))
+
+    def path(
+        self, stream: Iterator[PathChunk | Block], start: Floats
+    ) -> Iterator[PathChunk | Block]:
+        """Yield a path of the tip with the columns of the joints, if they are not the axes.
+
+        Args:
+            stream: The path.
+            start: The tip before the path (axes,), mm.
+
+        Raises:
+            MotionLimitError: ``out-of-reach`` or ``singular-pose``.
+        """
+        if self._map is None:
+            return stream
+        from cnc.planner.joint_path import JointPath
+
+        return JointPath(self._map, self.at(start)).passed(stream)

@@ -1,0 +1,299 @@
+"""Stops of the Klipper board: switches, e-stop, probe, silence, a slow host, shutdowns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Control, run
+from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.ramp import ramp_seconds, stretched
+from cnc.boards.klipper.sender import HORIZON_S, PIECE_S
+from cnc.boards.klipper.simulator.board import simulator_for
+from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.model.blocks import Spindle
+from cnc.model.diagnostics import BoardError
+from tests.support.boards.klipper_rig import board, count, machine, pins, place, played, steps_of
+from tests.support.boards.stepper_rig import chunks, eased, line
+from tests.support.soak import share
+
+LONG = "G21 G90\nM3 S500\nG1 X30 Y20 F1500\nM2\n"
+STOP_S = 0.3e-3
+"""Longest time from a switch to the last step."""
+
+
+def after(simulator: KlipperSimulator, seconds: float, action: Callable[[], None]) -> None:
+    """Carry out an action some time after the first step."""
+    advance, done = simulator.advance, []
+
+    def watched(until: float, *, answer: bool = False) -> None:
+        if not done:
+            until = min(until, simulator.now + 1e-3)
+        advance(until, answer=answer)
+        first = [parts[0][0] for parts in simulator.edges_of.values()]
+        if not done and first:
+            begin = simulator.time_of(int(min(abs(int(clock)) for clock in first)))
+            if simulator.now - begin >= seconds:
+                done.append(simulator.now)
+                action()
+
+    simulator.advance = watched  # type: ignore[method-assign]
+
+
+def last_step(simulator: KlipperSimulator) -> float:
+    """Return the time of the last step, s."""
+    return max(
+        simulator.time_of(int(np.abs(parts[-1]).max())) for parts in simulator.edges_of.values()
+    )
+
+
+@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040", "stm32f446"])
+@pytest.mark.parametrize(("key", "code"), [("stop", "board-emergency-stop"), ("x", "board-limit")])
+def test_switches_stop_all_motors(mcu: str, key: str, code: str, tmp_path: Path) -> None:
+    known = machine(mcu)
+    (tmp_path / "p.ngc").write_text(LONG)
+    text = pins(known).emergency_stop if key == "stop" else pins(known).x.endstop  # type: ignore[union-attr]
+    assert text is not None
+    simulator, closed = simulator_for(known), []
+
+    def close() -> None:
+        closed.append(simulator.now)
+        simulator.set_pin(text.strip("^!"), 0)
+
+    after(simulator, 0.5, close)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    found = report.faults[0].diagnostic
+    assert found.code == code
+    assert found.line == 3
+    assert last_step(simulator) - closed[0] <= STOP_S
+    steps = known.steps_per_mm
+    at = place(known, simulator)
+    assert at[0] > 0
+    assert [round(v * s) for v, s in zip(report.end_position.values(), steps, strict=True)] == at
+    spindle = pins(known).spindle
+    assert spindle is not None
+    simulator.advance(simulator.now + 0.15)
+    assert simulator.value(spindle.pin) == 0
+    assert simulator.reason == ""
+
+
+def test_pressed_e_stop_refuses_the_start() -> None:
+    known = machine()
+    with board(known) as (driver, simulator):
+        simulator.set_pin(str(pins(known).emergency_stop).strip("^!"), 0)
+        with pytest.raises(BoardError) as caught:
+            driver.start(np.zeros(3, np.int64))
+    assert caught.value.diagnostic.code == "board-emergency-stop"
+
+
+PROBING = "G21 G90\nG38.{kind} X20 F300\nG1 X#5061 Y2 F600\nG0 X1 Y0\nM2\n"
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_probe_position_is_exact_to_a_step(kind: int, tmp_path: Path) -> None:
+    """The probe closes at 1000 steps; at 2 steps a millisecond it is seen within a step."""
+    known = machine()
+    (tmp_path / "p.ngc").write_text(PROBING.format(kind=kind))
+    simulator = simulator_for(known)
+    probe = str(pins(known).probe).strip("^!")
+    simulator.set_pin(probe, lambda: int(count(known, simulator, "x") < 1000))
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert report.ok, report.faults
+    x = np.cumsum(steps_of(known, simulator, "x")[1])
+    y = steps_of(known, simulator, "y")[0]
+    contact = int(x[np.searchsorted(steps_of(known, simulator, "x")[0], y[0]) - 1])
+    assert 1000 <= contact <= 1002
+    assert x.max() == contact
+    assert place(known, simulator) == [400, 0, 0]
+
+
+def test_probe_without_contact(tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "p.ngc").write_text("G21 G90\nG38.2 X4 F600\nM2\n")
+    report, simulator = played(tmp_path / "p.ngc", tmp_path, known)
+    assert [fault.diagnostic.code for fault in report.faults] == ["probe-no-contact"]
+    assert place(known, simulator) == [1600, 0, 0]
+
+
+def test_slow_host_comes_to_rest_on_the_path() -> None:
+    """Without more motion in time, the reserve becomes a ramp within the accelerations."""
+    known = machine()
+    time_ns, step = line(20_000, 100_000)
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        sent = 0
+        for part in chunks(time_ns, step, 100):
+            driver.send(part)
+            sent = int(part.line[-1])
+            if sent >= 8000:
+                break
+        with pytest.raises(BoardError) as caught:
+            driver._supervisor.wait(2.0)
+        assert caught.value.diagnostic.code == "board-underrun"
+        assert "came to rest on the path" in caught.value.diagnostic.message
+        made = place(known, simulator)
+        assert driver.position_steps.tolist() == made
+        assert driver.known_steps == tuple(made)
+    assert simulator.reason == ""
+    # The rows sent lead to every grid point of the motion, so it ended at one of them.
+    points = np.cumsum(step[:sent], axis=0, dtype=np.int64)
+    assert (points == made).all(axis=1).any()
+    clock, _ = steps_of(known, simulator, "x")
+    gaps = np.diff(clock) / simulator.firmware.frequency
+    assert gaps[-1] > 5 * gaps[1000]
+    # The speed falls no faster than the ramp allows.
+    speed, moment = 1.0 / gaps, (clock[1:] / simulator.firmware.frequency)
+    braking = -np.diff(np.convolve(speed, np.ones(20) / 20, "valid")) / np.diff(moment)[:-19]
+    full = 1.0 / gaps[1000]
+    assert np.median(braking[-400:-50]) < 1.6 * full / ramp_seconds(known)
+
+
+def test_ramp_covers_half_its_time_and_keeps_the_order() -> None:
+    time_ns = np.arange(0, 200_000_000, 50_000, dtype=np.int64) + 7
+    late = stretched(time_ns, 7, 0.2)
+    assert len(late) == pytest.approx(0.1 / 50e-6, abs=2)
+    assert (np.diff(late) > 0).all()
+    assert late[-1] <= 7 + 200_000_000
+    # 1 - 3u^2 + 2u^3 at the middle is half of the speed.
+    middle = int(np.searchsorted(late, 7 + 100_000_000))
+    assert 50_000 / np.diff(late)[middle] == pytest.approx(0.5, abs=0.01)
+
+
+def test_dead_host_stops_motors_and_spindle(tmp_path: Path) -> None:
+    """Nobody sends any more: the motion ends, the spindle goes off, and nothing resumes."""
+    known = machine()
+    simulator = simulator_for(known)
+    port = KlipperSimulatorPort(simulator)
+    driver = Klipper(port, known, "the simulator", clock=port)
+    time_ns, step = line(20_000, 100_000)
+    driver.start(np.zeros(3, np.int64))
+    driver.execute(Spindle("p", 1, "cw", 500.0), 0)
+    for part in chunks(time_ns, step, 100):
+        driver.send(part)
+        if part.line[-1] >= 9000:
+            break
+    died = simulator.now
+    made = place(known, simulator)
+    simulator.advance(died + 5.0)
+    assert last_step(simulator) - died <= HORIZON_S + PIECE_S + 0.01
+    spindle = pins(known).spindle
+    assert spindle is not None
+    off = [c for c, pin, v in simulator.history if pin == simulator.pin(spindle.pin) and v == 0]
+    assert simulator.time_of(off[-1]) - died <= 0.5
+    assert simulator.value(spindle.pin) == 0
+    assert simulator.reason == "Missed scheduling of next hard pwm event"
+    rested = place(known, simulator)
+    assert rested != made
+    # A new program finds the board at the position of its edges.
+    after_it = Klipper(KlipperSimulatorPort(simulator), known, "again", clock=port)
+    counts = after_it._position.counts(after_it._supervisor.read_positions())
+    assert counts == rested
+    assert after_it.known_steps == (None, None, None)
+    simulator.advance(simulator.now + 5.0)
+    assert place(known, simulator) == rested
+
+
+def test_pulled_cable_is_reported(tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "p.ngc").write_text(LONG)
+    simulator = simulator_for(known)
+    after(simulator, 0.3, simulator.cable.unplug)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert [fault.diagnostic.code for fault in report.faults] == ["port-lost"]
+    ended = place(known, simulator)
+    simulator.advance(simulator.now + 3.0)
+    moved = place(known, simulator)
+    simulator.advance(simulator.now + 3.0)
+    assert place(known, simulator) == moved
+    assert moved[0] >= ended[0]
+
+
+def test_reset_of_the_board_is_reported(tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "p.ngc").write_text(LONG)
+    simulator = simulator_for(known)
+    after(simulator, 0.3, simulator.reset)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert report.faults[0].diagnostic.code in ("board-reset", "board-silent", "klipper-shutdown")
+
+
+def test_shutdown_is_reported_with_its_reason(tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "p.ngc").write_text(LONG)
+    simulator = simulator_for(known)
+    after(simulator, 0.3, lambda: simulator.shut_down("Rescheduled timer in the past"))
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    found = report.faults[0].diagnostic
+    assert found.code == "klipper-shutdown"
+    assert "Rescheduled timer in the past" in found.message
+    steps = known.steps_per_mm
+    at = [round(v * s) for v, s in zip(report.end_position.values(), steps, strict=True)]
+    assert at == place(known, simulator)
+
+
+@pytest.mark.parametrize("fault", ["damaged", "dropped", "doubled"])
+@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+@pytest.mark.parametrize("seed", range(share(25, 1)))
+def test_bad_cable(fault: str, mcu: str, seed: int, tmp_path: Path) -> None:
+    """With 1 % of the bytes spoilt, the steps are right, or the fault and the position are told."""
+    known = machine(mcu)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X6 Y4 F1200\nG3 X2 Y8 R5\nG1 X0 Y0.3\nM2\n")
+    clean, reference = played(tmp_path / "p.ngc", tmp_path, known)
+    assert clean.ok
+    simulator = simulator_for(known)
+    simulator.cable._random.seed(seed)
+    setattr(simulator.cable.noise, fault, 0.01)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    for letter in known.axes:
+        made = steps_of(known, simulator, letter)[1]
+        wanted = steps_of(known, reference, letter)[1]
+        np.testing.assert_array_equal(made, wanted[: len(made)])
+        if report.ok:
+            assert len(made) == len(wanted)
+    if report.ok:
+        assert simulator.reason == ""
+    moved = place(known, simulator)
+    simulator.advance(simulator.now + 2.0)
+    if not report.ok:
+        assert report.faults[0].diagnostic.code.startswith(("board-", "klipper-"))
+    else:
+        assert place(known, simulator) == moved
+
+
+@pytest.mark.parametrize("moment", [0.2, 0.6])
+def test_abort_comes_to_rest_on_the_path(moment: float) -> None:
+    known = machine()
+    time_ns, step = eased(12_000, 60_000)
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns, step, 100):
+            driver.send(part)
+            if part.time_ns[-1] > moment * time_ns[-1]:
+                break
+        driver.abort()
+        made = place(known, simulator)
+        assert driver.position_steps.tolist() == made
+    points = np.cumsum(step, axis=0, dtype=np.int64)
+    assert (points == made).all(axis=1).any()
+    assert simulator.reason == ""
+    simulator.advance(simulator.now + 1.0)
+    assert place(known, simulator) == made
+
+
+def test_stop_by_the_operator_ends_on_the_path(tmp_path: Path) -> None:
+    known = machine()
+    (tmp_path / "p.ngc").write_text(LONG)
+    control = Control()
+    with board(known) as (driver, simulator):
+        after(simulator, 0.4, control.stop)
+        report = run(tmp_path / "p.ngc", known, board=driver, control=control)
+    assert report.stopped_at_line == 3
+    at = [
+        round(v * s) for v, s in zip(report.end_position.values(), known.steps_per_mm, strict=True)
+    ]
+    assert at == place(known, simulator)
+    assert at[0] * 20 == pytest.approx(at[1] * 30, abs=30)
