@@ -26,6 +26,7 @@ from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
 from cnc.executor import homing
+from cnc.executor.homing_cycles import AxisHoming
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -235,7 +236,7 @@ def home(
     port: str | None = None,
     callbacks: Callbacks | None = None,
     control: Control | None = None,
-    on_axis: Callable[[homing.AxisHoming], None] | None = None,
+    on_axis: Callable[[AxisHoming], None] | None = None,
 ) -> dict[str, float | None]:
     """Home the machine on the limit switches of its axes.
 

@@ -88,6 +88,7 @@ class BoardTime:
     """Adds up the time of lines in their order.
 
     Attributes:
+        limits: The limits of the board.
         largest: Largest values of the motion so far.
 
     Args:
@@ -97,7 +98,7 @@ class BoardTime:
 
     def __init__(self, limits: BoardLimits, start: Point = (0.0, 0.0, 0.0)) -> None:
         self.largest = Largest()
-        self._limits = limits
+        self.limits = limits
         self._at = start
         self._lines = 0
         self._points: list[Point] = [start]
@@ -168,7 +169,7 @@ class BoardTime:
             self._add_move(effect)
         if effect.kind is LineKind.PROBE:
             self._flush(rests=True)
-        elif len(self._feeds) >= BATCH + self._limits.blocks:
+        elif len(self._feeds) >= BATCH + self.limits.blocks:
             self._flush(rests=False)
 
     def _add_move(self, effect: LineEffect) -> None:
@@ -197,7 +198,7 @@ class BoardTime:
             sweep += 2.0 * math.pi
         if effect.kind is LineKind.CLOCKWISE and sweep >= -FULL_TURN:
             sweep -= 2.0 * math.pi
-        error = self._limits.arc_tolerance
+        error = self.limits.arc_tolerance
         half = math.sqrt(error * (2.0 * radius - error)) if error < 2.0 * radius else math.inf
         count = max(1, math.floor(0.5 * abs(sweep) * radius / half))
         part = np.arange(1, count) / count
@@ -222,7 +223,7 @@ class BoardTime:
         steps, lengths = steps[real], lengths[real]
         feeds, owners = np.array(self._feeds)[real], np.array(self._owners, np.int64)[real]
         count = len(lengths)
-        done = count if rests else max(count - self._limits.blocks, 0)
+        done = count if rests else max(count - self.limits.blocks, 0)
         if done:
             units = steps / lengths[:, None]
             joined = units if self._before is None else np.concatenate((self._before[None], units))
@@ -256,7 +257,7 @@ class BoardTime:
     ) -> Floats:
         """Return the seconds of each of the first ``done`` blocks at one pair of overrides."""
         feed, rapid = self._cases[case]
-        limits = self._limits
+        limits = self.limits
         directions = np.maximum(np.abs(units), 1e-12)
         fastest = (np.array(limits.rates) / directions).min(axis=1)
         acceleration = (np.array(limits.accelerations) / directions).min(axis=1)
@@ -296,10 +297,10 @@ class BoardTime:
         turn = after - before
         size = np.linalg.norm(turn, axis=1)
         aims = np.maximum(np.abs(turn / np.maximum(size, 1e-12)[:, None]), 1e-12)
-        acceleration = (np.array(self._limits.accelerations) / aims).min(axis=1)
+        acceleration = (np.array(self.limits.accelerations) / aims).min(axis=1)
         half = np.sqrt(np.maximum(0.5 * (1.0 - cos), 0.0))
         squares = (
-            acceleration * self._limits.junction_deviation * half / np.maximum(1.0 - half, 1e-12)
+            acceleration * self.limits.junction_deviation * half / np.maximum(1.0 - half, 1e-12)
         )
         return np.where(cos > STRAIGHT, 0.0, np.where(cos < -STRAIGHT, NO_LIMIT, squares))
 

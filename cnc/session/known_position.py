@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.protocols import HasLimitSwitches, RemembersPosition
-from cnc.executor.homing import homed_steps, homing_sequence
+from cnc.executor.homing_cycles import homed_steps, homing_sequence
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.planner.joints import Joints

@@ -7,6 +7,7 @@ answers decide how the program continues.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -64,7 +65,7 @@ class LinePass:
         report, machine, control = context.report, context.reader.machine, context.observer.control
         self._write_plan()
         kept = self._collected()
-        report.largest = self._largest()
+        report.largest, report.limits = self._largest(), self._limits()
         self._warn(self._lowered.findings())
         countdown = Countdown(self.timing)
         present = PresentLine(context.reader.path, report.program)
@@ -144,6 +145,18 @@ class LinePass:
                 if letter in self._context.reader.machine.axes
             },
         )
+
+    def _limits(self) -> Extremes:
+        """Return the limits in the report, those of the axes as the board keeps them."""
+        limits, own = self._context.report.limits, self.timing.limits
+        axes = dict(limits.axes)
+        for letter, velocity, acceleration in zip("xyz", own.rates, own.accelerations, strict=True):
+            if letter in axes:
+                known = {"velocity": velocity, "acceleration": acceleration}
+                axes[letter] = axes[letter] | {
+                    name: value for name, value in known.items() if value < math.inf
+                }
+        return replace(limits, axes=axes)
 
     def _collected(self) -> list[Step] | None:
         """Return all steps, None if they cannot be kept; add up their duration."""

@@ -74,6 +74,10 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         ["rapid 19 2", "sync 1.5", "line 19 -20 F900", "sync 0", "rapid 20 -20", "rapid 20 2"],
     ),
     "G32": ("G32 Z-20. F2.", ["sync 2", "line 20 -20 F1200", "sync 0"]),
+    "G32 in several lines": (
+        "G32 Z-20. F2.\nX48. Z-24.\nG0 X60.",
+        ["sync 2", "line 20 -20 F1200", "line 24 -24 F1697.056275", "sync 0", "rapid 30 -24"],
+    ),
     "G32 on a cone: the lead is along Z": (
         "G32 X48. Z-18. F2.",
         [f"sync {round(2 * math.hypot(20, 4) / 20, 6)}", "line 24 -18 F1223.764683", "sync 0"],

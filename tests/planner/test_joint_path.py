@@ -103,14 +103,14 @@ def test_parts_of_a_piece_meet_without_a_jump_of_a_derivative(name: str, write) 
             assert (np.abs(left - right) < 1e-6 * scale).all()
 
 
-@pytest.mark.parametrize("seed", range(share(60, 2)))
+@pytest.mark.parametrize("seed", range(share(60, 1)))
 def test_random_programs_keep_the_limits_of_every_joint(
     name: str, seed: int, tmp_path: Path
 ) -> None:
-    """300 programs and more in the soak; a new seed each run is in the message."""
+    """The message has the seed, which is a new one in each run."""
     fresh = int(np.random.default_rng().integers(2**32))
     rng = np.random.default_rng([fresh, seed])
-    machine = machine_of(name, rng, period=float(rng.choice((1e-3, 1e-4))))
+    machine = machine_of(name, rng, period=float(rng.choice(share((1e-3, 1e-4), (1e-3,)))))
     job = Job(rng, 8.0)
     program = tmp_path / "part.ngc"
     program.write_text(placed(name, job.write()))

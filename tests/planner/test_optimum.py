@@ -9,6 +9,7 @@ from benchmarks.optimum import times_of
 from benchmarks.optimum_cases import AXES, FAMILIES, cases, moves
 from cnc.model.blocks import NurbsFeed, PathMode
 from tests.support.planner import figures
+from tests.support.soak import share
 
 EXACT = PathMode("", 1, "exact-path")
 
@@ -47,3 +48,18 @@ def test_cases_are_those_of_their_seed():
     assert {name for name, _, _ in first} == set(FAMILIES)
     assert [case.machine for *_, case in first] == [case.machine for *_, case in again]
     assert [case.machine for *_, case in first] != [case.machine for *_, case in other]
+
+
+@pytest.mark.parametrize("seed", range(share(12, 3)))
+def test_the_planner_is_near_the_optimum_in_hairpins(seed):
+    rng = np.random.default_rng([seed, 3])
+    step = rng.normal(0.0, 8.0, (8, 3))
+    for k in range(2, 8, 3):
+        step[k] = -rng.uniform(0.7, 1.0) * step[k - 1]
+    points = np.concatenate((np.zeros((1, 3)), np.cumsum(step, axis=0)))
+    knots = np.concatenate((np.zeros(4), np.arange(1, 6) / 6.0, np.ones(4)))
+    curve = NurbsFeed("", 1, 3, knots, points, np.ones(len(points)), 250.0)
+    accel = float(10 ** rng.uniform(2.7, 3.7))
+    mill = figures.machine(accel, accel * 25.0, per_axis=True)
+    times = times_of([EXACT, curve], AXES, mill)
+    assert times.ours < 1.05 * times.t3

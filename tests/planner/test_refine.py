@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from cnc.kernels.planner.cell_motion import cell_phases
-from cnc.kernels.planner.cells import possible_gain
-from cnc.kernels.planner.intervals import LEVELS, Intervals, SumLimits, interval_at
-from cnc.kernels.planner.phases import PHASE
+from cnc.kernels.planner.intervals import (
+    LEVELS,
+    SCRATCH,
+    Intervals,
+    SumLimits,
+    derivatives,
+    interval_at,
+    largest_shares,
+)
+from cnc.kernels.planner.phases import PHASE, phase_at
+from cnc.kernels.planner.stretches import possible_gain
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
@@ -64,6 +72,48 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
     limits = np.full(3, 100.0)
     gain = possible_gain(rows, 0, 1, known, SumLimits(limits, limits))
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
+
+
+def test_the_examination_of_a_phase_finds_peaks_between_its_points():
+    rng = np.random.default_rng(7)
+    limits = SumLimits(np.full(2, 100.0), np.full(2, 1000.0))
+    scratch = np.empty((SCRATCH, 2))
+    for _ in range(300):
+        length, duration = 1.0, 0.06
+        v, a = rng.uniform(8.0, 10.0), rng.normal(0.0, 10.0)
+        j = rng.normal(0.0, 300.0)
+        s_end = duration * (v + duration * (0.5 * a + duration * j / 6.0))
+        x = np.linspace(0.0, length, 5)
+        bend, twist = (
+            rng.normal(0.0, size) * np.sin(rng.uniform(1.0, 3.0) * x + rng.uniform(0.0, 6.0))
+            for size in (1.0, 1.0)
+        )
+        known = Intervals(
+            end=np.array([length]),
+            speed=np.full(1, 20.0),
+            top=np.full(1, 20.0),
+            accel=np.full((1, LEVELS), 100.0),
+            jerk=np.full((1, LEVELS), 100.0),
+            flat=np.zeros(1, bool),
+            share=np.ones(1),
+            reliable=np.full(1, np.inf),
+            sampled=np.array([[0.0, length]]),
+            samples=np.stack((np.ones(5), bend, twist), axis=1)[None, :, :, None],
+        )
+        worst, _, _ = largest_shares(duration, 0.0, v, a, j, s_end, 0, known, limits, scratch)
+        dense = 0.0
+        for t in np.linspace(0.0, duration, 801):
+            s, speed, accel = phase_at(t, 0.0, v, a, j)
+            derivatives(0, s, known, scratch)
+            q = scratch[:3, 0]
+            dense = max(
+                dense,
+                abs(q[0] * accel + q[1] * speed**2) / 100.0,
+                abs(q[0] * j + 3.0 * q[1] * speed * accel + q[2] * speed**3) / 1000.0,
+                abs(accel) / 100.0,
+                abs(j) / 1000.0,
+            )
+        assert dense * (1.0 - 1e-3) <= worst <= dense * 1.02
 
 
 def test_samples_at_a_stop_are_those_at_the_end_of_the_path():

@@ -144,3 +144,21 @@ def test_a_check_uses_the_offsets_of_the_last_run(tmp_path: Path) -> None:
     # G10 of the run counts, too.
     program.write_text("G21 G90 G55\nG0 X1\nM2\n")
     assert check(program, machine).end_position["x"] == pytest.approx(10.0)
+
+
+def test_largest_values_are_those_of_the_motion_on_the_board(tmp_path: Path) -> None:
+    box = GrblSimulator(settings=FAST)
+    text = "G21 G90\nG0 X20\nG1 Y10 F900\nG2 X30 Y0 J-10 F1200\nG0 X0 Y-3\nM2\n"
+    report, shown = ran(tmp_path, text, box)
+    phases = [(move, phase) for move in box.moves for phase in move.phases]
+    fastest = max(phase.v + max(phase.a, 0.0) * phase.duration for _, phase in phases)
+    steepest = max(abs(phase.a) for _, phase in phases)
+    assert report.largest.feed == pytest.approx(fastest, rel=0.01)
+    assert report.largest.accel == pytest.approx(steepest, rel=0.01)
+    along_x = max(
+        (phase.v + max(phase.a, 0.0) * phase.duration) * abs(move.unit[0]) for move, phase in phases
+    )
+    assert report.largest.axes["x"]["velocity"] == pytest.approx(along_x, rel=0.01)
+    assert report.limits.axes["x"]["velocity"] == FAST[110] / 60.0
+    assert report.limits.axes["z"]["acceleration"] == FAST[122]
+    assert "along the path, as computed" in shown

@@ -130,13 +130,8 @@ class GrblBoard:
         """State, work position, feed and spindle speed, as last reported."""
         status, offset = self.status, self.status.offset
         work = [a - b for a, b in zip(status.position or (), offset or (), strict=False)]
-        return MachineReport(
-            status.state,
-            self._machine_axes(tuple(work)),
-            status.feed,
-            status.speed,
-            status.overrides,
-        )
+        axes = self._machine_axes(tuple(work))
+        return MachineReport(status.state, axes, status.feed, status.speed, status.overrides)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -228,7 +223,7 @@ class GrblBoard:
             BoardError: ``laser-mode-off`` if the board is not in laser mode, but the machine is a
                 laser: the beam would stay on in traverses and stops.
         """
-        if machine.kind == "laser" and not self.info.laser:
+        if machine.kind == "laser" and not self.info.may_be_laser:
             message = "the machine is a laser, but the board is not in laser mode ($32=0)"
             hint = "switch it on: cncrun settings 32=1"
             raise board_error("laser-mode-off", message, hint=hint)

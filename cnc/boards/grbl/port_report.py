@@ -50,7 +50,7 @@ def grbl_report(port: str, info: BoardInfo, status: Status, baud: int) -> Iterat
     try:
         yield from machine_file(port, info, baud).splitlines()
     except BoardError as error:
-        yield f"# no machine file: {error.diagnostic.message}"
+        yield f"# no machine file: {error.diagnostic.message}; {error.diagnostic.hint}"
 
 
 def machine_file(port: str, info: BoardInfo, baud: int) -> str:
@@ -65,6 +65,10 @@ def machine_file(port: str, info: BoardInfo, baud: int) -> str:
         BoardError: ``board-settings``, where the board does not report the settings of its axes.
     """
     letters = AXIS_LETTERS[: info.axes]
+    if not letters and info.fluid:
+        message = "FluidNC keeps its settings in a file (config.yaml)"
+        hint = "write a machine file with the steps_per_mm, rates and travel of that file"
+        raise board_error("board-settings", message, hint=hint)
     if not letters:
         raise board_error(
             "board-settings",

@@ -162,6 +162,11 @@ class BoardInfo:
         """Whether the power changes during motion (``$32``)."""
         return self.number(LASER_MODE) == 1.0
 
+    @property
+    def may_be_laser(self) -> bool:
+        """Whether the board is in laser mode, or is FluidNC, whose file of settings decides."""
+        return self.laser or (self.fluid and LASER_MODE not in self.settings)
+
     def top(self, column: int) -> float | None:
         """Return the highest machine position that keeps clear of the limit switch, mm."""
         travel = self.travel(column)

@@ -26,6 +26,7 @@ class TurningMoves:
         self.out = out
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
+        self._follows = False
 
     def check(self, at: Word) -> None:
         """Check that the cycle at a word is possible.
@@ -115,15 +116,22 @@ class TurningMoves:
             motion.feed_to(end, motion.feed(LineWords(), end, motion.distance(end), at))
 
     def follow(self, z: float, x: float, pitch: float, turns_per_second: float) -> None:
-        """Cut straight to a point with ``pitch`` mm a turn of the spindle along the move."""
+        """Cut straight to a point with ``pitch`` mm a turn of the spindle along the move.
+
+        Further moves go on from the one before: a stop between them would cut a groove.
+        """
         end = self.end(z, x)
         if end != self.motion.position:
-            self.out.add(SpindleSync(self.here.file, self.here.line, pitch))
+            if not self._follows:
+                self.out.add(SpindleSync(self.here.file, self.here.line, pitch))
+            self._follows = True
             self.motion.feed_to(end, pitch * turns_per_second)
 
     def end_follow(self) -> None:
-        """End the motion that follows the spindle."""
-        self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
+        """End the motion that follows the spindle, if there is one."""
+        if self._follows:
+            self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
+        self._follows = False
 
     def end(self, z: float, x: float) -> list[float]:
         """Return the machine position of a point. An axis that stays keeps its exact value."""

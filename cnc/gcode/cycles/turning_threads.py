@@ -101,7 +101,10 @@ class TurningThreads:
     # One move, one pass
 
     def move(self, words: LineWords, code: Code | None) -> None:
-        """Execute G33 (G32 of system A): one move that follows the spindle."""
+        """Execute G33 (G32 of system A): one move that follows the spindle.
+
+        The next line with such a move goes on without a stop; any other line ends the thread.
+        """
         moves = self._moves
         at = code.word if code else words.first()
         moves.check(at)
@@ -110,7 +113,6 @@ class TurningThreads:
         lead, turns = self._lead_of(words, at), self._turns_per_second(at)
         here, given = moves.place, moves.given(words, at.written)
         self._follow(here, (given.get("Z", here[0]), given.get("X", here[1])), lead, turns)
-        moves.end_follow()
 
     def single(self, words: LineWords, code: Code | None) -> None:
         """Execute G78 (G92 of system A): in, one pass, out and back. R is the taper."""

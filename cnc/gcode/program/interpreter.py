@@ -245,6 +245,8 @@ class Interpreter:
             raise self.motion.corners.fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
+        if self.turning_cycles is not None:
+            self.turning_cycles.moves.end_follow()
         self.compensation_codes.off()
         self.unused_words.end()
         self.out.flush()
@@ -315,8 +317,9 @@ class Interpreter:
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
-        moving = self.motion.check(words, codes)
-        self.feed_codes.moving = moving
+        moving = self.feed_codes.moving = self.motion.check(words, codes)
+        if self.turning_cycles is not None and moving != G.G33:
+            self.turning_cycles.moves.end_follow()
         if not codes:
             self.feed_codes.feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)

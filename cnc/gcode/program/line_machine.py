@@ -104,6 +104,20 @@ class LineMachine:
         self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
 
+    def leaves(self, letters: list[int], numbers: list[float]) -> bool:
+        """Return whether a line has a letter or an M-code that compiled code never executes.
+
+        Args:
+            letters: Codes of the letters of its words.
+            numbers: Their numbers.
+        """
+        column, action = self._setup["column"], self._setup["m_action"]
+        return any(
+            column[letter - ord("A")] == kernel.OTHER_WORD
+            or (letter == ord("M") and not (0 <= number < 100 and action[int(number)]))
+            for letter, number in zip(letters, numbers, strict=True)
+        )
+
     def ready(self) -> bool:
         """Return whether compiled code supports the modes in effect; take answers of the board."""
         interpreter = self._interpreter

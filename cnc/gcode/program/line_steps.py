@@ -130,7 +130,7 @@ class StepMaker:
             and self._compiled.knows(window, index)
         ):
             return _Compiled(self._compiled, self, window)
-        if window.simple[index] >= SHORTEST:
+        if window.simple[index] >= SHORTEST and not self._runs.leaves(window, index):
             return _Run(self._runs, self, window)
         return self.single(window, line, index)
 

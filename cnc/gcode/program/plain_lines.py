@@ -30,6 +30,11 @@ class PlainLines:
     def __init__(self, interpreter: Interpreter, machine: LineMachine) -> None:
         self._interpreter = interpreter
         self._machine = machine
+        self._searched: tuple[Window | None, range, int] = (None, range(0), 0)
+
+    def leaves(self, window: Window, index: int) -> bool:
+        """Return whether compiled code does not know a word of a line, in whatever mode."""
+        return self._machine.leaves(*window.scan.line_words(index))
 
     def run(self, window: Window, index: int) -> int:
         """Execute consecutive plain lines.
@@ -49,7 +54,7 @@ class PlainLines:
             return 0
         end = index + int(window.simple[index])
         if interpreter.points_wanted:
-            end = window.find(WITHOUT_POINT, index, end)
+            end = self._without_point(window, index, end)
         job = self._machine.begin(min(MOST_ROWS, ROWS_OF_LINE * (end - index)))
         first, words = window.scan.lines.first, window.scan.words
         setup, state, position, rows, _ = job
@@ -65,3 +70,14 @@ class PlainLines:
         if count:
             self._machine.finish(job)
         return count
+
+    def _without_point(self, window: Window, index: int, end: int) -> int:
+        """Return the first line with a distance without a decimal point; ``end`` for none.
+
+        The last search is kept: if many runs are short, each would search the rest of the window.
+        """
+        where, lines, found = self._searched
+        if where is not window or index not in lines or end > lines.stop or found < index:
+            found = window.find(WITHOUT_POINT, index, end)
+            self._searched = window, range(index, end), found
+        return min(found, end)

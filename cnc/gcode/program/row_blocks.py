@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import repeat
 from typing import Literal
 
@@ -45,19 +44,20 @@ class RowBlocks:
     def of(self, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of some rows, given by their numbers."""
         kinds = self._rows.kinds[numbers]
-        found = {
-            kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in set(kinds.tolist())
-        }
+        different = set(kinds.tolist())
+        if len(different) == 1:
+            return self._of_kind(different.pop(), numbers)
+        found = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
         # Each next block is the next one of the kind of its row.
-        return list(map(next, map(found.__getitem__, kinds.tolist())))
+        return [next(found[kind]) for kind in kinds.tolist()]
 
-    def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> Sequence[Block]:
+    def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of rows of one kind."""
         rows, files = self._rows, repeat(self._file)
         lines = rows.lines[numbers].tolist()
-        first, second, third, fourth, fifth = rows.data[numbers].T.tolist()
+        first, second, third, fourth, _ = rows.data[numbers].T.tolist()
         if kind == kernel.ARC:
-            planes = map(_PLANES.__getitem__, map(int, fifth))
+            planes = map(_PLANES.__getitem__, rows.data[numbers, 4].astype(np.intp).tolist())
             centers = zip(first, second, strict=True)
             ends, feeds = list(rows.points[numbers]), rows.feeds[numbers].tolist()
             return blocks_of(ArcFeed, files, lines, planes, centers, ends, third, fourth, feeds)

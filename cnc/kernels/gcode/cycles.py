@@ -49,7 +49,7 @@ class _Place(NamedTuple):
 
 
 class _Hole(NamedTuple):
-    """Heights of a hole, its peck (mm), dwell (s) and feed (mm/s)."""
+    """Heights of a hole, its peck (mm; inf for none), dwell (s) and feed (mm/s)."""
 
     bottom: float
     top: float
@@ -57,6 +57,14 @@ class _Hole(NamedTuple):
     peck: float
     dwell: float
     feed: float
+
+
+class _Series(NamedTuple):
+    """Whether a line continues a series, and its words stay; depth, R, P, Q of the line."""
+
+    goes_on: bool
+    stay: bool
+    given: tuple[float, float, float, float]
 
 
 @njit
@@ -122,19 +130,72 @@ def _add_hole(
 
 @njit
 def _keep_series(
-    words: LineWords, given: tuple[float, float, float, float], line: int, goes_on: bool,
-    stay: bool, now: Record, position: Floats,
-) -> None:  # fmt: skip
+    words: LineWords, series: _Series, line: int, now: Record, position: Floats
+) -> None:
     """Bring the series up to date: its start and its words."""
     now["cycle"], now["cycle_plane"] = words.mode, words.plane
-    if not goes_on:
+    if not series.goes_on:
         for i in range(len(position)):
             now["start"][i] = position[i]
-    for place in range(len(given)):
-        if given[place] == given[place]:
-            now["words"][place], now["word_lines"][place] = given[place], line
-        elif not stay:
+    for place in range(len(series.given)):
+        if series.given[place] == series.given[place]:
+            now["words"][place], now["word_lines"][place] = series.given[place], line
+        elif not series.stay:
             now["words"][place] = math.nan
+
+
+@njit
+def _series(
+    words: LineWords, depth: float, columns: tuple[int, int, int], setup: Setup, now: Record,
+    position: Floats,
+) -> tuple[bool, _Hole, _Series]:  # fmt: skip
+    """Return the hole of a line from its words and those of the series; False for none.
+
+    Args:
+        words: The words of the line.
+        depth: Its word of the axis across the plane, NaN for none.
+        columns: Columns of the axes of the plane and of the axis across it.
+        setup: Settings.
+        now: Modal state before the line.
+        position: (n,) the position.
+    """
+    cycle, k = words.mode, columns[2]
+    pecks, waits = cycle == 73 or cycle == 83, cycle == 82 or cycle == 89
+    before, plane = int(now["cycle"]), int(now["cycle_plane"])
+    goes_on = int(now["mode"]) > LAST_MOTION and before > 0 and plane == words.plane
+    stay = goes_on and (before == cycle or setup["words_stay"])
+    given = (depth, words.radius, words.time, words.peck)
+    old = now["words"]
+    depth = given[0] if given[0] == given[0] or not stay else old[DEPTH]
+    retract = given[1] if given[1] == given[1] or not stay else old[RETRACT]
+    time = given[2] if given[2] == given[2] or not stay else old[WAIT]
+    peck = (given[3] if given[3] == given[3] or not stay else old[PECK]) * setup["unit"]
+    dwell = time * setup["cycle_dwell"] if waits else 0.0
+    known = (words.peck != words.peck or pecks) and (words.time != words.time or waits)
+    if waits and time != time and not setup["dwell_needed"]:
+        dwell = 0.0
+    elif waits:
+        # Not for NaN, too.
+        known = known and 0.0 <= dwell <= _LONGEST_DWELL and setup["cycle_dwell"] != 0.0
+    level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
+    top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
+    bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
+    clear = top if words.initial == 0 or top > level else level
+    known = known and bottom <= top and (not pecks or peck > 0.0)
+    hole = _Hole(bottom, top, clear, peck if pecks else math.inf, dwell, words.linear)
+    return bool(known), hole, _Series(bool(goes_on), bool(stay), given)
+
+
+@njit
+def _repeats(words: LineWords, setup: Setup) -> int:
+    """Return the number of repeats; 0 if the line is left to the interpreter."""
+    i, j, k = words.center
+    if i == i or j == j or (k == k and (not setup["repeats_k"] or words.repeats == words.repeats)):
+        return 0
+    number = k if k == k else words.repeats
+    if number != number:
+        return 1
+    return int(number) if 1.0 <= number <= MOST_ROWS and number == math.floor(number) else 0
 
 
 @njit
@@ -158,75 +219,37 @@ def add_cycle(
     Returns:
         The number of rows; -1 if the line is left to the interpreter, and nothing was done.
     """
-    cycle = words.mode
-    i, j, k = (
-        int(setup["planes"][words.plane, 0]),
-        int(setup["planes"][words.plane, 1]),
-        int(setup["planes"][words.plane, 2]),
-    )
-    repeats_k = setup["repeats_k"] and words.center[2] == words.center[2]
-    extra = words.center[0] == words.center[0] or words.center[1] == words.center[1]
-    extra = extra or (words.center[2] == words.center[2] and not setup["repeats_k"])
-    both = repeats_k and words.repeats == words.repeats
-    if i < 0 or j < 0 or k < 0 or extra or both or words.linear != words.linear:
+    zero, scale, planes = setup["zero"], setup["scale"], setup["planes"]
+    plane, repeats = words.plane, _repeats(words, setup)
+    i, j, k = int(planes[plane, 0]), int(planes[plane, 1]), int(planes[plane, 2])
+    if i < 0 or j < 0 or k < 0 or repeats == 0 or words.linear != words.linear:
         return -1
     x = y = depth = math.nan
     for w in range(len(letters)):
         column = setup["column"][int(letters[w]) - _A]
         if column == i:
-            x = numbers[w] * setup["scale"][i]
+            x = numbers[w] * scale[i]
         elif column == j:
-            y = numbers[w] * setup["scale"][j]
+            y = numbers[w] * scale[j]
         elif column == k:
             depth = numbers[w]
         elif column >= 0:
             return -1
-    repeats = words.repeats if words.repeats == words.repeats else 1.0
-    repeats = words.center[2] if repeats_k else repeats
-    if not 1.0 <= repeats <= MOST_ROWS or repeats != math.floor(repeats):
+    known, hole, series = _series(words, depth, (i, j, k), setup, now, position)
+    if not known:
         return -1
-    pecks, waits = cycle == 73 or cycle == 83, cycle == 82 or cycle == 89
-    if (words.peck == words.peck and not pecks) or (words.time == words.time and not waits):
+    pecks = (hole.top - hole.bottom) / hole.peck
+    if pecks > MOST_ROWS:
         return -1
-    # The series: its words stay in effect.
-    before, plane = int(now["cycle"]), int(now["cycle_plane"])
-    goes_on = int(now["mode"]) > LAST_MOTION and before > 0 and plane == words.plane
-    stay = goes_on and (before == cycle or setup["words_stay"])
-    given = (depth, words.radius, words.time, words.peck)
-    old = now["words"]
-    depth = given[0] if given[0] == given[0] or not stay else old[DEPTH]
-    retract = given[1] if given[1] == given[1] or not stay else old[RETRACT]
-    time = given[2] if given[2] == given[2] or not stay else old[WAIT]
-    peck = (given[3] if given[3] == given[3] or not stay else old[PECK]) * setup["unit"]
-    dwell = 0.0
-    if waits and (time == time or setup["dwell_needed"]):
-        dwell = time * setup["cycle_dwell"]
-        # Not for NaN, too.
-        if not 0.0 <= dwell <= _LONGEST_DWELL or setup["cycle_dwell"] == 0.0:
-            return -1
-    level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
-    top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
-    bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
-    clear = top if words.initial == 0 or top > level else level
-    if not bottom <= top:
-        return -1
-    # Not for NaN, too.
-    if pecks and not (peck > 0.0 and repeats * (top - bottom) <= MOST_ROWS * peck):
-        return -1
-    start = (
-        position[i] - setup["zero"][i],
-        position[j] - setup["zero"][j],
-        position[k] - setup["zero"][k],
-    )
-    at, hole = _Place(i, j, k, start, line), _Hole(bottom, top, clear, peck, dwell, words.linear)
-    most = int(now["rows"]) + MOST_ROWS - _HOLE_ROWS
-    needed = 3 * math.ceil((top - bottom) / peck) if pecks else 0
+    start = (position[i] - zero[i], position[j] - zero[j], position[k] - zero[k])
+    at = _Place(i, j, k, start, line)
+    most = int(now["rows"]) + MOST_ROWS - _HOLE_ROWS - 3 * math.ceil(pecks)
     if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 0.0
         row += 1
-    here = start
-    for number in range(1, int(repeats) + 1):
-        if row + needed > most:
+    here, top = start, hole.top
+    for number in range(1, repeats + 1):
+        if row > most:
             return -1
         if words.absolute:
             x1 = x if x == x else here[0]
@@ -241,16 +264,16 @@ def add_cycle(
         to = (x1, y1, here[2])
         row = _move_to(row, here, to, math.nan, at, setup, position, rows)
         row = _move_to(row, to, (x1, y1, top), math.nan, at, setup, position, rows)
-        row = _add_hole(row, cycle, x1, y1, hole, at, setup, position, rows)
-        here = (x1, y1, clear)
+        row = _add_hole(row, words.mode, x1, y1, hole, at, setup, position, rows)
+        here = (x1, y1, hole.clear)
     if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 1.0
         row += 1
-    _keep_series(words, given, line, goes_on, stay, now, position)
+    _keep_series(words, series, line, now, position)
     if here[0] != start[0]:
-        position[i] = here[0] + setup["zero"][i]
+        position[i] = here[0] + zero[i]
     if here[1] != start[1]:
-        position[j] = here[1] + setup["zero"][j]
+        position[j] = here[1] + zero[j]
     if here[2] != start[2]:
-        position[k] = here[2] + setup["zero"][k]
+        position[k] = here[2] + zero[k]
     return row

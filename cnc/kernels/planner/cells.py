@@ -1,14 +1,12 @@
 """A plan cut into cells for refinement.
 
 A cell is a stretch of path for the descent of :mod:`cnc.kernels.planner.descent`, about as long in
-time as the cells near it. Two kinds of phases are not refined: stretches of constant speed at
-junctions, and the middle of a cruise at the largest speed.
+time as the cells near it, and shorter in tight bends.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +20,9 @@ from cnc.kernels.planner.intervals import (
     derivatives,
     interval_at,
 )
-from cnc.kernels.planner.phases import Phases, phase_at
+from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.scurve import phase_time
+from cnc.kernels.planner.stretches import Stretch
 
 Flags = NDArray[np.bool_]
 
@@ -36,17 +35,22 @@ PLATEAU = 0.3
 SPANNED = 6
 """Largest number of ends of intervals inside a cell."""
 
+UNEVEN = 0.5
+"""Largest share of a limit by which the path may differ within a cell, at the speed that a cell may
+reach.
+"""
+
+FINEST = 64.0
+"""A cell in a tight bend may be this much shorter in time than the others."""
+
+SHORTEST_CELL = 1e-8
+"""mm; a phase of less length becomes part of the cell before."""
+
 COARSEST = 4.0
 """A cell in the middle of a cruise may be this much longer than the others."""
 
 TINY = 0.15
 """A phase shorter than this part of a cell becomes part of the cell before."""
-
-FASTEST = 0.985
-"""A speed above this part of its bound gains almost nothing from refinement."""
-
-STEEPEST = 0.85
-"""The same for acceleration and jerk, as parts of their bounds on a straight path."""
 
 
 REACHED = 1.6
@@ -66,135 +70,50 @@ NEAR_END = 1e-9
 """mm; a knot this near to an end of a stretch, or to another, is not a cut."""
 
 
-class Stretch(NamedTuple):
-    """Rows of a plan that are refined together.
-
-    Attributes:
-        rows: the phases of the plan.
-        first: the first of them in the stretch.
-        last: the one behind it.
-        end_s: arc length at its end, mm.
-        end_v: speed there, mm/s; the acceleration is 0.
-        rough: whether the plan itself may be illegal.
-    """
-
-    rows: Phases
-    first: int
-    last: int
-    end_s: float
-    end_v: float
-    rough: bool
-
-
 @njit
-def separate(phases: Phases, known: Intervals, rows: Phases, fixed: Flags) -> int:
-    """Copy ``phases`` to ``rows``, a long cruise in three parts, and mark those that stay as is.
+def even_until(
+    s: float, reached: float, k: int, v: float, known: Intervals, limits: SumLimits
+) -> float:
+    """Return how far the path is even enough for one cell.
 
     Args:
-        phases: (p,): the plan.
+        s: arc length at the start of the cell, mm.
+        reached: where the cell would end.
+        k: the interval at its start.
+        v: the speed in it, mm/s.
         known: the intervals of the path.
-        rows: (3 p,): receives the copy.
-        fixed: (3 p,): receives whether a row stays as is.
+        limits: for the sums.
 
     Returns:
-        The number of rows.
+        ``reached``, or the end of the first interval by which q'' v^2 or q''' v^3 differ from those
+        at the start of the cell by the share UNEVEN of a limit.
     """
-    end, top, flat = known.end, known.top, known.flat
-    count = 0
-    k = 0
-    for i in range(len(phases)):
-        row = phases[i]
-        rows[count] = row
-        fixed[count] = False
-        if row["a"] == 0.0 and row["j"] == 0.0 and row["v"] > 0.0:
-            start, v = row["s"], row["v"]
-            finish = start + row["duration"] * v
-            k = interval_at(0.5 * (start + finish), k, end)
-            fixed[count] = flat[k]
-            if not flat[k]:
-                k = interval_at(start, k, end)
-                fastest = v >= FASTEST * top[k]
-                while fastest and k + 1 < len(end) and end[k] < finish:
-                    k += 1
-                    fastest = v >= FASTEST * top[k]
-                if fastest:
-                    before = ramp_beside(phases, i, -1)
-                    after = ramp_beside(phases, i, 1)
-                    spare = row["duration"] - before - after
-                    if spare > 0.0:
-                        if before > 0.0:
-                            rows[count]["duration"] = before
-                            count += 1
-                            rows[count] = row
-                            rows[count]["s"] += before * v
-                        rows[count]["duration"] = spare
-                        fixed[count] = True
-                        if after > 0.0:
-                            count += 1
-                            rows[count] = row
-                            rows[count]["duration"] = after
-                            rows[count]["s"] = finish - after * v
-                            fixed[count] = False
-        count += 1
-    return count
+    end, samples = known.end, known.samples
+    extent = known.sampled[k, 1] - known.sampled[k, 0]
+    m = 0
+    if extent > 0.0:
+        m = min(int((SAMPLES - 1) * (s - known.sampled[k, 0]) / extent + 0.5), SAMPLES - 1)
+    first = k
+    while k + 1 < len(end) and end[k] < reached:
+        for i in range(samples.shape[3]):
+            bend = abs(samples[k, SAMPLES - 1, 1, i] - samples[first, m, 1, i])
+            twist = abs(samples[k, SAMPLES - 1, 2, i] - samples[first, m, 2, i])
+            if max(bend * v * v / limits.a[i], twist * v * v * v / limits.j[i]) > UNEVEN:
+                return float(end[k])
+        k += 1
+    return reached
 
 
 @njit
-def ramp_beside(phases: Phases, i: int, direction: int) -> float:
-    """Return the duration, s, of the ramp behind (1) or before (-1) phase ``i``."""
-    total = 0.0
-    m = i + direction
-    while 0 <= m < len(phases) and (phases[m]["a"] != 0.0 or phases[m]["j"] != 0.0):
-        total += phases[m]["duration"]
-        m += direction
-    return total
-
-
-@njit
-def possible_gain(
-    rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits
-) -> float:
-    """Return an estimate of the time that refinement can save on the rows [first, last), s.
-
-    A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is below
-    the limits that would hold on a straight path.
-    """
-    end, top, samples = known.end, known.top, known.samples
-    axes = samples.shape[3]
-    total = 0.0
-    k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
-    for r in range(first, last):
-        row = rows[r]
-        s, v, a, j = row["s"], row["v"], row["a"], row["j"]
-        finish = phase_at(row["duration"], s, v, a, j)[0]
-        k = interval_at(s, k, end)
-        lowest = top[k]
-        highest = limits.j[axes] if j != 0.0 else limits.a[axes]
-        while True:
-            lowest = min(lowest, top[k])
-            for i in range(axes):
-                limit = limits.j[i] if j != 0.0 else limits.a[i]
-                if samples[k, 2, 0, i] != 0.0:
-                    highest = min(highest, limit / abs(samples[k, 2, 0, i]))
-            if not (k + 1 < len(end) and end[k] < finish):
-                break
-            k += 1
-        if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or (j > 0.0 and v > 0.0 and r > first)):
-            total += row["duration"] * (1.0 - v / lowest)
-        if j != 0.0 and abs(j) < STEEPEST * highest:
-            total += row["duration"] * (1.0 - (abs(j) / highest) ** (1.0 / 3.0))
-        if j == 0.0 and a != 0.0 and abs(a) < STEEPEST * highest:
-            total += row["duration"] * (1.0 - math.sqrt(abs(a) / highest))
-    return total
-
-
-@njit
-def place_cuts(stretch: Stretch, known: Intervals, cells: Cells, write: bool) -> int:
+def place_cuts(
+    stretch: Stretch, known: Intervals, limits: SumLimits, cells: Cells, write: bool
+) -> int:
     """Cut the motion of a stretch into cells.
 
     Args:
         stretch: of the plan.
         known: the intervals of the path.
+        limits: for the sums.
         cells: receives arc length, speed and acceleration at the cuts.
         write: whether to write them, or only to count.
 
@@ -219,7 +138,10 @@ def place_cuts(stretch: Stretch, known: Intervals, cells: Cells, write: bool) ->
         row = rows[r]
         duration, s0, v0, a0, j = row["duration"], row["s"], row["v"], row["a"], row["j"]
         if duration < TINY * usual and r > first:
-            continue
+            reached = phase_at(duration, s0, v0, a0, j)[0]
+            even = even_until(s0, reached, k, REACHED * v0, known, limits)
+            if even >= reached or reached < s0 + SHORTEST_CELL:
+                continue
         steady = a0 == 0.0 and j == 0.0
         least = duration / max(math.ceil(duration / usual), 1.0)
         t = 0.0
@@ -235,6 +157,11 @@ def place_cuts(stretch: Stretch, known: Intervals, cells: Cells, write: bool) ->
             while size > least / 16.0:
                 reached = phase_at(t + size, s0, v0, a0, j)[0]
                 if k + SPANNED >= len(end) or reached <= end[k + SPANNED]:
+                    break
+                size *= 0.5
+            while size > least / FINEST:
+                reached = phase_at(t + size, s0, v0, a0, j)[0]
+                if even_until(here, reached, k, REACHED * v, known, limits) >= reached:
                     break
                 size *= 0.5
             if t + 1.4 * size >= duration:
@@ -330,9 +257,9 @@ def with_knots(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimi
 def plan_cells(stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
     """Return the cells of a stretch of the plan, with the plan's motion and nothing else set."""
     columns = len(limits.a)
-    number = place_cuts(stretch, known, empty_cells(0, columns), False)
+    number = place_cuts(stretch, known, limits, empty_cells(0, columns), False)
     cells = empty_cells(number, columns)
-    place_cuts(stretch, known, cells, True)
+    place_cuts(stretch, known, limits, cells, True)
     cells.s[number], cells.v[number], cells.a[number] = stretch.end_s, stretch.end_v, 0.0
     return with_phases(with_knots(cells, stretch, known, limits), stretch)
 

@@ -30,13 +30,19 @@ from cnc.kernels.planner.cell_motion import (
 )
 from cnc.kernels.planner.cells import describe
 from cnc.kernels.planner.descent import HIGH, TOUCH, merit, system_for
-from cnc.kernels.planner.intervals import Intervals, SumLimits, interval_at, largest_shares
+from cnc.kernels.planner.intervals import (
+    SCRATCH,
+    Intervals,
+    SumLimits,
+    interval_at,
+    largest_shares,
+)
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
-UNHELD = 1.02
+UNHELD = 1.001
 """A cell is cut if it takes up this much more between its points than at them."""
 
 TIGHT = 0.8
@@ -73,7 +79,7 @@ def examine(cells: Cells, known: Intervals, limits: SumLimits, shares: Shares) -
     s, v, a = cells.s, cells.v, cells.a
     x = np.empty(5)
     dx = np.empty((5, 4))
-    scratch = np.empty((3, cells.q.shape[3]))
+    scratch = np.empty((SCRATCH, cells.q.shape[3]))
     k = interval_at(s[0], np.searchsorted(known.end, s[0]), known.end)
     largest = 0.0
     for m in range(len(cells.length)):

@@ -19,8 +19,11 @@ LEVELS = 7
 SAMPLES = 5
 """Points at which the path is sampled in an interval, evenly spaced, its ends included."""
 
-PARTS = 4
+PARTS = 8
 """A phase is examined at the ends of this many equal parts."""
+
+SCRATCH = 7
+"""Rows of scratch for the examination of a phase: the derivatives, and two values of each sum."""
 
 
 class Intervals(NamedTuple):
@@ -108,6 +111,18 @@ def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
 
 
 @njit
+def peak(before: float, here: float, after: float) -> float:
+    """Return the largest absolute value of the parabola through three values, evenly spaced.
+
+    It is the second value where the parabola has no peak between the first and the third.
+    """
+    bend = before - 2.0 * here + after
+    if here * bend >= 0.0 or abs(after - before) > 2.0 * abs(bend):
+        return abs(here)
+    return abs(here) + (after - before) ** 2 / (8.0 * abs(bend))
+
+
+@njit
 def largest_shares(
     duration: float,
     s: float,
@@ -122,8 +137,9 @@ def largest_shares(
 ) -> tuple[float, float, int]:
     """Return the largest shares of the limits that a phase uses.
 
-    The phase is examined at points throughout it, and on both sides of each end of an interval. Its
-    speed is examined where it is greatest too: at the instant without acceleration.
+    The phase is examined at points throughout it, and on both sides of each end of an interval. A
+    peak between three points is that of a parabola. The speed is examined where it is greatest too:
+    at the instant without acceleration.
 
     Args:
         duration: of the phase, s.
@@ -135,7 +151,7 @@ def largest_shares(
         k: an interval near its start.
         known: the intervals of the path.
         limits: for the sums.
-        q: (3, axes + 1): scratch.
+        q: (SCRATCH, axes + 1): scratch.
 
     Returns:
         The share of the limits of acceleration and jerk, that of the speed bounds, and the interval
@@ -153,6 +169,7 @@ def largest_shares(
     while m <= PARTS:
         t_next = duration * m / PARTS
         turns = turn < t_next
+        evenly = m
         if turns:
             t_next = turn
         s_next = (
@@ -163,6 +180,8 @@ def largest_shares(
         t = t_next
         here = s_next
         crossing = k + 1 < len(end) and end[k] < s_next
+        if crossing or turns:
+            evenly = -1
         if crossing:
             here = end[k]
             speed = v + t_before * (a + 0.5 * t_before * j)
@@ -186,14 +205,15 @@ def largest_shares(
             fastest = max(fastest, speed / top[k])
             derivatives(k, here, known, q)
             for i in range(q.shape[1]):
-                worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
-                worst = max(
-                    worst,
-                    abs(
-                        q[0, i] * j
-                        + 3.0 * q[1, i] * speed * accel
-                        + q[2, i] * speed * speed * speed
-                    )
-                    / limit_j[i],
-                )
+                taken = (q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i]
+                sudden = (
+                    q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed
+                ) / limit_j[i]
+                worst = max(worst, abs(taken), abs(sudden))
+                if evenly >= 0:
+                    if evenly >= 2:
+                        worst = max(worst, peak(q[3, i], q[4, i], taken))
+                        worst = max(worst, peak(q[5, i], q[6, i], sudden))
+                    q[3, i], q[4, i] = q[4, i], taken
+                    q[5, i], q[6, i] = q[6, i], sudden
     return worst, fastest, k

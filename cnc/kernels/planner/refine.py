@@ -39,21 +39,15 @@ from cnc.kernels.planner.cell_motion import (
     copy_part,
     empty_cells,
 )
-from cnc.kernels.planner.cells import (
-    Stretch,
-    describe,
-    part_of,
-    plan_cells,
-    possible_gain,
-    separate,
-)
+from cnc.kernels.planner.cells import describe, part_of, plan_cells
 from cnc.kernels.planner.descent import TOUCH
 from cnc.kernels.planner.fastest import fastest
-from cnc.kernels.planner.intervals import Intervals, SumLimits, largest_shares
+from cnc.kernels.planner.intervals import SCRATCH, Intervals, SumLimits, largest_shares
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at, write_phase
 from cnc.kernels.planner.scurve import phase_time
+from cnc.kernels.planner.stretches import Stretch, possible_gain, separate
 
 Floats = NDArray[np.float64]
 
@@ -62,6 +56,12 @@ WINDOW = 400
 
 OVERLAP = 100
 """Cells at the end of a window that are solved again with the next window."""
+
+SEAM = 4
+SEAM_SHARE = 0.995
+"""So many cells on either side of the seam of two windows use this share of their limits. The next
+window begins there: with a motion at a limit it could hardly change its first cells.
+"""
 
 MARGIN = 5e-5
 JERK_MARGIN = 2.0 * UNSEEN
@@ -147,7 +147,7 @@ def write_rows(
         Their number, and whether they are legal. Only a rough plan may be illegal.
     """
     rows = stretch.rows
-    scratch = np.empty((3, len(limits.a)))
+    scratch = np.empty((SCRATCH, len(limits.a)))
     count = 0
     place = 0
     legal = True
@@ -230,7 +230,16 @@ def refine_stretch(
     while done < n:
         size = max(WINDOW - len(head.length), OVERLAP)
         until = n if n - done <= size + OVERLAP else done + size
-        solved, cells = fastest(window_of(head, plan, done, until, known), known, limits)
+        window = window_of(head, plan, done, until, known)
+        size = len(window.length)
+        seam_s = window.s[size]
+        if until < n:
+            seam = max(size - OVERLAP, size // 2)
+            seam_s = window.s[seam]
+            for m in range(max(seam - SEAM, 0), min(seam + SEAM, size)):
+                window.share[m] = window.pace[m] = SEAM_SHARE
+            describe(window, known)
+        solved, cells = fastest(window, known, limits)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved:
             count = write_cells(head, 0, len(head.length), out, count)
@@ -242,7 +251,7 @@ def refine_stretch(
             head = part_of(plan, until, until)
         else:
             size = len(cells.length)
-            finished = size if until == n else max(size - OVERLAP, size // 2)
+            finished = min(np.searchsorted(cells.s, seam_s), size)
             count = write_cells(cells, 0, finished, out, count)
             head = part_of(cells, finished, size)
         done = until

@@ -30,6 +30,8 @@ def system_command(core: Core, text: str) -> Answer:
     if body.startswith("J"):
         return (yield from _jog(core, body[1:]))
     if body == "$":
+        if not core.profile.numbered_settings:
+            return 3
         if core.state in ("Run", "Hold"):
             return 8
         return (yield from _print(core, report.settings_list(core)))

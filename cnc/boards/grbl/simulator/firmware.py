@@ -92,6 +92,8 @@ class Firmware:
         core.receiver.ring.clear()
         self.buffer.clear()
         core.outputs_off()
+        for message in core.profile.start_messages:
+            core.say(message)
         core.say("")
         core.say(core.profile.banner)
         core.note("start")

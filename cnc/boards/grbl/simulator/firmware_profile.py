@@ -39,6 +39,9 @@ class FirmwareProfile:
         variable_spindle: Whether the spindle has a speed.
         max_step_rate_hz: Highest step rate that settings may need; None: not checked, as in GRBL.
         build_lines: Additional lines of the answer to ``$I``.
+        start_messages: Lines before the welcome.
+        sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
+        numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
         settings: The settings of a new board.
     """
 
@@ -61,6 +64,9 @@ class FirmwareProfile:
     variable_spindle: bool = True
     max_step_rate_hz: float | None = None
     build_lines: tuple[str, ...] = ()
+    start_messages: tuple[str, ...] = ()
+    sizes_reported: bool = True
+    numbered_settings: bool = True
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
 
 
@@ -108,9 +114,18 @@ FLUIDNC = replace(
     name="fluidnc",
     banner="Grbl 3.7 [FluidNC v3.7.17 (wifi) '$' for help]",
     version="3.7 FluidNC v3.7.17",
+    options="PHSW",
     eeprom_blinds=False,
     alarm_s=0.0,
+    build_lines=("[MSG: Machine: 3018 router]", "[MSG: Mode=STA:SSID=shop:IP=192.168.1.20]"),
+    start_messages=(
+        "[MSG:INFO: FluidNC v3.7.17]",
+        "[MSG:INFO: Machine 3018 router]",
+        "[MSG:INFO: Axis count 3]",
+    ),
+    sizes_reported=False,
+    numbered_settings=False,
 )
-"""The welcome of FluidNC. Its settings in YAML are not modelled."""
+"""FluidNC with its settings in a file of YAML, which senders cannot read by numbers."""
 
 FIRMWARES = {profile.name: profile for profile in (GRBL, GRBLHAL, FLUIDNC)}

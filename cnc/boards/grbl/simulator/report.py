@@ -119,10 +119,10 @@ def startup_lines(core: Core) -> list[str]:
 def build_info(core: Core) -> list[str]:
     """Return the answer to ``$I``: version, options with the sizes of both buffers."""
     profile = core.profile
-    sizes = f"{profile.planner_blocks},{profile.rx_reported}"
+    sizes = f",{profile.planner_blocks},{profile.rx_reported}" if profile.sizes_reported else ""
     return [
         f"[VER:{profile.version}:{core.eeprom.build_info}]",
-        f"[OPT:{profile.options},{sizes}{',3,0' if profile.name == 'grblhal' else ''}]",
+        f"[OPT:{profile.options}{sizes}{',3,0' if profile.name == 'grblhal' else ''}]",
         *profile.build_lines,
     ]
 
