@@ -27,6 +27,8 @@ NEAR = 8
 """Control points on either side that move again with those of a span that was cut."""
 ROUNDS = 16
 """Rounds after which spans that still fail are left to the polyline."""
+NONE = np.empty((0, ORDER, ORDER))
+"""No extractions."""
 
 
 def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Spline:
@@ -42,7 +44,7 @@ def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Splin
     speck = np.diff(knots["t"]) <= 0.0
     knots["polyline"][:-1] |= speck
     knots["ends"][:-1] |= speck
-    spline = new_spline(chain, knots, state)
+    spline = new_spline(chain, knots, state, np.empty(0), np.empty(0, np.int64), NONE)
     spline = _with_knots(chain, spline, ~spline.fixed, state, tolerance)
     free = ~spline.fixed
     turn = 0
@@ -84,7 +86,8 @@ def _cut(chain: Chain, spline: Spline, cut: Flags, state: Floats) -> tuple[Splin
     Returns:
         The spline, and the control points near the cuts, which are to be placed.
     """
-    finer = new_spline(chain, with_cuts(chain, spline.knots, cut), state)
+    knots = with_cuts(chain, spline.knots, cut)
+    finer = new_spline(chain, knots, state, spline.t, spline.first, spline.extract)
     transfer(spline, finer)
     spans = np.flatnonzero(cut)
     spans += np.arange(len(spans))
@@ -117,7 +120,7 @@ def _broken(
     knots["polyline"][:-1] |= left
     knots["ends"][:-1] |= left
     knots["ends"][1:] |= left
-    following = new_spline(chain, knots, state)
+    following = new_spline(chain, knots, state, spline.t, spline.first, spline.extract)
     transfer(spline, following)
     free = _near(following, np.flatnonzero(anew), 0)
     following = _with_knots(chain, following, free, state, tolerance)

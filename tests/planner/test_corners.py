@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from cnc.kernels.path.curve import SPAN
+from cnc.kernels.path.curve import LINE, SPAN
 from cnc.kernels.planner.legs import Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import Held, PathMode
+from cnc.model.blocks import Held, PathMode, Polyline
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
@@ -187,6 +187,46 @@ def test_a_corner_where_jerks_would_add_up_in_an_axis_is_a_stop():
     assert duration(cut[0]) <= duration(straight[0])
 
 
+@pytest.mark.parametrize("degrees", [140.0, 160.0, 175.0])
+def test_ramps_overlap_where_the_motion_nearly_reverses(degrees):
+    """The second ramp begins tau early: the formula of the overlap, with sin(theta / 2)."""
+    eps, angle = 0.01, math.radians(degrees)
+    points = [(10, 0, 0), (10 + 10 * math.cos(angle), 10 * math.sin(angle), 0)]
+    stop = duration(planned(points, 0.0)[0])
+    chunks, ahead = planned(points, eps)
+    assert not ahead.audit.violations
+    # both ramps have at least the jerk of x, whichever way they go
+    tau = (24.0 * eps / (48000.0 * USED * math.sin(angle / 2))) ** (1 / 3)
+    assert stop - duration(chunks) == pytest.approx(tau, rel=0.05)
+    assert_legal(chunks, PER_AXIS, (1e-3, 1e-4))
+    motion = sampled(chunks, 1e-4)
+    off, missed = distances(motion, np.concatenate((np.zeros((1, 3)), points)))
+    assert off.max() <= eps * (1 + 1e-6)
+    assert missed.max() <= eps * 1.001
+
+
+@pytest.mark.parametrize("degrees", [40.0, 60.0, 90.0, 105.0])
+def test_a_blend_is_rated_by_speeds_that_a_plan_reaches(degrees):
+    """Both legs use both axes, so ramps cannot overlap. A blend saves what a stop takes."""
+    angle, first = math.radians(degrees), math.radians(20.0)
+    u1, u2 = (np.array([math.cos(a), math.sin(a), 0.0]) for a in (first, first + angle))
+    points = [9 * u1, 9 * u1 + 8 * u2]
+    chunks, ahead = planned(points, 0.1, PER_AXIS, 160.0)
+    assert not ahead.audit.violations
+    assert list(chunks[0].path.kind) == [LINE, SPAN, LINE]
+    assert duration(chunks) < 0.95 * duration(planned(points, 0.0, PER_AXIS, 160.0)[0])
+    assert_legal(chunks, PER_AXIS, (1e-3,))
+
+
+def test_there_is_no_blend_between_a_traverse_and_a_feed_move():
+    points = np.array([(9, 3, 0), (14, 9, 0), (30, 12, 0)], float)
+    for feeds, kinds in (([np.nan, 50.0, np.nan], {LINE}), ([np.nan] * 3, {LINE, SPAN})):
+        moves = Polyline("t.nc", 1, points, np.array(feeds), np.arange(1, 4, dtype=np.int32))
+        path = build([PathMode("t.nc", 1, "blend", 0.1), moves], axes=AXES, start=np.zeros(3))
+        (chunk,) = [c for c in LookAhead(PER_AXIS).plan(path) if isinstance(c, PlanChunk)]
+        assert set(chunk.path.kind.tolist()) == kinds
+
+
 def random_chain(rng):
     count = int(rng.integers(2, 12))
     flat = rng.random() < 0.5
@@ -260,6 +300,43 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     made = sum((part.step.sum(axis=0, dtype=np.int64) for part in pulses), np.zeros(3, np.int64))
     assert made.tolist() == np.rint(points[-1] * 100.0).astype(int).tolist()
     assert interpolator.error_blu <= 0.5 + 1e-6
+
+
+def any_mill(rng):
+    """Return a machine with limits over three decades, of unequal axes, along the path, or both."""
+    kind = rng.integers(3)
+    along, each = kind > 0, kind != 1
+    accel, jerk = 10 ** rng.uniform(1.5, 4.5), 10 ** rng.uniform(3, 6)
+    axes = {}
+    for name in AXES:
+        a, j = 10 ** rng.uniform(-0.7, 0.7, 2) if rng.random() < 0.5 else (1.0, 1.0)
+        axes[name] = Axis(
+            steps_per_mm=100.0,
+            max_velocity=10 ** rng.uniform(1.5, 3),
+            max_acceleration=accel * a if each else None,
+            max_jerk=jerk * j if each else None,
+        )
+    path = PathLimits(
+        max_feed=10 ** rng.uniform(1, 3),
+        max_tangential_acceleration=accel * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+        max_normal_acceleration=accel * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+        max_jerk=jerk * 10 ** rng.uniform(-0.5, 0.5) if along else None,
+    )
+    return Machine(axes=axes, path=path)
+
+
+@settings(max_examples=share(2000, 8), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_corners_are_legal_on_any_machine(seed):
+    rng = np.random.default_rng(seed)
+    points, mill = random_chain(rng), any_mill(rng)
+    tolerance = 10 ** rng.uniform(-3, -0.3)
+    chunks, ahead = planned(points, tolerance, mill, 10 ** rng.uniform(0, 2.5))
+    assert not ahead.audit.violations
+    off, _ = distances(
+        sampled(chunks, duration(chunks) / 3000), np.concatenate((np.zeros((1, 3)), points))
+    )
+    assert off.max() <= tolerance * (1 + 1e-6)
 
 
 @settings(max_examples=share(500, 8), deadline=None)

@@ -1,9 +1,12 @@
 """Systems of equations with a positive definite band matrix.
 
-The lower triangle is kept: row i of a matrix (N, w) holds the entries (i, i - j) at [i, j].
+The upper triangle is kept: row i of a matrix (N, w) holds the entries (i, i + j) at [i, j]. Inner
+loops run along rows, so a processor does several entries at a time.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -16,20 +19,25 @@ LEAST_PIVOT = 1e-14
 
 @njit
 def factorise(band: Floats) -> None:
-    """Replace a matrix by its Cholesky factor; pivots that are rounding become LEAST_PIVOT."""
+    """Replace a matrix by its Cholesky factor U, with U'U the matrix.
+
+    Pivots that are rounding become LEAST_PIVOT.
+    """
     size, width = band.shape
+    least = np.empty(size)
     for i in range(size):
-        low = max(0, i - width + 1)
-        for j in range(low, i):
-            total = band[i, i - j]
-            for k in range(max(low, j - width + 1), j):
-                total -= band[i, i - k] * band[j, j - k]
-            band[i, i - j] = total / band[j, 0]
-        pivot = band[i, 0]
-        total = pivot
-        for k in range(low, i):
-            total -= band[i, i - k] * band[i, i - k]
-        band[i, 0] = np.sqrt(max(total, LEAST_PIVOT * abs(pivot) + 1e-300))
+        least[i] = LEAST_PIVOT * abs(band[i, 0]) + 1e-300
+    for i in range(size):
+        pivot = math.sqrt(max(band[i, 0], least[i]))
+        inverse = 1.0 / pivot
+        band[i, 0] = pivot
+        reach = min(width, size - i)
+        for j in range(1, reach):
+            band[i, j] *= inverse
+        for j in range(1, reach):
+            factor = band[i, j]
+            for k in range(width - j):
+                band[i + j, k] -= factor * band[i, j + k]
 
 
 @njit
@@ -37,15 +45,15 @@ def solve(factor: Floats, b: Floats) -> None:
     """Solve a system with its Cholesky factor, in place of the right side b (N,)."""
     size, width = factor.shape
     for i in range(size):
-        total = b[i]
-        for j in range(1, min(width, i + 1)):
-            total -= factor[i, j] * b[i - j]
-        b[i] = total / factor[i, 0]
+        value = b[i] / factor[i, 0]
+        b[i] = value
+        for j in range(1, min(width, size - i)):
+            b[i + j] -= factor[i, j] * value
     for i in range(size - 1, -1, -1):
-        b[i] /= factor[i, 0]
-        value = b[i]
-        for j in range(1, min(width, i + 1)):
-            b[i - j] -= factor[i, j] * value
+        total = b[i]
+        for j in range(1, min(width, size - i)):
+            total -= factor[i, j] * b[i + j]
+        b[i] = total / factor[i, 0]
 
 
 @njit
@@ -53,8 +61,10 @@ def times(band: Floats, e: Floats, out: Floats) -> None:
     """Write the product of a symmetric matrix and e (N,) into out (N,)."""
     size, width = band.shape
     for i in range(size):
-        out[i] = band[i, 0] * e[i]
+        out[i] = 0.0
     for i in range(size):
-        for j in range(1, min(width, i + 1)):
-            out[i] += band[i, j] * e[i - j]
-            out[i - j] += band[i, j] * e[i]
+        total = band[i, 0] * e[i]
+        for j in range(1, min(width, size - i)):
+            total += band[i, j] * e[i + j]
+            out[i + j] += band[i, j] * e[i]
+        out[i] += total

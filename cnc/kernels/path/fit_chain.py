@@ -136,6 +136,20 @@ def measured(chain: Chain, corner: Flags, tolerance: float) -> Ints:
 
 
 @njit
+def place_of(ascending: Ints, value: int) -> int:
+    """Return the first place in ascending numbers of one that is at least ``value``."""
+    low = 0
+    high = ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit
 def points_of(chain: Chain, knots: Knots, p: Floats) -> None:
     """Write the points of the polyline at the knots into p (K, n)."""
     x, along, _, _ = chain

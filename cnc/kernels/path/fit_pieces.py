@@ -192,7 +192,8 @@ def _write_span(
             out.line[now["pieces"]] = moves.line[move]
         if straight:
             now["pending"] = True
-            line_end[:] = end
+            for c in range(n):
+                line_end[c] = end[c]
         else:
             at = now["used"]
             if polyline:

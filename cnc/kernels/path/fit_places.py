@@ -79,7 +79,8 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
     before = np.zeros(n)
     for k in range(first, last):
         if knots[k]["straight"] or knots[k]["polyline"]:
-            before[:] = 0.0
+            for c in range(n):
+                before[c] = 0.0
             continue
         low = knots[k]["t"]
         h = knots[k + 1]["t"] - low
@@ -88,7 +89,8 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
         moves = behind - inner + 2
         stride = max(moves // MANY, 1)
         split = max((PLACES + moves - 1) // moves, 2)
-        a[:] = spline.p[k]
+        for c in range(n):
+            a[c] = spline.p[k, c]
         ta = low
         i = inner - 1
         while i <= behind:
@@ -96,7 +98,8 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
             i = min(i + stride, behind + 1)
             whole = i > behind
             tb = low + h if whole else along[i]
-            b[:] = spline.p[k + 1] if whole else x[i]
+            for c in range(n):
+                b[c] = spline.p[k + 1, c] if whole else x[i, c]
             if tb > ta:
                 for c in range(n):
                     way[c] = b[c] - a[c] if metrics[c] else 0.0
@@ -118,8 +121,9 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
                 at[count] = (t - low) / h
                 if to_unit(tangent[count]):
                     count += 1
-            before[:] = way
-            a[:] = b
+            for c in range(n):
+                before[c] = way[c]
+                a[c] = b[c]
             ta = tb
     return Places(span[:count], at[:count], ref[:count], tangent[:count])
 
@@ -182,7 +186,7 @@ def limits(
     g = np.zeros((size * free, ORDER * free))
     index = np.empty(size * free, np.int64)
     offset = np.empty(size * free)
-    limit = np.full(size * free, USED)
+    limit = np.empty(size * free)
     weights = np.empty(ORDER)
     phi = np.empty(ORDER)
     off = np.empty(n)
@@ -211,6 +215,7 @@ def limits(
             row = m * free + a
             index[row] = (spline.first[k] - first) * free
             offset[row] = 0.0
+            limit[row] = USED
             for c in axes:
                 offset[row] += off[c] * normals[a, c] / tolerance
             if free == 2:

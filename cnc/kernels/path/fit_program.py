@@ -55,6 +55,8 @@ class Sides(NamedTuple):
         r: (2, R): residuals of the limits.
         ds: (2, R): step of s.
         dz: (2, R): step of z.
+        part: (2, R): weight of each side in the matrix, z / (s + YIELDS z).
+        of_z: (2, R): 1 / z.
         y: (R,): g'e.
         dy: (R,): its step.
     """
@@ -64,6 +66,8 @@ class Sides(NamedTuple):
     r: Floats
     ds: Floats
     dz: Floats
+    part: Floats
+    of_z: Floats
     y: Floats
     dy: Floats
 
@@ -78,20 +82,22 @@ def _with_weights(band: Floats, rows: Rows, sides: Sides, yields: float, out: Fl
     for i in range(rows.g.shape[0]):
         weight = 0.0
         for k in range(2):
-            weight += sides.z[k, i] / (sides.s[k, i] + yields * sides.z[k, i])
+            s, z = sides.s[k, i], sides.z[k, i]
+            # One division for both: divisions take most of the time.
+            inverse = 1.0 / (z * (s + yields * z))
+            sides.part[k, i] = z * z * inverse
+            sides.of_z[k, i] = (s + yields * z) * inverse
+            weight += sides.part[k, i]
         first = rows.first[i]
         for a in range(width):
             scaled = weight * rows.g[i, a]
-            if scaled != 0.0:
-                for b in range(a + 1):
-                    out[first + a, a - b] += scaled * rows.g[i, b]
+            for b in range(width - a):
+                out[first + a, b] += scaled * rows.g[i, a + b]
     factorise(out)
 
 
 @njit
-def _step(
-    factor: Floats, rows: Rows, sides: Sides, yields: float, wanted: float, residual: Floats
-) -> Floats:
+def _step(factor: Floats, rows: Rows, sides: Sides, wanted: float, residual: Floats) -> Floats:
     """Return the step of the unknowns (M,), and write those of slacks and multipliers.
 
     Args:
@@ -99,20 +105,22 @@ def _step(
         rows: the limits.
         sides: state; ds and dz hold the last step, whose product corrects this one. They are zeros
             for the predictor.
-        yields: see YIELDS.
         wanted: product of slack and multiplier that is aimed at.
         residual: (M,): He + f + G'(z+ - z-).
     """
-    step = -residual
+    size = residual.shape[0]
+    step = np.empty(size)
+    for i in range(size):
+        step[i] = -residual[i]
     width = rows.g.shape[1]
     for i in range(rows.g.shape[0]):
         push = 0.0
         for k in range(2):
-            s, z = sides.s[k, i], sides.z[k, i]
             # The product's residual, divided by z, is kept in ds until the step is known.
-            missing = (s * z + sides.ds[k, i] * sides.dz[k, i] - wanted) / z
+            missing = sides.ds[k, i] * sides.dz[k, i] - wanted
+            missing = sides.s[k, i] + missing * sides.of_z[k, i]
             sides.ds[k, i] = missing
-            part = z / (s + yields * z) * (sides.r[k, i] - missing)
+            part = sides.part[k, i] * (sides.r[k, i] - missing)
             push += part if k == 0 else -part
         first = rows.first[i]
         for a in range(width):
@@ -125,12 +133,11 @@ def _step(
             dy += rows.g[i, a] * step[first + a]
         sides.dy[i] = dy
         for k in range(2):
-            s, z = sides.s[k, i], sides.z[k, i]
             missing = sides.ds[k, i]
             change = dy if k == 0 else -dy
-            dz = z / (s + yields * z) * (change + sides.r[k, i] - missing)
+            dz = sides.part[k, i] * (change + sides.r[k, i] - missing)
             sides.dz[k, i] = dz
-            sides.ds[k, i] = -missing - s / z * dz
+            sides.ds[k, i] = -missing - sides.s[k, i] * sides.of_z[k, i] * dz
     return step
 
 
@@ -140,10 +147,10 @@ def _longest(sides: Sides) -> float:
     longest = 1.0
     for k in range(2):
         for i in range(sides.s.shape[1]):
-            if sides.ds[k, i] < 0.0:
-                longest = min(longest, -sides.s[k, i] / sides.ds[k, i])
-            if sides.dz[k, i] < 0.0:
-                longest = min(longest, -sides.z[k, i] / sides.dz[k, i])
+            if sides.s[k, i] + longest * sides.ds[k, i] < 0.0:
+                longest = -sides.s[k, i] / sides.ds[k, i]
+            if sides.z[k, i] + longest * sides.dz[k, i] < 0.0:
+                longest = -sides.z[k, i] / sides.dz[k, i]
     return longest
 
 
@@ -152,7 +159,7 @@ def smoothest(band: Floats, slope: Floats, energy: float, rows: Rows) -> Floats:
     """Return the unknowns e (M,) of the programme, in tolerances.
 
     Args:
-        band: (M, w): lower triangle of H; entry (i, i - j) is at [i, j].
+        band: (M, w): H; see :mod:`cnc.kernels.path.fit_band`.
         slope: (M,): f.
         energy: value of the programme's function for e = 0 that counts as its size.
         rows: the limits.
@@ -162,6 +169,8 @@ def smoothest(band: Floats, slope: Floats, energy: float, rows: Rows) -> Floats:
     width = band.shape[1]
     e = np.zeros(size)
     sides = Sides(
+        np.empty((2, count)),
+        np.empty((2, count)),
         np.empty((2, count)),
         np.empty((2, count)),
         np.empty((2, count)),
@@ -204,7 +213,7 @@ def smoothest(band: Floats, slope: Floats, energy: float, rows: Rows) -> Floats:
             break
         mean = product / (2 * count)
         _with_weights(band, rows, sides, yields, matrix)
-        _step(matrix, rows, sides, yields, 0.0, residual)
+        _step(matrix, rows, sides, 0.0, residual)
         length = _longest(sides)
         after = 0.0
         for i in range(count):
@@ -213,7 +222,7 @@ def smoothest(band: Floats, slope: Floats, energy: float, rows: Rows) -> Floats:
                     sides.z[k, i] + length * sides.dz[k, i]
                 )
         part = after / product
-        step = _step(matrix, rows, sides, yields, part * part * part * mean, residual)
+        step = _step(matrix, rows, sides, part * part * part * mean, residual)
         length = min(1.0, SHORTENED * _longest(sides))
         for i in range(size):
             e[i] += length * step[i]

@@ -20,8 +20,6 @@ from cnc.kernels.path.fit_chain import Chain, Flags, Knots, points_of
 
 DEGREE = 5
 ORDER = 6
-GRAM = (6.0, 3.0, 1.0, 3.0, 4.0, 3.0, 1.0, 3.0, 6.0)
-"""30 times the integrals over [0, 1] of products of the Bernstein polynomials of degree 2."""
 
 
 class Spline(NamedTuple):
@@ -49,27 +47,32 @@ class Spline(NamedTuple):
 
 
 @njit
-def polar(t: Floats, at: int, values: Floats, arguments: Floats, out: Floats) -> None:
-    """Write the polar form of a span at five arguments.
+def extraction(t: Floats, at: int, d: Floats, out: Floats) -> None:
+    """Write the extraction of a span.
+
+    Row j is the polar form of unit vectors at j times the end of the span and 5 - j times its
+    start. Of it point i has the entries i - r to i after r rounds.
 
     Args:
         t: parameters of the knots.
         at: first control point of the span.
-        values: (6, n): its control points.
-        arguments: (5,).
-        out: (n,): takes the result.
+        d: (6, 6): work space.
+        out: (6, 6): takes the result.
     """
-    n = values.shape[1]
-    d = values.copy()
-    for r in range(1, ORDER):
-        x = arguments[r - 1]
-        for i in range(DEGREE, r - 1, -1):
-            low = t[at + i]
-            part = (x - low) / (t[at + i + ORDER - r] - low)
-            for c in range(n):
-                d[i, c] = (1.0 - part) * d[i - 1, c] + part * d[i, c]
-    for c in range(n):
-        out[c] = d[DEGREE, c]
+    low, high = t[at + DEGREE], t[at + ORDER]
+    for j in range(ORDER):
+        for i in range(ORDER):
+            for c in range(ORDER):
+                d[i, c] = 1.0 if i == c else 0.0
+        for r in range(1, ORDER):
+            x = high if r <= j else low
+            for i in range(DEGREE, r - 1, -1):
+                before = t[at + i]
+                part = (x - before) / (t[at + i + ORDER - r] - before)
+                for c in range(i - r, i + 1):
+                    d[i, c] = (1.0 - part) * d[i - 1, c] + part * d[i, c]
+        for c in range(ORDER):
+            out[j, c] = d[DEGREE, c]
 
 
 @njit
@@ -87,8 +90,23 @@ def bernstein(x: float, weights: Floats) -> None:
 
 
 @njit
+def third_difference(extract: Floats, i: int) -> tuple[float, float, float]:
+    """Return the third differences of column i of an extraction (6, 6)."""
+    c0, c1, c2 = extract[0, i], extract[1, i], extract[2, i]
+    c3, c4, c5 = extract[3, i], extract[4, i], extract[5, i]
+    return (
+        (c3 - c0) - 3.0 * (c2 - c1),
+        (c4 - c1) - 3.0 * (c3 - c2),
+        (c5 - c2) - 3.0 * (c4 - c3),
+    )
+
+
+@njit
 def add_energy(extract: Floats, h: float, weight: float, first: int, band: Floats) -> None:
     """Add the integral of |r'''|^2 over a span to a band matrix.
+
+    30 times the integrals over [0, 1] of products of the Bernstein polynomials of degree 2 are
+    (6, 3, 1), (3, 4, 3), (1, 3, 6).
 
     Args:
         extract: (6, 6): extraction of the span.
@@ -97,24 +115,17 @@ def add_energy(extract: Floats, h: float, weight: float, first: int, band: Float
         first: its first control point.
         band: (N, 6): see :mod:`cnc.kernels.path.fit_band`.
     """
-    third = np.empty((3, ORDER))
-    for i in range(ORDER):
-        for j in range(3):
-            third[j, i] = (
-                extract[j + 3, i]
-                - 3.0 * extract[j + 2, i]
-                + 3.0 * extract[j + 1, i]
-                - extract[j, i]
-            )
     # r''' = 60 / h^3 times the third differences, as a polynomial of degree 2.
     factor = weight * 120.0 / (h * h * h * h * h)
     for i in range(ORDER):
+        a0, a1, a2 = third_difference(extract, i)
+        g0 = 6.0 * a0 + 3.0 * a1 + a2
+        g1 = 3.0 * a0 + 4.0 * a1 + 3.0 * a2
+        g2 = a0 + 3.0 * a1 + 6.0 * a2
         for j in range(i + 1):
-            total = 0.0
-            for a in range(3):
-                for b in range(3):
-                    total += GRAM[3 * a + b] * third[a, i] * third[b, j]
-            band[first + i, i - j] += factor * total
+            b0, b1, b2 = third_difference(extract, j)
+            total = g0 * b0 + g1 * b1 + g2 * b2
+            band[first + j, i - j] += factor * total
 
 
 @njit
@@ -145,23 +156,33 @@ def set_bezier(spline: Spline, k: int) -> None:
     """Compute the Bezier points of span k."""
     first = spline.first[k]
     for c in range(spline.points.shape[1]):
+        # The sum of a row is 1: measured from a control point, coordinates keep their digits.
+        origin = spline.points[first, c]
         for j in range(ORDER):
             total = 0.0
-            for i in range(ORDER):
-                total += spline.extract[k, j, i] * spline.points[first + i, c]
-            spline.bezier[k, j, c] = total
+            for i in range(1, ORDER):
+                total += spline.extract[k, j, i] * (spline.points[first + i, c] - origin)
+            spline.bezier[k, j, c] = origin + total
         if k > 0 and not spline.knots[k]["ends"]:
             spline.bezier[k - 1, DEGREE, c] = spline.bezier[k, 0, c]
 
 
 @njit
-def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
+def new_spline(
+    chain: Chain, knots: Knots, state: Floats, old_t: Floats, old_first: Ints, old_extract: Floats
+) -> Spline:
     """Return a spline whose control points are not placed but for those that are fixed.
 
     These are the ends of parts, those of straight spans and of spans left to the polyline, and
     those that the state at the start determines.
 
-    state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+    Args:
+        chain: the chain.
+        knots: the knots.
+        state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+        old_t: parameters of the knots of a spline whose extractions may be used again.
+        old_first: (S,): its first control point of each span; none without such a spline.
+        old_extract: (S, 6, 6): its extractions.
     """
     spans = knots.shape[0] - 1
     n = state.shape[1]
@@ -183,17 +204,23 @@ def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
     extract = np.empty((spans, ORDER, ORDER))
     points = np.zeros((size, n))
     fixed = np.zeros(size, np.bool_)
-    unit = np.eye(ORDER)
-    arguments = np.empty(DEGREE)
+    work = np.empty((ORDER, ORDER))
+    old = 0
     for k in range(spans):
         at = first[k]
-        for j in range(ORDER):
-            for i in range(DEGREE):
-                arguments[i] = t[at + ORDER] if i < j else t[at + DEGREE]
-            if knots[k + 1]["t"] > knots[k]["t"]:
-                polar(t, at, unit, arguments, extract[k, j])
-            else:
-                extract[k, j] = unit[j]
+        while old < old_first.shape[0] and old_t[old_first[old] + DEGREE] < t[at + DEGREE]:
+            old += 1
+        same = old < old_first.shape[0]
+        if same:
+            for i in range(1, 2 * DEGREE + 1):
+                same = same and old_t[old_first[old] + i] == t[at + i]
+        if same or not t[at + ORDER] > t[at + DEGREE]:
+            for j in range(ORDER):
+                for i in range(ORDER):
+                    unit = 1.0 if i == j else 0.0
+                    extract[k, j, i] = old_extract[old, j, i] if same else unit
+        else:
+            extraction(t, at, work, extract[k])
         if knots[k]["straight"] or knots[k]["polyline"]:
             h = knots[k + 1]["t"] - knots[k]["t"]
             for j in range(at, at + ORDER):
@@ -205,10 +232,12 @@ def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
                     points[j, c] = p[k, c] + part * (p[k + 1, c] - p[k, c])
                 fixed[j] = True
         if k == 0 or knots[k]["ends"]:
-            points[at] = p[k]
+            for c in range(n):
+                points[at, c] = p[k, c]
             fixed[at] = True
         if k == spans - 1 or knots[k + 1]["ends"]:
-            points[at + DEGREE] = p[k + 1]
+            for c in range(n):
+                points[at + DEGREE, c] = p[k + 1, c]
             fixed[at + DEGREE] = True
     if not np.isnan(state[0, 0]) and not knots[0]["polyline"]:
         _start_points(t, state, points, fixed)
@@ -216,6 +245,12 @@ def new_spline(chain: Chain, knots: Knots, state: Floats) -> Spline:
     for k in range(spans):
         set_bezier(spline, k)
     return spline
+
+
+@njit
+def _mean_knot(t: Floats, i: int) -> float:
+    """Return five times the mean of the knots of control point i."""
+    return t[i + 1] + t[i + 2] + t[i + 3] + t[i + 4] + t[i + 5]
 
 
 @njit
@@ -227,12 +262,13 @@ def transfer(old: Spline, new: Spline) -> None:
     i = 0
     last = old.points.shape[0] - 1
     for j in range(new.points.shape[0]):
-        while i < last and np.sum(old.t[i + 1 : i + ORDER]) < np.sum(new.t[j + 1 : j + ORDER]):
+        while i < last and _mean_knot(old.t, i) < _mean_knot(new.t, j):
             i += 1
         same = not new.fixed[j]
         for k in range(1, ORDER):
             same = same and old.t[i + k] == new.t[j + k]
         if same:
-            new.points[j] = old.points[i]
+            for c in range(new.points.shape[1]):
+                new.points[j, c] = old.points[i, c]
     for k in range(new.first.shape[0]):
         set_bezier(new, k)

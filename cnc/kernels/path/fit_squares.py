@@ -60,7 +60,7 @@ def _add_place(
             right[first + i, c] += phi[i] * off
     for i in range(ORDER):
         for j in range(i + 1):
-            band[first + i, i - j] += phi[i] * phi[j]
+            band[first + j, i - j] += phi[i] * phi[j]
 
 
 @njit
@@ -87,9 +87,9 @@ def least_squares(chain: Chain, spline: Spline, keeps: Flags) -> None:
         for i in range(1, min(j, DEGREE) + 1):
             for c in range(n):
                 if keeps[j - i]:
-                    right[j, c] -= band[j, i] * points[j - i, c]
+                    right[j, c] -= band[j - i, i] * points[j - i, c]
                 if keeps[j]:
-                    right[j - i, c] -= band[j, i] * points[j, c]
+                    right[j - i, c] -= band[j - i, i] * points[j, c]
     for k in range(spans):
         if changes[k]:
             low = knots[k]["t"]
@@ -102,14 +102,12 @@ def least_squares(chain: Chain, spline: Spline, keeps: Flags) -> None:
     for j in range(size):
         for i in range(min(j, DEGREE) + 1):
             if keeps[j] or keeps[j - i]:
-                band[j, i] = 1.0 if i == 0 else 0.0
+                band[j - i, i] = 1.0 if i == 0 else 0.0
     factorise(band)
     column = np.empty(size)
     for c in range(n):
-        column[:] = right[:, c]
         for j in range(size):
-            if keeps[j]:
-                column[j] = 0.0
+            column[j] = 0.0 if keeps[j] else right[j, c]
         solve(band, column)
         for j in range(size):
             if not keeps[j]:
@@ -184,7 +182,10 @@ def with_cuts(chain: Chain, knots: Knots, cut: Flags) -> Knots:
 
     It is the vertex nearest to the middle, or the middle where there is none.
     """
-    finer = np.zeros(knots.shape[0] + np.count_nonzero(cut), KNOT)
+    count = knots.shape[0]
+    for k in range(cut.shape[0]):
+        count += int(cut[k])
+    finer = np.zeros(count, KNOT)
     to = 0
     for k in range(knots.shape[0]):
         finer[to] = knots[k]

@@ -21,7 +21,16 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
-from cnc.kernels.path.fit_chain import KNOT, LEAST, Chain, Flags, Knots, distance, measured
+from cnc.kernels.path.fit_chain import (
+    KNOT,
+    LEAST,
+    Chain,
+    Flags,
+    Knots,
+    distance,
+    measured,
+    place_of,
+)
 
 WIDEST = 64
 """Most moves in a span."""
@@ -202,7 +211,7 @@ def _put_stretch(chain: Chain, counted: Ints, found: Stretch, knots: Knots, coun
         for j in range(1, TRANSITIONS + 1):
             count = _put_inside(along, counted, start + low * j / TRANSITIONS, first, knots, count)
     knots[count - 1]["straight"] = True
-    at = np.searchsorted(counted, first)
+    at = place_of(counted, first)
     since = 0
     while counted[at] < last:
         since += 1
@@ -229,7 +238,7 @@ def _put_inside(
     Returns:
         The number of knots.
     """
-    at = np.searchsorted(counted, first)
+    at = place_of(counted, first)
     while at + 1 < counted.shape[0] and along[counted[at + 1]] <= t:
         at += 1
     vertex = counted[at]

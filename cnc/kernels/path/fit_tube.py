@@ -16,7 +16,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
-from cnc.kernels.path.fit_chain import Chain, Flags
+from cnc.kernels.path.fit_chain import Chain, Flags, place_of
 from cnc.kernels.path.fit_places import limits, places_in, set_normals, to_unit
 from cnc.kernels.path.fit_program import smoothest
 from cnc.kernels.path.fit_spline import DEGREE, ORDER, Spline, add_energy, set_bezier
@@ -102,7 +102,7 @@ def _programme(
     low = max(begin, 0)
     for j in range(count):
         for i in range(min(j, DEGREE) + 1):
-            h = band[j, i]
+            h = band[j - i, i]
             if h == 0.0:
                 continue
             for c in axes:
@@ -116,7 +116,7 @@ def _programme(
                         slope[(j - i) * free + a] += h * moves[j - i, a, c] * here
                     for b in range(free):
                         if i > 0 or a >= b:
-                            matrix[j * free + a, i * free + a - b] += (
+                            matrix[(j - i) * free + b, i * free + a - b] += (
                                 h * moves[j, a, c] * moves[j - i, b, c]
                             )
     for row in range(count * free):
@@ -133,8 +133,8 @@ def _improve_run(
 
     free: (N,).
     """
-    low = int(np.searchsorted(spline.first, first - DEGREE))
-    high = int(np.searchsorted(spline.first, last - 1, side="right"))
+    low = place_of(spline.first, first - DEGREE)
+    high = place_of(spline.first, last)
     points = spline.points
     n = points.shape[1]
     begin = first - DEGREE
@@ -156,12 +156,15 @@ def _improve_run(
         measured = group < 0
         if (measured and count < 2) or (not measured and chain.metrics[max(group, 0)]):
             continue
-        axes = moving[:count].copy() if measured else np.full(1, group)
+        if not measured:
+            moving[0] = group
+        axes = moving[:count] if measured else moving[:1]
         moves = _directions(spline, axes, measured, mask, begin)
         matrix, slope, energy = _programme(points, band, moves, axes, begin)
         rows = limits(spline, places, axes, moves, begin, tolerance)
         if rows.g.shape[0] > 0:
-            slope /= tolerance
+            for j in range(slope.shape[0]):
+                slope[j] /= tolerance
             e = smoothest(matrix, slope, energy / (tolerance * tolerance), rows)
             width = moves.shape[1]
             for j in range(first, last):

@@ -7,11 +7,12 @@ Three are compared by their time: the corner as it is, ramps that overlap, and a
   for a turn by theta. It is planned as any curve is. It suits small turns.
 - At a sharp turn the motion stops, and the ramps on both sides of the stop overlap
   (:mod:`cnc.kernels.planner.overlap`).
-- Beyond 135 degrees the motion stops on the corner.
+- Beyond 135 degrees there is no blend, and beyond 179 no overlap.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from cnc.kernels.path.curve import (
     TABLE,
     Floats,
     curve_eval_s,
+    curve_speed,
 )
 from cnc.kernels.planner.legs import (
     LEGS_SHARE,
@@ -40,12 +42,12 @@ from cnc.kernels.planner.legs import (
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import piece_junction, speed_bounds
 from cnc.kernels.planner.overlap import Leg, overlap_time
+from cnc.kernels.planner.overshoot import best_overshoot
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
 from cnc.kernels.planner.timed import (
     TIMED_SIZE,
     TIMED_SIZE_PER_AXIS,
-    timed_length,
     write_cubic,
     write_turns,
 )
@@ -71,12 +73,16 @@ class Scratch(NamedTuple):
         q: (4, axes): derivatives of a curve.
         pair: (2, 4, axes): derivatives on both sides of a junction.
         ends: (3, axes): start, middle (measured from the start) and end of a blend.
+        v: (BLEND_POINTS,): speeds along a blend.
+        s: (BLEND_POINTS,): distances of these places.
     """
 
     u: Floats
     q: Floats
     pair: Floats
     ends: Floats
+    v: Floats
+    s: Floats
 
 
 @njit
@@ -91,18 +97,51 @@ def half_time(v: float, distance: float, bounds: LineBounds) -> float:
 
 
 @njit
-def blend_speed(data: Floats, at: int, feed: float, limits: LimitArrays, q: Floats) -> float:
-    """Return the constant speed at which the cubic at ``at`` can be crossed, mm/s.
+def blend_time(
+    data: Floats,
+    at: int,
+    ends: tuple[float, float],
+    feed: float,
+    bounds: LineBounds,
+    limits: LimitArrays,
+    scratch: Scratch,
+) -> tuple[float, float, float]:
+    """Return about the time of the cubic at ``at``, and the speeds at its ends, s and mm/s.
 
-    q (4, axes): scratch.
+    The speed is limited at some points by the feed and the normal acceleration, and rises between
+    them as on a straight line. Limits of each axis in the bend are not counted: the change of speed
+    beside its sharpest places uses the axes in the other direction.
+
+    Args:
+        data: the records.
+        at: index of the cubic's record.
+        ends: largest speeds at its start and its end, mm/s.
+        feed: largest speed.
+        bounds: of a straight line.
+        limits: of the machine.
+        scratch: scratch.
     """
+    v, s, q = scratch.v, scratch.s, scratch.q
     data[at + TABLE] = 1.0  # selects derivatives by arc length
-    v = feed
+    before = 0.0
     for k in range(BLEND_POINTS):
-        curve_eval_s(SPAN, data, at, k / (BLEND_POINTS - 1.0), q)
-        v = min(v, speed_bounds(data, at, q, feed, limits)[0])
+        u = k / (BLEND_POINTS - 1.0)
+        curve_eval_s(SPAN, data, at, u, q)
+        v[k] = speed_bounds(data, at, q, feed, limits)[1]
+        rate = curve_speed(SPAN, data, at, u)
+        s[k] = 0.5 * (before + rate) / (BLEND_POINTS - 1.0)
+        before = rate
     data[at + TABLE] = 0.0
-    return v
+    v[0] = min(v[0], ends[0])
+    v[BLEND_POINTS - 1] = min(v[BLEND_POINTS - 1], ends[1])
+    for k in range(1, BLEND_POINTS):
+        v[k] = min(v[k], reachable_speed(v[k - 1], s[k], bounds.a, bounds.j))
+    for k in range(BLEND_POINTS - 1, 0, -1):
+        v[k - 1] = min(v[k - 1], reachable_speed(v[k], s[k], bounds.a, bounds.j))
+    time = 0.0
+    for k in range(1, BLEND_POINTS):
+        time += 2.0 * s[k] / (v[k - 1] + v[k])
+    return time, v[0], v[BLEND_POINTS - 1]
 
 
 @njit
@@ -134,7 +173,7 @@ def choose(
     """
     data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
     length1, length2 = path.length[k], path.length[k + 1]
-    u, q = scratch.u, scratch.q
+    u = scratch.u
     turn = directions(data, a, data, b, u)
     if turn.sine > 1.0:
         return STAY, 0.0
@@ -165,11 +204,17 @@ def choose(
         before = Leg(line1.j, ramp_shape(v1, line1.a, line1.j)[0], LEGS_SHARE * length1)
         after = Leg(line2.j, ramp_shape(v2, line2.a, line2.j)[0], LEGS_SHARE * length2)
         saved = overlap_time(u, turn, before, after, eps, limits)
+        along = min(
+            limits.tangential_acceleration, limits.tangential_jerk, limits.normal_acceleration
+        )
+        if along == math.inf:
+            reached1, reached2 = LineBounds(v1, line1.a, line1.j), LineBounds(v2, line2.a, line2.j)
+            saved = max(saved, best_overshoot(u, turn, reached1, reached2, eps, limits)[1])
         if saved > 0.0:
             best -= saved
             choice = OVERLAP
     taken = 0.0
-    if turn.sine <= SHARPEST:
+    if turn.sine <= SHARPEST and math.isinf(bound[k]) == math.isinf(bound[k + 1]):
         ends = scratch.ends
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
         for i in range(u.shape[1]):
@@ -178,13 +223,14 @@ def choose(
             ends[1, i] = d * u[0, i]
             ends[2, i] = corner + d * u[1, i]
         write_cubic(out_data, blend, a, ends[0], ends[1], ends[1], ends[2])
-        v = min(
+        line = LineBounds(0.0, min(line1.a, line2.a), min(line1.j, line2.j))
+        fastest = (
             reachable_speed(0.0, length1 - d, line1.a, line1.j),
             reachable_speed(0.0, length2 - d, line2.a, line2.j),
         )
-        v = blend_speed(out_data, blend, min(v, bound[k], bound[k + 1]), limits, q)
-        time = half_time(v, half1 - d, line1) + half_time(v, half2 - d, line2)
-        time += timed_length(SPAN, out_data, blend, 1.0, q) / v
+        feed = min(bound[k], bound[k + 1])
+        time, v1, v2 = blend_time(out_data, blend, fastest, feed, line, limits, scratch)
+        time += half_time(v1, half1 - d, line1) + half_time(v2, half2 - d, line2)
         if time < best * (1.0 - BETTER):
             choice = BLEND
             taken = d
@@ -219,7 +265,14 @@ def round_corners(
         behind it, mm; (-1, 0, 0) if ``out`` has no space for the records.
     """
     n = len(limits.axis_velocity)
-    scratch = Scratch(np.zeros((2, n)), np.zeros((4, n)), np.zeros((2, 4, n)), np.zeros((3, n)))
+    scratch = Scratch(
+        np.zeros((2, n)),
+        np.zeros((4, n)),
+        np.zeros((2, 4, n)),
+        np.zeros((3, n)),
+        np.zeros(BLEND_POINTS),
+        np.zeros(BLEND_POINTS),
+    )
     pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
     used = len(path.pieces.data)
     for i in range(used):

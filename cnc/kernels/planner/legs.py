@@ -24,7 +24,10 @@ from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 
 SHARPEST = math.sin(math.radians(135.0) / 2.0)
-"""Sine of half the largest turn at which the motion need not stop on the corner."""
+"""Sine of half the largest turn that a blend makes, and at which ramps overshoot the corner."""
+
+REVERSED = math.sin(math.radians(179.0) / 2.0)
+"""The same for ramps that overlap."""
 
 LEGS_SHARE = 0.49
 """The part of a move that either of its corners may take."""

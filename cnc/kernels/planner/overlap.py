@@ -42,7 +42,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
-from cnc.kernels.planner.legs import SHARPEST, Turn
+from cnc.kernels.planner.legs import REVERSED, Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.overshoot import PHASE_SHARE
 
@@ -90,7 +90,7 @@ def overlap_time(
     """
     sine = turn.sine
     j1, j2 = before.j, after.j
-    if sine > SHARPEST or sine == 0.0:
+    if sine > REVERSED or sine == 0.0:
         return 0.0
     for i in range(u.shape[1]):
         if abs(j1 * u[0, i] + j2 * u[1, i]) > limits.axis_jerk[i]:

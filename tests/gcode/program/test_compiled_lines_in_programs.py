@@ -86,7 +86,12 @@ Q5
 
 
 def outcome(
-    lines: list[str], axes: tuple[str, ...], dialect: str, *, block_delete: bool = False
+    lines: list[str],
+    axes: tuple[str, ...],
+    dialect: str,
+    *,
+    block_delete: bool = False,
+    laser: bool = False,
 ) -> list[Any]:
     """The blocks, diagnostics and parameters of a program."""
     warnings: list[Any] = []
@@ -103,6 +108,7 @@ def outcome(
             parameters=known,
             limits=LIMITS,
             on_line=executed.append,
+            laser=laser,
         )
         for block in blocks:
             found += bits([block])
@@ -120,19 +126,20 @@ def agree(
     dialect: str,
     *,
     block_delete: bool = False,
+    laser: bool = False,
     shortest: int = 1,
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", shortest)
         patch.setattr(line_steps, "MANY_LINES", 1)
         patch.setattr(compiled_program, "START_COST", 0)
-        quick = outcome(lines, axes, dialect, block_delete=block_delete)
+        quick = outcome(lines, axes, dialect, block_delete=block_delete, laser=laser)
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", len(lines) + 1)
         patch.setattr(line_steps, "MANY_LINES", 1 << 40)
         patch.setattr(line_steps, "move_of", lambda *_: None)
         patch.setattr(Motion, "quick", lambda *_: False)
-        slow = outcome(lines, axes, dialect, block_delete=block_delete)
+        slow = outcome(lines, axes, dialect, block_delete=block_delete, laser=laser)
     assert quick == slow, (lines, axes, dialect)
 
 
@@ -215,7 +222,8 @@ def test_lines_of_any_words(monkeypatch: pytest.MonkeyPatch) -> None:
         # Wrong lines are left out, so that programs get far; some keep theirs.
         while (wrong := _wrong_line(lines, axes, dialect)) and rng.random() < 0.97:
             del lines[wrong - 1]
-        agree(monkeypatch, lines, axes, dialect, shortest=rng.choice([1, 1, 3]))
+        laser = rng.random() < 0.3
+        agree(monkeypatch, lines, axes, dialect, laser=laser, shortest=rng.choice([1, 1, 3]))
 
 
 def _wrong_line(lines: list[str], axes: tuple[str, ...], dialect: str) -> int:
@@ -262,6 +270,19 @@ def test_programs_of_loops_and_calls(monkeypatch: pytest.MonkeyPatch) -> None:
         if rng.random() < 0.2:
             del lines[rng.randrange(len(lines))]
         agree(monkeypatch, lines, AXES[0], rng.choice(["auto", "linuxcnc"]))
+
+
+def test_a_raster_of_a_laser(monkeypatch: pytest.MonkeyPatch) -> None:
+    """S on most lines is the power in motion; other blocks stand between."""
+    for seed in range(share(400, 4)):
+        rng = random.Random(seed)
+        lines = ["G1 F6000 S0", "M4", "G91"]
+        for _ in range(rng.choice([30, 300, 9000])):
+            power = f"S{rng.randint(0, 3) * 250}" if rng.random() < 0.8 else ""
+            lines.append(f"X{rng.choice(['.1', '.25', '-1'])}{power}")
+            if rng.random() < 0.02:
+                lines.append(rng.choice(["M8", "M9", "G4 P0.1", "G2 X1 R4", "G1", "M5", "M4 S100"]))
+        agree(monkeypatch, lines, AXES[0], "grbl" if rng.random() < 0.5 else "auto", laser=True)
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,8 @@ def bits(blocks: list[Block]) -> list[Any]:
 
 
 def _bits(value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.dtype == np.object_:
+        return repr(value.tolist())
     if isinstance(value, np.ndarray):
         return str(value.dtype), value.shape, value.tobytes()
     return "" if isinstance(value, Answer) else repr(value)
@@ -191,6 +193,14 @@ def test_polylines_are_cut_at_the_same_moves() -> None:
         )
         found = both(lines)
         assert found.runs == len(lines)
+
+
+@pytest.mark.parametrize("between", [4094, 4095, 4096, 4097, 7000])
+def test_polylines_between_other_blocks_are_cut_at_the_same_moves(between: int) -> None:
+    """Arcs before and after a run of moves that is about as long as the longest polyline."""
+    moves = [f"X{n % 50}" for n in range(between)]
+    found = both(["G1 F100 X0 Y0", "G2 X1 R9", "G1", *moves, "G3 X60 R90", "G1", *moves, "G2 I1"])
+    assert found.runs > 2 * between
 
 
 @pytest.mark.parametrize("mode", ["G93", "G95", "G10 L2 P1 R10", "G86 X1 Z1 R2 P1"])
