@@ -6,8 +6,7 @@ program is run short and long, and the difference counts.
 
     python -m benchmarks.sending [--lines N] [--repeat N]
 
-``prepared``: short chords that the planner passes on unchanged. ``jagged``: corners at which the
-plan stops, with a search for arcs that finds none.
+``prepared``: short chords of a smooth curve. ``jagged``: long moves between random points.
 """
 
 from __future__ import annotations

@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cnc.batch import pool
 from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
@@ -166,6 +165,8 @@ def check_many(
         UsageError: If an option is wrong.
         MachineFileError: If the machine file is wrong.
     """
+    from cnc.batch import pool  # a check of one program does not need it
+
     names = [str(program) for program in programs]
     return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
 

@@ -354,6 +354,8 @@ def library() -> ModuleType:
     the import it would take a tenth of the time.
     """
     gc.disable()
+    # pydantic would search all installed packages for extensions of itself.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         from cnc import api
     finally:

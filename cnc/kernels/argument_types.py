@@ -48,7 +48,9 @@ def types_text(kinds: Any) -> str:
     first, *others = kinds
     if isinstance(first, np.dtype):
         dimensions, flags = others
-        return f"{_dtype_text(first)}[{dimensions}:{flags:x}]"
+        # One row is in both orders; to the compiler its order is C.
+        order = flags & ~0x2 if flags & 0x1 else flags
+        return f"{_dtype_text(first)}[{dimensions}:{order:x}]"
     if issubclass(first, np.generic):
         return _dtype_text(others[0])
     return f"{first.__module__}.{first.__qualname__}({','.join(map(types_text, others))})"

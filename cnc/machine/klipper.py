@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
 from cnc.machine.section import Inconsistency, Section, as_tuple
-from cnc.model.blocks import AXIS_LETTERS, AxisLetter
+from cnc.model.blocks import AXIS_LETTERS
 
 _PIN = re.compile(r"([\^!]*)([A-Za-z][A-Za-z0-9_.]*)")
 
@@ -180,9 +180,9 @@ class KlipperBoard(Section):
         default=None, description="Pin of the e-stop, which is high when it is pressed."
     )
 
-    def axis(self, letter: AxisLetter) -> KlipperAxis | None:
-        """Return the motors of an axis."""
-        found: KlipperAxis | None = getattr(self, letter)
+    def axis(self, letter: str) -> KlipperAxis | None:
+        """Return the motors of an axis, or of a joint with such a name."""
+        found: KlipperAxis | None = getattr(self, letter) if letter in AXIS_LETTERS else None
         return found
 
     def pins(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
@@ -211,8 +211,8 @@ class KlipperBoard(Section):
             if pin is not None:
                 yield (name,), name, pin
 
-    def inconsistencies(self, axes: tuple[AxisLetter, ...]) -> Iterator[Inconsistency]:
-        """Yield the contradictions between keys, for a machine with these axes."""
+    def inconsistencies(self, axes: tuple[str, ...]) -> Iterator[Inconsistency]:
+        """Yield the contradictions between keys, for a machine with these axes (joints)."""
         for letter in AXIS_LETTERS:
             axis, key = self.axis(letter), ("board", "klipper", letter)
             if axis is None:
@@ -228,6 +228,13 @@ class KlipperBoard(Section):
                     key, f"the machine has no axis {letter}", f"its axes are {', '.join(axes)}"
                 )
             yield from _counts(axis, key)
+        for name in axes:
+            if name not in AXIS_LETTERS:
+                yield Inconsistency(
+                    ("board", "klipper"),
+                    f"the joint {name} cannot have a motor on a Klipper board",
+                    f"joints with motors are named {', '.join(AXIS_LETTERS)}",
+                )
         yield from self._shared()
 
     def _shared(self) -> Iterator[Inconsistency]:

@@ -256,7 +256,7 @@ class Machine(Section):
                     f"its axes are {', '.join(self.axes)}",
                 )
         if self.board.klipper is not None:
-            yield from self.board.klipper.inconsistencies(tuple(self.axes))
+            yield from self.board.klipper.inconsistencies(tuple(self.joint_tables))
         elif self.board.kind == "klipper":
             yield Inconsistency(
                 ("board", "kind"),

@@ -125,4 +125,6 @@ def _broken(
     free = _near(following, np.flatnonzero(anew), 0)
     following = _with_knots(chain, following, free, state, tolerance)
     before = np.searchsorted(knots["t"], following.knots["t"][:-1], "right") - 1
+    # A last span of no length begins at the last knot.
+    before = np.minimum(before, len(anew) - 1)
     return following, _near(following, np.flatnonzero(anew[before]), 0)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cnc.kernels.jit import interpreted
 from cnc.kernels.pulses import sampled as kernel
 from cnc.model.streams import SampleChunk
 from cnc.planner.plan import PlanChunk
@@ -103,7 +104,7 @@ class Sampled:
             for column in (out.feed, out.accel, out.jerk, out.step_deviation):
                 column[:] = 0.0
             chord, s = float(self._state["chord"][0]), float(self._state["s"][0])
-            out.step_deviation[0] = kernel.deviation(chord, self._s - s)
+            out.step_deviation[0] = interpreted(kernel.deviation)(chord, self._s - s)
             self._state["chord"], self._state["s"] = 0.0, self._s
             out.position[:] = self._vertex
             out.s[:] = self._s

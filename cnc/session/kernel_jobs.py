@@ -76,6 +76,7 @@ def plan() -> None:
     """Plan two traverses, in slices."""
     for _ in _plans([_traverses()]):
         pass
+    _cross()
 
 
 def plan_corner() -> None:
@@ -97,7 +98,10 @@ def step() -> None:
     """Make reference pulses."""
     from cnc.pulses.reference_pulse import ReferencePulse
 
-    for _ in ReferencePulse([10.0, 10.0, 10.0], np.zeros(3)).pulses(_steady()):
+    interpolator = ReferencePulse([10.0, 10.0, 10.0], np.zeros(3))
+    for _ in interpolator.pulses(_steady()):
+        pass
+    for _ in interpolator.settle():
         pass
 
 
@@ -161,7 +165,7 @@ def _package(name: str) -> frozenset[str]:
 
 JOBS = {
     "reading": Job(_package("gcode"), read),
-    "paths": Job(_kernels("path.curve", "path.arclength"), build_simple),
+    "paths": Job(_kernels("path.curve", "path.arclength", "path.extremes"), build_simple),
     "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
     "refinement": Job(_kernels("planner.refine"), plan),
     "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
@@ -220,6 +224,15 @@ def _path(blocks: list[Block]) -> Iterator[PathChunk]:
     for item in build(blocks, axes=AXES, start=np.zeros(3)):
         assert isinstance(item, PathChunk)
         yield item
+
+
+def _cross() -> None:
+    """Cross the limit of two parts of a path."""
+    from cnc.planner.intervals import junction_between
+    from cnc.planner.limits import Limits
+
+    (path,) = _path([_traverses()])
+    junction_between(path, path, Limits.of(_machine()))
 
 
 def _travel(path: PathChunk) -> None:

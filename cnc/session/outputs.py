@@ -6,7 +6,6 @@ from typing import TypeVar
 
 from cnc.outputs.targets import Output, check_suffixes
 from cnc.session.options import Outputs
-from cnc.view.writer import check_picture
 
 OutputKind = TypeVar("OutputKind", bound=Output)
 
@@ -15,6 +14,8 @@ def check_outputs(outputs: Outputs) -> None:
     """Raise UsageError ``output-format`` for an unknown suffix."""
     check_suffixes(outputs.trace, outputs.pulses, outputs.lines)
     if outputs.picture is not None:
+        from cnc.view.writer import check_picture
+
         check_picture(outputs.picture)
 
 

@@ -193,13 +193,13 @@ with code_cache.locked("a kernel"):
     second.communicate(timeout=HANG)
 
 
-@pytest.mark.parametrize("damage", [b"", b"half of a fi", None])
-def test_a_damaged_file_is_compiled_again(place: Place, damage: bytes | None) -> None:
+def test_a_damaged_file_is_compiled_again(place: Place) -> None:
     place.call()
     (file,) = place.files("top-*.code")
     whole = file.read_bytes()
-    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]) if damage is None else damage)
-    assert place.call() == (in_python(), ["top"])
+    for damaged in b"", b"half of a fi", whole[:-1] + bytes([whole[-1] ^ 1]):
+        file.write_bytes(damaged)
+        assert place.call() == (in_python(), ["top"])
     assert place.call() == (in_python(), [])
 
 

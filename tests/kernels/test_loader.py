@@ -184,6 +184,7 @@ def test_values_of_different_types_are_told_apart() -> None:
     [
         (VALUES, np.zeros(0)),
         (VALUES, VALUES[2:5]),
+        (VALUES.reshape(2, 3), VALUES.reshape(1, 6)),
         (VALUES, np.zeros(3).view(np.recarray)),
         (1, -(2**40)),
         (1, np.int64(7)),

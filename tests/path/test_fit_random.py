@@ -130,3 +130,16 @@ def test_other_axes_follow_within_the_tolerance(seed, count, axes):
     assert apart(curve[:: max(1, len(curve) // 60)], points) <= 1.1 * EPS
     assert apart(points[:: max(1, count // 20)], curve) <= 1.1 * EPS
     assert_sound(chunks)
+
+
+@pytest.mark.parametrize("seed", [1041, 1976])
+def test_a_broken_chain_that_ends_with_a_move_of_no_length_along_it(seed):
+    """The last vertices do not count, so the last span has no length; a part near it is anew."""
+    rng = np.random.default_rng(seed)
+    axes = int(rng.integers(1, 4))
+    tolerance = 10 ** rng.uniform(-3.5, -1)
+    points = random_points(rng, int(rng.integers(2, 250)), axes)
+    chunks = fitted(points, tolerance=tolerance, axes=XYZ[:axes])
+    chunk = chunks[-1]
+    last = len(chunk) - 1
+    assert evaluate(chunk, last, ends(chunk, last)[1])[0] == pytest.approx(points[-1], abs=1.1e-9)

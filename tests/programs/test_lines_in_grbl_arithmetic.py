@@ -66,6 +66,27 @@ def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) 
     )
 
 
+def short_moves(seed: int) -> np.ndarray:
+    """Return the ends of short moves along a random curve, as a CAM system rounds them."""
+    rng = np.random.default_rng(seed)
+    count, step = 400, rng.choice([0.01, 0.03, 0.06, 0.15])
+    turns = rng.normal(0.0, rng.choice([0.0, 0.01, 0.1, 0.6]), count)
+    angle = np.cumsum(step * rng.choice([0.02, 0.3, 2.0]) * np.sin(np.arange(count) * 0.02)) + turns
+    rise = step * rng.choice([0.0, 0.2]) * np.cos(np.arange(count) * 0.05)
+    steps = np.column_stack((step * np.cos(angle), step * np.sin(angle), rise))
+    return np.round(np.cumsum(steps, axis=0), 3)
+
+
+@settings(max_examples=share(600, 12))
+@given(seed=st.integers(0, 10**6), tolerance=st.sampled_from([0.01, 0.002, 0.05]))
+def test_short_moves_are_the_same_motion_in_grbl(seed, tolerance):
+    """Also where fewer lines and arcs replace them, because the board reads no faster."""
+    points = short_moves(seed)
+    program = ["G21 G90 G94", "G1 X0 Y0 Z0 F3000", *(f"X{x} Y{y} Z{z}" for x, y, z in points)]
+    texts = lines_of([*program, "M2"], ANYWHERE, tolerance)
+    compare(np.concatenate((np.zeros((1, 3)), points)), texts, tolerance + FLOATS)
+
+
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 

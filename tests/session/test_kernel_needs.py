@@ -133,6 +133,25 @@ assert not several, several
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
 
 
+@compiled
+def test_nothing_is_compiled_during_a_run(tmp_path: Path) -> None:
+    """The examples of the jobs make all that programs call, so numba need not be imported."""
+    code = f"""
+import sys
+from cnc import Outputs, RunOptions, check, run
+from cnc.session.kernel_cache import ensure_compiled
+
+ensure_compiled()
+for name in ("trident", "pocket", "engraving"):
+    assert check(f"programs/{{name}}.nc").ok
+lines = Outputs(lines={str(tmp_path / "lines.gcode")!r})
+assert check("programs/pocket.nc", options=RunOptions(outputs=lines, interpolator="sampled")).ok
+assert run("programs/trident.nc", "config/stepper-uno.toml", board="loopback").ok
+assert "numba.core" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
+
+
 def fresh(folder: Path) -> dict[str, str]:
     return os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
 

@@ -282,7 +282,7 @@ def test_a_subroutine_of_another_file_is_shown_with_its_lines(browser, show, ask
 
 def test_a_long_program_scrolls_to_its_end(browser, show, ask):
     """The lines are taller than the tallest element that browsers permit."""
-    lines = share(1_200_000, 600_000)
+    lines = share(1_200_000, 500_000)
     show("G21 G90 G0 X1\n" + "\n" * (lines - 3) + "G0 X2\nM2\n")
     assert ask("m.source.count") == lines
     browser.evaluate("opened.then(m => m.source.scroll(m.source.count))")

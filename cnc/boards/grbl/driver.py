@@ -231,9 +231,11 @@ class GrblBoard:
 
     @property
     def resolution(self) -> tuple[float, ...]:
-        """One step of each axis of the machine by the board's settings, mm."""
-        steps = (self.info.axis(STEPS, column) for column in self._columns)
-        return tuple(1.0 / each if each else 0.0 for each in steps)
+        """One step of each axis by the board's settings, else by the machine file, mm."""
+        axes = zip(self._columns, self._machine.axes.values(), strict=True)
+        return tuple(
+            1.0 / (self.info.axis(STEPS, column) or axis.steps_per_mm) for column, axis in axes
+        )
 
     @property
     def buffered(self) -> int:

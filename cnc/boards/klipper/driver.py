@@ -20,14 +20,14 @@ from cnc.boards.klipper.connection import BAUD
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput
 from cnc.boards.klipper.layout import InputObject, section
-from cnc.boards.klipper.outputs import OutputState, actions
+from cnc.boards.klipper.outputs import AHEAD_S, OutputState, actions
 from cnc.boards.klipper.profile import profile_of
 from cnc.boards.klipper.sender import PIECE_S, TooLate
 from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, MotionState, board_error
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Dwell, Held, Probe, SwitchMove
+from cnc.model.blocks import Block, Dwell, Held, Probe, Spindle, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
@@ -197,6 +197,7 @@ class Klipper:
             supervisor.stopped_short = False
             supervisor.active = self._began = True
             supervisor.set_outputs(OutputState(enabled=True, fan=True))
+            supervisor.pump(0.0)
 
     def send(self, chunk: PulseChunk) -> None:
         """Accept grid moves; returns when all but a horizon and a reserve have been played."""
@@ -220,7 +221,7 @@ class Klipper:
         try:
             self._sender.gather(part, points)
         except TooLate:
-            raise self._supervisor.gather_failed() from None
+            raise self._supervisor.too_late() from None
 
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block at its time."""
@@ -285,16 +286,15 @@ class Klipper:
         seconds = block.seconds if isinstance(block, Dwell) else 0.0
         if after == before and not seconds:
             return
-        if not sender.running:
-            if not sender.is_empty:
-                sender.flush()
-            else:
-                sender.start(time_ns)
-        if isinstance(block, Dwell):
-            sender.flush()
-        sender.until_ns = max(sender.until_ns, time_ns + round(seconds * 1e9))
+        if not (isinstance(block, Spindle) and block.with_motion):
+            sender.flush()  # The motion rests at such a block.
         if after != before:
-            supervisor.set_outputs(after, sender.clock_of(time_ns))
+            supervisor.set_outputs(after, sender.clock_of(time_ns) if sender.running else None)
+            supervisor.pump(0.0)
+        if sender.running:
+            sender.until_ns = max(sender.until_ns, time_ns + round(seconds * 1e9))
+        elif seconds:
+            supervisor.wait(seconds + AHEAD_S)
 
     def _end(self) -> None:
         """Play the rest of the motion, then switch spindle, coolant and fan off."""

@@ -185,13 +185,16 @@ class LayoutBuilder:
         enables: set[str] = set()
         for column, letter in enumerate(self._machine.axes):
             axis = self._known.axis(letter)
-            if axis is not None:
-                self._motors(letter, column, axis)
-                self._enable(letter, axis, enables)
-                if axis.driver is not None:
-                    self._driver(letter, axis.driver)
-                if axis.endstop is not None:
-                    self._input((letter, "endstop"), "limit", axis.endstop, LIMIT + column, column)
+            if axis is None:
+                hint = f"write the table [board.klipper.{letter}] with step and direction"
+                message = f"the axis {letter} has no motor on the Klipper board"
+                raise UsageError(Diagnostic("klipper-pins", message, hint=hint))
+            self._motors(letter, column, axis)
+            self._enable(letter, axis, enables)
+            if axis.driver is not None:
+                self._driver(letter, axis.driver)
+            if axis.endstop is not None:
+                self._input((letter, "endstop"), "limit", axis.endstop, LIMIT + column, column)
         known = self._known
         if known.probe is not None:
             self._input(("probe",), "probe", known.probe, ARMED)

@@ -28,17 +28,17 @@ from cnc.boards.klipper.steps import StepEncoder
 from cnc.kernels.klipper.step_runs import Runs
 from cnc.model.streams import PulseChunk
 
-HORIZON_S = 0.15
+HORIZON_S = 0.25
 """Longest motion sent ahead of the motion that the board plays."""
 PIECE_S = 0.02
 """Length of the pieces in which moves are compressed and sent."""
 PREFILL_S = 0.1
 """Motion beyond the reserve that is there before the motion starts."""
-START_S = 0.1
+START_S = 0.2
 """Time from the start of a motion to its first move."""
-LATE_S = 0.004
+LATE_S = 0.01
 """A move must be sent so long before its time."""
-DRY_S = 0.05
+DRY_S = 0.08
 """Motion left on the board at which the reserve becomes a ramp."""
 SETTLE_S = 0.003
 """Time after the last step until the position is read."""
@@ -62,10 +62,12 @@ class Guard:
     Attributes:
         pump: Sends, receives, and raises all faults.
         arm: Arms switches, timeout and motors, before a motion that begins at a clock.
+        rest: Waits for the end of a motion, as :meth:`Sender.rest` does, and disarms.
     """
 
     pump: Callable[[float], object]
     arm: Callable[[int], None]
+    rest: Callable[[int], None]
 
 
 class Sender:
@@ -122,7 +124,7 @@ class Sender:
         self._sent_ns = 0
         self._end_clock = 0
         self._flushed = True
-        self._sending = False
+        self._begun = self._sending = False
 
     @property
     def is_empty(self) -> bool:
@@ -201,6 +203,7 @@ class Sender:
             self._flushed = True
             self._release(int(self._waiting[-1][0][-1]) + 1)
         self._flushed = True
+        self._begun = False
 
     def start(self, time_ns: int) -> None:
         """Bind the program's clock to the board's clock; motors stand still."""
@@ -209,6 +212,7 @@ class Sender:
         self._base_clock = self.now + round(START_S * self._frequency)
         self._end_clock = self._base_clock
         self.running = True
+        self._begun = False
         self._levels.clear()
         # The first interval must not be empty.
         reference = self._base_clock - round(SETTLE_S * self._frequency)
@@ -225,6 +229,10 @@ class Sender:
         if not self.running:
             return
         self.until_ns = max(self.until_ns, time_ns)
+        self.wait_for_end()
+
+    def wait_for_end(self) -> None:
+        """Wait until the board has played everything that was sent."""
         end = max(self._end_clock, self.clock_of(self.until_ns))
         end += round(SETTLE_S * self._frequency)
         while self.running and not self.cut and self.now < end:
@@ -235,7 +243,9 @@ class Sender:
 
     def watch(self) -> bool:
         """Return whether no more motion comes in time, so that a ramp is needed."""
-        if not self.running or self._flushed or self._sending or self.cut or self.ramped:
+        if not (self.running and self._begun) or self._flushed or self._sending:
+            return False
+        if self.cut or self.ramped:
             return False
         left = self.clock_of(self._sent_ns) - self.now
         return left < DRY_S * self._frequency
@@ -283,6 +293,9 @@ class Sender:
                 continue
             end_ns = min(self._sent_ns + piece, until_ns)
             rows = int(np.searchsorted(time_ns, end_ns))
+            if rows and not self._begun:
+                self._renew_base(begin)
+                end_ns = max(end_ns, self._sent_ns)
             self._wait_for_horizon(end_ns)
             if self.cut or self.ramped:
                 return
@@ -295,6 +308,15 @@ class Sender:
                 self._put(time_ns[:rows], step[:rows], line[:rows], points[:rows])
         if self._flushed:
             self.until_ns = max(self.until_ns, self._sent_ns)
+
+    def _renew_base(self, begin_ns: int) -> None:
+        """Bind the clocks anew if a motion from rest comes too late for the present base."""
+        self._begun = True
+        if self.clock_of(begin_ns) - self.now < DRY_S * self._frequency:
+            self._guard.rest(self.until_ns)
+            self._begun = True
+            if not self.cut:
+                self.start(begin_ns)
 
     def _wait_for_horizon(self, time_ns: int) -> None:
         while self.running and not (self.cut or self.ramped):

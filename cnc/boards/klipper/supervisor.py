@@ -80,7 +80,7 @@ class Supervisor:
         limits = MotionLimits(
             known.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)
         )
-        guard = Guard(self.pump, self.guards.arm)
+        guard = Guard(self.pump, self.guards.arm, self._rest_between)
         self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
         self.outputs = Outputs(self.connection, self.layout, self.sender.slots.add)
         self.sender.position = self.position.of(self._counts)
@@ -112,7 +112,7 @@ class Supervisor:
         )
 
     def pump(self, seconds: float) -> list[Message]:
-        """Send what waits, receive bytes and check the messages.
+        """Send what is due and what waits, receive bytes and check the messages.
 
         Args:
             seconds: Longest wait for bytes.
@@ -120,18 +120,18 @@ class Supervisor:
         Raises:
             BoardError: Any fault of the board or the connection.
         """
-        try:
-            messages = self.connection.pump(seconds)
-        except BoardError as error:
-            raise self._lost(error) from error
-        for message in messages:
-            self._check(message)
         if self.active and not self._stopping:
             self.outputs.repeat()
             if self.sender.running:
                 self.guards.renew()
             if self.sender.watch():
                 self._underrun()
+        try:
+            messages = self.connection.pump(seconds)
+        except BoardError as error:
+            raise self._lost(error) from error
+        for message in messages:
+            self._check(message)
         return messages
 
     def pump_in_background(self) -> None:
@@ -191,9 +191,8 @@ class Supervisor:
 
     def set_outputs(self, state: OutputState, clock: int | None = None) -> None:
         """Set the outputs at a clock, else as soon as possible."""
-        if clock is None:
-            clock = self.sender.now + round(AHEAD_S * self.connection.board_clock.frequency)
-        self.outputs.set(state, clock)
+        soon = self.sender.now + round(AHEAD_S * self.connection.board_clock.frequency)
+        self.outputs.set(state, soon if clock is None else max(clock, soon))
 
     def rest(self, time_ns: int) -> None:
         """Wait until the board has played the whole motion, and compare the positions.
@@ -209,7 +208,7 @@ class Supervisor:
         try:
             sender.rest(time_ns)
         except TooLate:
-            raise self._too_late() from None
+            raise self.too_late() from None
         if sender.cut or not was_running:
             return
         self._disarm()
@@ -225,6 +224,12 @@ class Supervisor:
             self.position.forget()
             raise self.fail(board_error("board-position", message, hint=hint))
         sender.tracker.clear(point)
+
+    def _rest_between(self, until_ns: int) -> None:
+        """End a motion while the next one waits already."""
+        self.sender.wait_for_end()
+        if not self.sender.cut:
+            self._disarm()
 
     def _disarm(self) -> None:
         """End the watch; a trigger that was not reported is a fault."""
@@ -267,19 +272,12 @@ class Supervisor:
                         self.position.forget()
                     self.guards.disarm()
                     self.guards.trigger()
-                self.outputs.set(self.outputs.state.off(), sender.now + self._soon())
+                self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
         finally:
             self._stopping = False
             sender.stop()
-
-    def _soon(self) -> int:
-        return round(AHEAD_S * self.connection.board_clock.frequency)
-
-    def gather_failed(self) -> BoardError:
-        """Return the fault of moves that came too late for a ramp."""
-        return self._too_late()
 
     def _underrun(self) -> None:
         """Come to rest on the path, because no more motion comes."""
@@ -293,7 +291,7 @@ class Supervisor:
             self.connection.flush(self.pump)
             point = self.take_position()
         except TooLate:
-            raise self._too_late() from None
+            raise self.too_late() from None
         finally:
             self._stopping = False
         message = (
@@ -304,7 +302,7 @@ class Supervisor:
         hint = "reduce the load of this computer"
         raise self.fail(board_error("board-underrun", message, line=line, hint=hint))
 
-    def _too_late(self) -> BoardError:
+    def too_late(self) -> BoardError:
         """Stop at once, because moves are due before they can be sent."""
         message = "moves came too late; the motors stopped without a ramp"
         hint = f"reduce the load of this computer; {DEAD_STOP}"

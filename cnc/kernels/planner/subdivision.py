@@ -171,6 +171,29 @@ def is_sharp(data: Floats, at: int, q: Floats) -> bool:
 
 
 @njit
+def write_stop(
+    base: float, sampling: Sampling, limits: LimitArrays, out: Intervals, count: int
+) -> int:
+    """Write an interval without length at a stop ``base`` mm from the start of the chunk.
+
+    The path there is the path at the end of the interval before.
+
+    Returns:
+        The number of intervals.
+    """
+    q = sampling.q
+    for m in range(SAMPLES - 1):
+        for i in range(q.shape[2]):
+            q[m, 1, i], q[m, 2, i] = q[SAMPLES - 1, 1, i], q[SAMPLES - 1, 2, i]
+            q[m, 3, i] = q[SAMPLES - 1, 3, i]
+    sampling.second[:] = 0.0
+    sampling.third[:] = 0.0
+    count = write_interval(base, base, 0.0, 0.0, True, 1.0, sampling, limits, out, count)
+    out.reliable[count - 1] = math.inf
+    return count
+
+
+@njit
 def chunk_intervals(
     pieces: Pieces,
     length: Floats,
@@ -267,14 +290,6 @@ def chunk_intervals(
         if leave.flat and leave.speed == 0.0:
             if count + 1 > len(out.end):
                 return -1
-            # The path at the stop is the path at the end of the interval before.
-            for m in range(SAMPLES - 1):
-                for i in range(q.shape[2]):
-                    q[m, 1, i], q[m, 2, i] = q[SAMPLES - 1, 1, i], q[SAMPLES - 1, 2, i]
-                    q[m, 3, i] = q[SAMPLES - 1, 3, i]
-            sampling.second[:] = 0.0
-            sampling.third[:] = 0.0
-            count = write_interval(base, base, 0.0, 0.0, True, 1.0, sampling, limits, out, count)
-            out.reliable[count - 1] = math.inf
+            count = write_stop(base, sampling, limits, out, count)
         entry = leave
     return count

@@ -27,7 +27,6 @@ from cnc.boards.protocols import board_error
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.load import error_in
 from cnc.machine.models import Machine
-from cnc.model.blocks import AxisLetter
 from cnc.model.diagnostics import BoardError
 
 TRIES = 5
@@ -45,7 +44,7 @@ class MotorDriver:
     """
 
     def __init__(
-        self, connection: Connection, oid: int, letter: AxisLetter, driver: TrinamicDriver
+        self, connection: Connection, oid: int, letter: str, driver: TrinamicDriver
     ) -> None:
         self._connection, self._oid = connection, oid
         self.letter, self.driver = letter, driver

@@ -1,0 +1,107 @@
+"""Kills of the program and pulled cables: the machine ends at rest, nothing resumes by itself."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.simulator.board import simulator_for
+from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.simulator.pty_server import PtyServer
+from cnc.boards.serial_port import identity
+from cnc.machine.load import load_machine
+from tests.support.boards.klipper_rig import board, machine, pins, place
+from tests.support.paths import ROOT
+from tests.support.session.runs import run_with
+from tests.support.soak import share
+from tests.support.waiting import HANG, wait_until
+
+PROGRAM = "G21 G90\nM3 S500\n" + "G1 X8 Y5 F1500\nG3 X0 Y0 I-4 J-2.5\n" * 8 + "M2\n"
+MOMENTS = np.random.default_rng(5).uniform(0.3, 4.0, share(50, 3)).tolist()
+COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
+@pytest.mark.parametrize("wait", np.random.default_rng(7).uniform(0.1, 3.0, share(50, 1)).tolist())
+def test_killed_command(wait: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = load_machine("klipper-uno")
+    (tmp_path / "p.ngc").write_text(PROGRAM)
+    simulator = simulator_for(known)
+    spindle = pins(known).spindle
+    assert spindle is not None
+    environment = {
+        **os.environ,
+        "XDG_STATE_HOME": str(tmp_path / "state"),
+        "PYTHONPATH": str(ROOT),
+    }
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with PtyServer(simulator) as server:
+        name = identity(server.name)
+        options = ["--machine", "klipper-uno", "--port", server.name, "--quiet"]
+        process = subprocess.Popen(
+            [*COMMAND, str(tmp_path / "p.ngc"), *options],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            wait_until(lambda: bool(simulator.edges_of) or process.poll() is not None)
+            assert process.poll() is None
+            time.sleep(wait)
+        finally:
+            process.kill()
+            process.wait(HANG)
+        killed = simulator.now
+        wait_until(lambda: simulator.now > killed + 1.0)
+        with server.lock:
+            rested = place(known, simulator)
+            assert simulator.value(spindle.pin) == 0
+        wait_until(lambda: simulator.now > killed + 1.5)
+        with server.lock:
+            assert place(known, simulator) == rested
+    assert any(rested)
+    port = KlipperSimulatorPort(simulator)
+    again = Klipper(port, known, "again", clock=port, identity=name)
+    assert again._position.counts(again._supervisor.read_positions()) == rested
+    # A busy computer may have ended the motion on its path before.
+    assert again.known_steps in ((None, None, None), tuple(rested))
+
+
+@pytest.mark.parametrize(
+    "moment", np.random.default_rng(5).uniform(0.3, 4.0, share(50, 3)).tolist()
+)
+@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+def test_pulled_cable(moment: float, mcu: str, tmp_path: Path) -> None:
+    """The cable is pulled at any moment of the run; plugged in again, the board tells its place."""
+    known = machine(mcu)
+    (tmp_path / "p.ngc").write_text(PROGRAM)
+    simulator = simulator_for(known)
+    advance = simulator.advance
+
+    def pulled(until: float, *, answer: bool = False) -> None:
+        advance(until, answer=answer)
+        if simulator.now >= moment and simulator.cable.plugged:
+            simulator.cable.unplug()
+
+    simulator.advance = pulled  # type: ignore[method-assign]
+    with board(known, simulator) as (driver, _):
+        report = run_with(tmp_path / "p.ngc", known, board=driver)
+    assert [fault.diagnostic.code for fault in report.faults] == ["port-lost"]
+    advance(simulator.now + 1.0)
+    rested = place(known, simulator)
+    advance(simulator.now + 2.0)
+    assert place(known, simulator) == rested
+    assert not any(motor.active for motor in simulator.motors)
+    simulator.advance = advance  # type: ignore[method-assign]
+    simulator.cable.plugged = True
+    port = KlipperSimulatorPort(simulator)
+    again = Klipper(port, known, "again", clock=port)
+    assert again._position.counts(again._supervisor.read_positions()) == rested
+    assert again.known_steps == (None, None, None)

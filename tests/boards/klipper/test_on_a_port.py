@@ -1,0 +1,108 @@
+"""The driver on a real board or simulator, by hand: ``CNC_KLIPPER_PORT`` names the port.
+
+``CNC_KLIPPER_MACHINE`` names the machine file with the pins of the board. The supply of the motors
+must be off. Without a port, the simulator serves a pseudo-terminal in real time.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.simulator.board import simulator_for
+from cnc.boards.klipper.simulator.pty_server import PtyServer
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError
+from tests.support.boards.klipper_rig import machine
+from tests.support.boards.stepper_rig import chunks, eased, line
+from tests.support.session.runs import run_with
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
+PORT, FILE = os.environ.get("CNC_KLIPPER_PORT"), os.environ.get("CNC_KLIPPER_MACHINE")
+
+
+@pytest.fixture(scope="module")
+def known() -> Machine:
+    return machine() if PORT is None else load_machine(FILE)
+
+
+@pytest.fixture(scope="module")
+def port(known: Machine) -> Iterator[str]:
+    if PORT is not None:
+        yield PORT
+        return
+    with PtyServer(simulator_for(known)) as server:
+        yield server.name
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def board(known: Machine, port: str) -> Iterator[Klipper]:
+    driver = Klipper.from_machine(known, Path(port))
+    yield driver
+    driver.close()
+
+
+def test_program(known: Machine, board: Klipper, tmp_path: Path) -> None:
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X3 Y2 F900\nG3 X0 Y0 I-1.5 J-1\nG4 P0.2\nM2\n")
+    report = run_with(tmp_path / "p.ngc", known, board=board)
+    assert report.ok, report.faults
+    assert board.known_steps == (0, 0, 0)
+
+
+def test_position_is_known_to_the_next_program(known: Machine, port: str) -> None:
+    for begin, end in ((0, 800), (800, 1600)):
+        driver = Klipper.from_machine(known, Path(port))
+        try:
+            driver.start(np.array([begin, 0, 0]))
+            for part in chunks(*eased(800, 200_000, (1.0, 0.0, 0.0))):
+                driver.send(part)
+            driver.finish()
+        finally:
+            driver.close()
+        again = Klipper.from_machine(known, Path(port))
+        assert again.known_steps == (end, 0, 0)
+        again.close()
+
+
+def test_host_that_stops_to_send_comes_to_rest(board: Klipper) -> None:
+    """The background thread makes the ramp while the program computes."""
+    board.start(np.zeros(3, np.int64))
+    time_ns, step = line(20_000, 400_000)
+    for part in chunks(time_ns, step, 50):
+        board.send(part)
+        if part.line[-1] >= 2000:
+            break
+    deadline = time.monotonic() + 20.0
+    while board._supervisor.fault is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    with pytest.raises(BoardError) as caught:
+        board.send(next(chunks(time_ns[3000:], step[3000:], 50)))
+    assert caught.value.diagnostic.code == "board-underrun"
+    points = np.cumsum(step, axis=0, dtype=np.int64)
+    assert (points == board.position_steps).all(axis=1).any()
+
+
+def test_abort_knows_its_position(board: Klipper) -> None:
+    board.start(np.zeros(3, np.int64))
+    time_ns, step = line(20_000, 400_000)
+    for part in chunks(time_ns, step, 50):
+        board.send(part)
+        if part.line[-1] >= 1000:
+            break
+    board.abort()
+    points = np.cumsum(step, axis=0, dtype=np.int64)
+    assert (points == board.position_steps).all(axis=1).any()
+    assert board.known_steps == tuple(board.position_steps.tolist())
