@@ -118,6 +118,11 @@ class JointPath:
             fits = error <= ACCURACY
             done.append(open_parts.of(fits))
             rest, error = open_parts.of(~fits), error[~fits]
+            # Cutting a part that is out of reach everywhere would never end.
+            reached = np.isfinite(self._joints.inverse(self._tips(path, rest.ends)))
+            outside: NDArray[np.bool_] = ~np.all(reached, axis=1)
+            if outside.any():
+                self._refuse(path, rest.of(outside))
             narrow = rest.last - rest.first < shortest[rest.piece]
             if narrow.any():
                 self._refuse(path, rest.of(narrow))
