@@ -35,7 +35,7 @@ HORIZON = 8.0
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
-FOLLOWED, LEADS = 0.06, 4
+FOLLOWED, LEADS = 0.06, 7
 """Longest time that the plan is followed before an acceleration is ended, s; tries within it."""
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
