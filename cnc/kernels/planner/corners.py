@@ -42,7 +42,6 @@ from cnc.kernels.planner.legs import (
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import piece_junction, speed_bounds
 from cnc.kernels.planner.overlap import Leg, overlap_time
-from cnc.kernels.planner.overshoot import best_overshoot
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
 from cnc.kernels.planner.timed import (
@@ -54,6 +53,9 @@ from cnc.kernels.planner.timed import (
 
 BLEND_POINTS = 9
 """Points at which the speed in a blend is bounded."""
+
+LEFT_OVER = 0.5
+"""Part of the acceleration and jerk of a straight line with which the speed changes in a blend."""
 
 BETTER = 1e-3
 """A blend has to save this part of the time."""
@@ -108,9 +110,8 @@ def blend_time(
 ) -> tuple[float, float, float]:
     """Return about the time of the cubic at ``at``, and the speeds at its ends, s and mm/s.
 
-    The speed is limited at some points by the feed and the normal acceleration, and rises between
-    them as on a straight line. Limits of each axis in the bend are not counted: the change of speed
-    beside its sharpest places uses the axes in the other direction.
+    The speed is limited at some points, and rises between them by a part of the acceleration and
+    jerk of a straight line: the bend takes the rest.
 
     Args:
         data: the records.
@@ -127,17 +128,18 @@ def blend_time(
     for k in range(BLEND_POINTS):
         u = k / (BLEND_POINTS - 1.0)
         curve_eval_s(SPAN, data, at, u, q)
-        v[k] = speed_bounds(data, at, q, feed, limits)[1]
+        v[k] = speed_bounds(data, at, q, feed, limits)[0]
         rate = curve_speed(SPAN, data, at, u)
         s[k] = 0.5 * (before + rate) / (BLEND_POINTS - 1.0)
         before = rate
     data[at + TABLE] = 0.0
     v[0] = min(v[0], ends[0])
     v[BLEND_POINTS - 1] = min(v[BLEND_POINTS - 1], ends[1])
+    a, j = LEFT_OVER * bounds.a, LEFT_OVER * bounds.j
     for k in range(1, BLEND_POINTS):
-        v[k] = min(v[k], reachable_speed(v[k - 1], s[k], bounds.a, bounds.j))
+        v[k] = min(v[k], reachable_speed(v[k - 1], s[k], a, j))
     for k in range(BLEND_POINTS - 1, 0, -1):
-        v[k - 1] = min(v[k - 1], reachable_speed(v[k], s[k], bounds.a, bounds.j))
+        v[k - 1] = min(v[k - 1], reachable_speed(v[k], s[k], a, j))
     time = 0.0
     for k in range(1, BLEND_POINTS):
         time += 2.0 * s[k] / (v[k - 1] + v[k])
@@ -204,12 +206,6 @@ def choose(
         before = Leg(line1.j, ramp_shape(v1, line1.a, line1.j)[0], LEGS_SHARE * length1)
         after = Leg(line2.j, ramp_shape(v2, line2.a, line2.j)[0], LEGS_SHARE * length2)
         saved = overlap_time(u, turn, before, after, eps, limits)
-        along = min(
-            limits.tangential_acceleration, limits.tangential_jerk, limits.normal_acceleration
-        )
-        if along == math.inf:
-            reached1, reached2 = LineBounds(v1, line1.a, line1.j), LineBounds(v2, line2.a, line2.j)
-            saved = max(saved, best_overshoot(u, turn, reached1, reached2, eps, limits)[1])
         if saved > 0.0:
             best -= saved
             choice = OVERLAP

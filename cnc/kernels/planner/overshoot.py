@@ -18,7 +18,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LINE, Floats, Ints
-from cnc.kernels.planner.legs import REST, SHARPEST, LineBounds, Turn, directions, line_bounds
+from cnc.kernels.planner.legs import REST, SHARPEST, LineBounds, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
@@ -214,55 +214,6 @@ def find_moves(
 
 
 @njit
-def best_overshoot(
-    u: Floats,
-    turn: Turn,
-    line1: LineBounds,
-    line2: LineBounds,
-    tolerance: float,
-    limits: LimitArrays,
-) -> tuple[float, float]:
-    """Return the time of the best overshoot at a corner, and the time that it saves, s.
-
-    Both are 0 where none is legal or saves enough.
-
-    Args:
-        u: (2, axes): the directions of the lines.
-        turn: the turn between them.
-        line1: bounds of the first line; its speed is the largest that the motion reaches.
-        line2: the same of the second.
-        tolerance: mm.
-        limits: of the machine.
-    """
-    peak1, accel1, j1 = line1
-    peak2, accel2, j2 = line2
-    legal = turn.sine < SHARPEST
-    for i in range(u.shape[1]):
-        legal = legal and j1 * abs(u[0, i]) + j2 * abs(u[1, i]) <= limits.axis_jerk[i]
-    if not legal:
-        return 0.0, 0.0
-    near = tolerance / math.sqrt(2.0)
-    largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
-    t1 = ramp_shape(peak1, accel1, j1)[0]
-    t2 = ramp_shape(peak2, accel2, j2)[0]
-    best = GAIN
-    found = 0.0
-    for m in range(TRIES + 1):
-        e = largest * m / TRIES
-        common = time_remaining(near / j1, e) + time_remaining(near / j2, e)
-        common = min(common, PHASE_SHARE * (t1 + 2.0 * e), PHASE_SHARE * (t2 + 2.0 * e))
-        gain = common - 4.0 * e - (j1 / accel1 + j2 / accel2) * e * e
-        gain -= 0.5 * (accel1 / peak1 + accel2 / peak2) * e * e
-        reached = max(j1 / accel1, j2 / accel2) * e
-        if m == 0:
-            best += gain
-        elif gain > best and common > 2.1 * BACK * e and reached < 0.5:
-            best = gain
-            found = e
-    return found, best if found > 0.0 else 0.0
-
-
-@njit
 def choose_overshoots(
     path: PathArrays, plan: PlanArrays, moves: RestToRest, limits: LimitArrays, past: Floats
 ) -> None:
@@ -280,15 +231,35 @@ def choose_overshoots(
         legal = first1 >= 0 and first2 >= 0 and moves.end[b] == first2
         if not legal or path.stop_after[b] or not tolerance > 0.0:
             continue
+        j1, j2 = moves.jerk[b], moves.jerk[b + 1]
+        legal = directions(data, at[b], data, at[b + 1], u).sine < SHARPEST
+        for i in range(n):
+            legal = legal and j1 * abs(u[0, i]) + j2 * abs(u[1, i]) <= limits.axis_jerk[i]
+        if not legal:
+            continue
+        accel1, accel2 = moves.accel[b], moves.accel[b + 1]
+        near = tolerance / math.sqrt(2.0)
+        largest = (0.999 * tolerance / (PAST * max(j1, j2))) ** (1.0 / 3.0)
         peak1, peak2 = 0.0, 0.0
         for m in range(first1, moves.end[b]):
             peak1 = max(peak1, plan.v[m])
         for m in range(first2, moves.end[b + 1]):
             peak2 = max(peak2, plan.v[m])
-        turn = directions(data, at[b], data, at[b + 1], u)
-        line1 = LineBounds(peak1, moves.accel[b], moves.jerk[b])
-        line2 = LineBounds(peak2, moves.accel[b + 1], moves.jerk[b + 1])
-        past[b] = best_overshoot(u, turn, line1, line2, tolerance, limits)[0]
+        t1 = ramp_shape(peak1, accel1, j1)[0]
+        t2 = ramp_shape(peak2, accel2, j2)[0]
+        best = GAIN
+        for m in range(TRIES + 1):
+            e = largest * m / TRIES
+            common = time_remaining(near / j1, e) + time_remaining(near / j2, e)
+            common = min(common, PHASE_SHARE * (t1 + 2.0 * e), PHASE_SHARE * (t2 + 2.0 * e))
+            gain = common - 4.0 * e - (j1 / accel1 + j2 / accel2) * e * e
+            gain -= 0.5 * (accel1 / peak1 + accel2 / peak2) * e * e
+            reached = max(j1 / accel1, j2 / accel2) * e
+            if m == 0:
+                best += gain
+            elif gain > best and common > 2.1 * BACK * e and reached < 0.5:
+                best = gain
+                past[b] = e
 
 
 @njit
