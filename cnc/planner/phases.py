@@ -92,23 +92,6 @@ def first_steady(phases: Phases) -> int:
     return int(steady[0]) + 1 if len(steady) else len(phases)
 
 
-def to_steady(phases: Phases) -> Phases:
-    """Return the phases up to the first point without acceleration after the start.
-
-    The point may lie inside a phase, where the motion turns from slowing to speeding up: that phase
-    ends there.
-    """
-    count = first_steady(phases)
-    a, change = phases["a"][:count], phases["duration"][:count] * phases["j"][:count]
-    turns = np.flatnonzero(a * (a + change) < 0.0)
-    if not len(turns):
-        return phases[:count]
-    k = int(turns[0])
-    lead = phases[: k + 1].copy()
-    lead[k]["duration"] = -float(lead[k]["a"]) / float(lead[k]["j"])
-    return lead
-
-
 def first_rest(phases: Phases) -> int:
     """Return the number of phases up to the first rest after the start."""
     rests = np.flatnonzero((phases["v"][1:] == 0.0) & (phases["a"][1:] == 0.0))
@@ -225,13 +208,13 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
 def release(phases: Phases) -> Phases | None:
     """Return the phase that ends the acceleration (> 0) at the start of ``phases``.
 
-    Its jerk is the strongest with which their own ramp ends: a refined ramp has weak ones, too. It
-    is None if there is no such jerk.
+    Its jerk is that with which their own ramp ends. It is None if there is no such jerk.
     """
-    j = float(phases["j"][: first_steady(phases)].min())
-    if j >= 0.0:
+    falling = np.flatnonzero(phases["j"] < 0.0)
+    if not len(falling):
         return None
     _, s, v, a, _ = phases[0].tolist()
+    j = float(phases[falling[0]]["j"])
     return np.array([(-a / j, s, v, a, j)], PHASE)
 
 

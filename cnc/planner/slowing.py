@@ -27,7 +27,7 @@ from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
-from cnc.planner.phases import end_of, first_steady, plan_to_rest, release, to_steady
+from cnc.planner.phases import end_of, first_steady, plan_to_rest, release
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -35,8 +35,6 @@ HORIZON = 8.0
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
-FOLLOWED, LEADS = 0.06, 7
-"""Longest time that the plan is followed before an acceleration is ended, s; tries within it."""
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
 
@@ -91,42 +89,27 @@ def slowed(request: Request) -> SlowedPlan | None:
     While it slows, the motion does not end its acceleration early across a place that it has to
     cross at constant speed.
     """
-    for lead, s, v in _leads(request):
+    plan = request.plan
+    speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
+    lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
+    leads = []
+    if acceleration > 0.0 and (released := release(plan)) is not None:
+        s, v = end_of(released)
+        if (
+            s < request.goal
+            and not request.path.intervals(request.path.limits, request.at, s).flat.any()
+        ):
+            leads.append((released, s, v))
+    if not len(lead):
+        leads.append((lead, float(plan[0]["s"]), speed))
+    elif len(lead) < len(plan):
+        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+    for phases, s, v in leads:
         if v > 0.0 and s < request.goal - rounding_of(request.goal):
-            found = _Search(request, lead, s, v).run()
+            found = _Search(request, phases, s, v).run()
             if found is not None:
                 return found
     return None
-
-
-def _leads(request: Request) -> list[tuple[Phases, float, float]]:
-    """Return the starts of the plan behind which the motion may slow, the shortest first.
-
-    A lead follows the plan to a point without acceleration, or it follows the plan for a while and
-    then ends an acceleration sooner. The first of them may fail, for instance in a blend that the
-    plan passes faster than motion from rest would.
-
-    Returns:
-        Each with the arc length (mm) and the speed (mm/s) at its end.
-    """
-    plan = request.plan
-    if plan[0]["a"] == 0.0:
-        return [(plan[:0], float(plan[0]["s"]), float(plan[0]["v"]))]
-    steady = to_steady(plan)
-    leads = [(steady, *end_of(steady))]
-    begins = np.concatenate(([0.0], np.cumsum(plan["duration"])[:-1]))
-    known = int(np.searchsorted(begins, FOLLOWED))
-    for k in np.unique(np.searchsorted(begins[:known], np.linspace(0.0, FOLLOWED, LEADS))):
-        rest = plan[k:] if k < known else plan[:0]
-        if not len(rest) or rest[0]["a"] <= 0.0 or (released := release(rest)) is None:
-            continue
-        s, v = end_of(released)
-        if s < request.goal:
-            crossed = request.path.intervals(request.path.limits, float(rest[0]["s"]), s)
-            # The motion leaves a stop freely: only a place that it passes is crossed steadily.
-            if not (crossed.flat & (crossed.speed > 0.0)).any():
-                leads.append((np.concatenate((plan[:k], released)), s, v))
-    return sorted(leads, key=lambda lead: lead[1])
 
 
 class _Search:
