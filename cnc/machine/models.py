@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
+from cnc.machine.motors import Motor, Motors
 from cnc.machine.program import Program
 from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
 from cnc.model.blocks import AxisLetter
@@ -66,6 +67,13 @@ class Homing(Section):
             "Machine coordinate of that position of rest, mm. Without it: the end of the travel."
         ),
     )
+    squaring_limit: Positive = Field(
+        default=2.5,
+        description=(
+            "Largest difference between the motors of an axis that homing squares, mm. A larger "
+            "one is an error."
+        ),
+    )
 
 
 class Axis(Section):
@@ -95,11 +103,43 @@ class Axis(Section):
         default=None,
         description="How the axis finds its limit switch. Without it, the defaults hold.",
     )
+    motors: Motors = Field(
+        default=(Motor(),),
+        description=(
+            "Number of motors that move the axis together, as in a gantry, or a table for each. "
+            "Each has a limit switch of its own, by which homing squares the gantry."
+        ),
+    )
 
     @property
     def step_rate(self) -> float:
         """Steps per second at ``max_velocity``."""
         return self.max_velocity * self.steps_per_mm
+
+
+def switch_end(letter: str, homing: Homing | None) -> int:
+    """Return the end of the travel at which an axis has its switch, +1 or -1."""
+    end = None if homing is None else homing.end
+    return 1 if (end or ("high" if letter == "z" else "low")) == "high" else -1
+
+
+def gantry_inconsistencies(table: str, name: str, axis: Axis) -> Iterator[Inconsistency]:
+    """Yield the contradictions between the motors of an axis and its homing."""
+    key = table, name, "motors"
+    if axis.motors[0].offset:
+        message = "the offset of the first motor is not 0"
+        hint = "the offsets of the other motors count from its switch"
+        yield Inconsistency(key, message, hint)
+    homing = axis.homing or Homing()
+    for number, motor in enumerate(axis.motors[1:], start=2):
+        room = homing.pull_off + switch_end(name, axis.homing) * motor.offset
+        if room <= 0.0:
+            message = (
+                f"with the offset {motor.offset:g}, the switch of motor {number} is closed "
+                f"{homing.pull_off:g} mm off that of motor 1, where homing ends"
+            )
+            hint = f"raise {table}.{name}.homing.pull_off above {abs(motor.offset):g}"
+            yield Inconsistency(key, message, hint)
 
 
 class PathLimits(Section):
@@ -246,6 +286,7 @@ class Machine(Section):
         yield from self._joint_names()
         for table, name, joint in self._motors():
             yield from self._axis_limits(table, name, joint)
+            yield from gantry_inconsistencies(table, name, joint)
         for letter in self.axes:
             yield from self._homing_position(letter)
         for letter in (self.homing.order or ()) if self.homing is not None else ():
@@ -256,7 +297,8 @@ class Machine(Section):
                     f"its axes are {', '.join(self.axes)}",
                 )
         if self.board.klipper is not None:
-            yield from self.board.klipper.inconsistencies(tuple(self.joint_tables))
+            motors = {name: len(joint.motors) for name, joint in self.joint_tables.items()}
+            yield from self.board.klipper.inconsistencies(motors)
         elif self.board.kind == "klipper":
             yield Inconsistency(
                 ("board", "kind"),
