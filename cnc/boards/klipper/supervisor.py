@@ -155,8 +155,8 @@ class Supervisor:
 
     def _triggered(self, reason: int) -> None:
         """Act on a trigger, which has stopped all motors."""
-        armed = self.guards.armed
-        if self.probing and armed is not None and reason == armed.input.reason:
+        armed = {each.input.reason for each in self.guards.armed}
+        if self.probing and reason in armed:
             self.sender.cut = True
             self.connection.link.drop_waiting()
             return
@@ -166,6 +166,11 @@ class Supervisor:
     def ask(self, command: str, response: str, oid: int) -> Message:
         """Return the answer to a question about an object."""
         return self.connection.ask(command, response, self.pump, oid=oid)
+
+    def select(self, alone: tuple[int, int] | None) -> None:
+        """Let one motor of an axis (column, motor) take part in the next motion, or all."""
+        self.position.select(alone)
+        self.sender.select(alone)
 
     def is_pressed(self, each: InputObject) -> bool:
         """Return whether an input is pressed."""

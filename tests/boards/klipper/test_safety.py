@@ -56,7 +56,7 @@ def last_step(simulator: KlipperSimulator) -> float:
 def test_switches_stop_all_motors(mcu: str, key: str, code: str, tmp_path: Path) -> None:
     known = machine(mcu)
     (tmp_path / "p.ngc").write_text(LONG)
-    text = pins(known).emergency_stop if key == "stop" else pins(known).x.endstop  # type: ignore[union-attr]
+    text = pins(known).emergency_stop if key == "stop" else pins(known).x.endstop[0]  # type: ignore[union-attr]
     assert text is not None
     simulator, closed = simulator_for(known), []
 

@@ -87,16 +87,17 @@ def with_driver(kind: str, **keys: object) -> Machine:
     known = machine()
     x = pins(known).x
     assert x is not None
-    return machine(x=x.model_copy(update={"driver": driver(kind, **keys)}))
+    return machine(x=x.model_copy(update={"driver": (driver(kind, **keys),)}))
 
 
-def model(known: Machine, simulator: object) -> DriverModel:
-    axis = pins(known).x
+def model(known: Machine, simulator: object, letter: str = "x", number: int = 0) -> DriverModel:
+    axis = pins(known).axis(letter)
     assert axis is not None
     assert axis.driver is not None
-    if axis.driver.uart is not None:
-        return simulator.uarts[simulator.pin(axis.driver.uart)].drivers[axis.driver.address]  # type: ignore[attr-defined]
-    return simulator.spi[simulator.pin(str(axis.driver.select))]  # type: ignore[attr-defined]
+    known_driver = axis.driver[number]
+    if known_driver.uart is not None:
+        return simulator.uarts[simulator.pin(known_driver.uart)].drivers[known_driver.address]  # type: ignore[attr-defined]
+    return simulator.spi[simulator.pin(str(known_driver.select))]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("kind", ["tmc2208", "tmc2209", "tmc2130", "tmc5160"])
@@ -158,8 +159,8 @@ def test_drivers_share_a_uart_by_their_addresses() -> None:
     assert x is not None
     assert y is not None
     known = machine(
-        x=x.model_copy(update={"driver": driver("tmc2209", address=0)}),
-        y=y.model_copy(update={"driver": driver("tmc2209", address=2, microsteps=8)}),
+        x=x.model_copy(update={"driver": (driver("tmc2209", address=0),)}),
+        y=y.model_copy(update={"driver": (driver("tmc2209", address=2, microsteps=8),)}),
     )
     with board(known) as (_, simulator):
         wire = simulator.uarts[simulator.pin("gpio26")]

@@ -39,15 +39,16 @@ class MotorDriver:
     Args:
         connection: The connection to the board.
         oid: Object of its UART or SPI device.
-        letter: Letter of its axis.
+        owner: Letter of its axis, and the number of its motor among several.
         driver: Its table in the machine file.
     """
 
     def __init__(
-        self, connection: Connection, oid: int, letter: str, driver: TrinamicDriver
+        self, connection: Connection, oid: int, owner: tuple[str, int | None], driver: TrinamicDriver
     ) -> None:
         self._connection, self._oid = connection, oid
-        self.letter, self.driver = letter, driver
+        self.letter, self.number = owner
+        self.driver = driver
 
     def read(self, register: int) -> int:
         """Return the value of a register.
@@ -138,8 +139,11 @@ class MotorDriver:
         return connection.ask(command, response, connection.pump, oid=self._oid, **values)
 
     def _fault(self, message: str, hint: str) -> BoardError:
-        kind, letter = self.driver.kind, self.letter.upper()
-        return board_error("motor-driver", f"the {kind} of {letter} {message}", hint=hint)
+        owner = self.letter.upper()
+        if self.number is not None:
+            owner = f"motor {self.number + 1} of {owner}"
+        text = f"the {self.driver.kind} of {owner} {message}"
+        return board_error("motor-driver", text, hint=hint)
 
 
 def motor_drivers(connection: Connection, layout: Layout, machine: Machine) -> list[MotorDriver]:
@@ -147,6 +151,8 @@ def motor_drivers(connection: Connection, layout: Layout, machine: Machine) -> l
     found: list[MotorDriver] = []
     for letter in machine.axes:
         axis = section(machine).axis(letter)
-        if axis is not None and axis.driver is not None:
-            found.append(MotorDriver(connection, layout.drivers[letter], letter, axis.driver))
+        drivers = () if axis is None else axis.driver or ()
+        for number, driver in enumerate(drivers):
+            owner = letter, number if len(drivers) > 1 else None
+            found.append(MotorDriver(connection, layout.drivers[letter, number], owner, driver))
     return found
