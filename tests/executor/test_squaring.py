@@ -34,9 +34,7 @@ def y_motors(board: SwitchedLoopback) -> list[int]:
     offset=st.floats(-0.45, 0.45),
     end=st.sampled_from(("low", "high")),
 )
-def test_each_motor_ends_at_its_own_switch_and_offset(
-    skew: float, offset: float, end: str
-) -> None:
+def test_each_motor_ends_at_its_own_switch_and_offset(skew: float, offset: float, end: str) -> None:
     """After homing the motors differ from each other by what the switches and offsets say."""
     homing = QUICK.model_copy(update={"end": end})
     machine = gantry(offset if end == "high" else -offset, homing=homing)

@@ -320,9 +320,7 @@ class LayoutBuilder:
         key = letter, "endstop"
         oid = self._create("config_endstop", pin=self.pin(key, text), pull_up=int(pin.pull_up))
         active = int(not pin.inverted)
-        self.layout.inputs.append(
-            InputObject(oid, "limit", active, LIMIT + column, column, number)
-        )
+        self.layout.inputs.append(InputObject(oid, "limit", active, LIMIT + column, column, number))
 
     def _input(self, key: tuple[str, ...], name: str, text: str, reason: int) -> None:
         pin = Pin.of(text)

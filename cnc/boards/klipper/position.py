@@ -51,9 +51,7 @@ class MachinePosition:
         """Return the grid point (axes,) of positions; of several motors that move the first."""
         grid = np.zeros(len(self._letters), np.int64)
         for motor, count, offset, moving in reversed(
-            list(
-                zip(self._motors, self.counts(positions), self.offset, self.moving, strict=True)
-            )
+            list(zip(self._motors, self.counts(positions), self.offset, self.moving, strict=True))
         ):
             if moving:
                 grid[motor.column] = count + offset

@@ -42,7 +42,12 @@ def gantry(*offsets: float, homing: Homing = QUICK, letter: str = "y", **changes
 
 SwitchPlaces = dict[tuple[int, int], tuple[int, float]]
 """Direction and place of the switch of each motor (column, motor), steps of that motor."""
-PLACES: SwitchPlaces = {(0, 0): (-1, -300), (1, 0): (-1, -410), (1, 1): (-1, -410), (2, 0): (1, 150)}
+PLACES: SwitchPlaces = {
+    (0, 0): (-1, -300),
+    (1, 0): (-1, -410),
+    (1, 1): (-1, -410),
+    (2, 0): (1, 150),
+}
 
 
 class SwitchedLoopback(Loopback):

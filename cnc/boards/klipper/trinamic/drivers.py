@@ -44,7 +44,11 @@ class MotorDriver:
     """
 
     def __init__(
-        self, connection: Connection, oid: int, owner: tuple[str, int | None], driver: TrinamicDriver
+        self,
+        connection: Connection,
+        oid: int,
+        owner: tuple[str, int | None],
+        driver: TrinamicDriver,
     ) -> None:
         self._connection, self._oid = connection, oid
         self.letter, self.number = owner
