@@ -27,8 +27,8 @@ from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
 from cnc.executor import homing
 from cnc.executor.homing_cycles import AxisHoming
-from cnc.executor.squaring import Squared
 from cnc.executor.run import Progress
+from cnc.executor.squaring import Squared
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block

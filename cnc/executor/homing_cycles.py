@@ -57,6 +57,9 @@ class AxisHoming:
         """
         axis = machine.axes[letter]
         settings = axis.homing or Homing()
+        if machine.is_sensorless(letter):
+            # A slow motor does not tell that it stalls.
+            settings = settings.model_copy(update={"latch": settings.seek})
         if axis.travel is None:
             hint = f"write axes.{letter}.travel = [lowest, highest] into the machine file"
             raise UsageError(

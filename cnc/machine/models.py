@@ -242,6 +242,12 @@ class Machine(Section):
             axis.homing is not None for axis in self.axes.values()
         )
 
+    def is_sensorless(self, letter: str) -> bool:
+        """Whether an axis homes without a switch: its motor driver tells that the motor stalls."""
+        axis = None if self.board.klipper is None else self.board.klipper.axis(letter)
+        drivers = () if axis is None else axis.driver or ()
+        return any(driver.stallguard is not None for driver in drivers)
+
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Letters of the axes, one for each column of a position."""

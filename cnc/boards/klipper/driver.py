@@ -201,8 +201,8 @@ class Klipper:
             supervisor.select(self._next_alone)
             self._next_alone = None
             self._refuse_pressed(supervisor.guards.watched)
-            for driver in supervisor.drivers:
-                driver.check()
+            supervisor.end_stalls()
+            supervisor.check_drivers()
             self._position.set(supervisor.read_positions(), self._checks.position_steps)
             self._position.known = known
             supervisor.store(moving=True)
@@ -362,6 +362,9 @@ class Klipper:
             raise supervisor.fail(
                 board_error(f"{name}-contact", message, line=block.line, hint=hint)
             )
+        if isinstance(block, SwitchMove):
+            scale = float(self._machine.steps_per_mm[block.switch])
+            supervisor.watch_stalls(block.switch, block.feed * scale)
         supervisor.guards.armed = tuple(
             ArmedInput(each, each.active if towards else 1 - each.active) for each in found
         )
@@ -375,6 +378,7 @@ class Klipper:
         point = supervisor.end_cut() if touched else sender.position
         supervisor.guards.armed = ()
         supervisor.probing = False
+        supervisor.end_stalls()
         self._checks.stand_at(point)
         supervisor.stopped_short = False
         sender.stand_at(point)

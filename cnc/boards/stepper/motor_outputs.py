@@ -1,7 +1,7 @@
 """Outputs of the stepper board and the motors of a machine.
 
-Each axis has an output with its first motor, in the order of the axes. Further motors of an axis, as
-in a gantry, have the outputs after these. An output has the limit input of the same number.
+Each axis has an output with its first motor, in the order of the axes. Further motors of an axis,
+as in a gantry, have the outputs after these. An output has the limit input of the same number.
 
       axes      x         y         z
       outputs   0: x      1: y      2: z      3: second motor of y

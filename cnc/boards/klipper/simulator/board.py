@@ -56,9 +56,10 @@ def _add_drivers(simulator: KlipperSimulator, machine: Machine) -> None:
             if driver.uart is not None:
                 pin = simulator.pin(Pin.of(driver.uart).name)
                 wire = simulator.uarts.setdefault(pin, UartModel())
-                wire.drivers[driver.address] = DriverModel()
+                wire.drivers[driver.address] = DriverModel(driver.kind)
             elif driver.select is not None:
-                simulator.spi[simulator.pin(Pin.of(driver.select).name)] = DriverModel()
+                pin = simulator.pin(Pin.of(driver.select).name)
+                simulator.spi[pin] = DriverModel(driver.kind)
 
 
 def with_pins(machine: Machine) -> Machine:
