@@ -20,7 +20,7 @@ from tests.support.soak import share
 from tests.support.work import at_most
 
 AMOUNT = share(10_000, 75)
-LIMITS = Limits(repeated_lines=20_000, depth=20)
+LIMITS = Limits(repeated_lines=share(20_000, 4_000), depth=20)
 WORK = 100 * LIMITS.repeated_lines
 """Calls of functions that a program may need: a hundred for each line that is executed."""
 
