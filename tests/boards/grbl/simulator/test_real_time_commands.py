@@ -213,9 +213,9 @@ def test_a_jog_that_waits_for_the_planner_goes_on_from_where_the_cancel_stopped(
 @pytest.mark.parametrize("byte", [b"\x91", b"\x97"])
 def test_overrides_do_not_change_a_jog(byte):
     bench = Bench()
-    bench.send("$J=X5F400\n", 1.0)
+    bench.send("$J=X5F120\n", 1.0)
     bench.send(byte, 0.1)
-    assert bench.status()["FS"].startswith("400,")
+    assert bench.status()["FS"].startswith("120,")
 
 
 @pytest.mark.parametrize("state", ["hold", "check", "alarm", "sleep"])
