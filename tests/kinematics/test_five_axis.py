@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from cnc.api import Outputs, RunOptions, check
+from cnc.api import Outputs, RunOptions, check, load_machine
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.joint_map import JointMap
@@ -17,6 +18,7 @@ from cnc.machine.program import Program
 from cnc.planner.joints import ToolTipOf
 from tests.support.five_axis import TYPES, five_axis_machine, table_of, tip_of
 from tests.support.gcode.gcode_cases import error_of, run
+from tests.support.paths import ROOT
 
 OFFSET = (0.5, -1.0, 80.0)
 
@@ -225,3 +227,30 @@ def test_travel_is_that_of_the_joints_on_a_bulge(tmp_path: Path) -> None:
     assert [(each.diagnostic.code, each.diagnostic.line) for each in report.faults] == [
         ("soft-limit", 5)
     ]
+
+
+def test_the_shipped_program_cuts_a_cone(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.npz"
+    program = ROOT / "programs" / "five-axis" / "cone.nc"
+    report = check(program, load_machine("trunnion"), RunOptions(outputs=Outputs(trace=str(trace))))
+    assert report.ok
+    assert not any(report.violations.values())
+    data = np.load(trace)
+    line = 1 + next(
+        k for k, text in enumerate(program.read_text().split("\n")) if text.startswith("G3")
+    )
+    pose = data["position"][data["line"] == line]
+
+    # the same motion by rotations of scipy: the axis of the tool lies on the cone at each place
+    def place(length: float) -> np.ndarray:
+        tool = pose[:, :3] - np.array([0.0, 0.0, length])
+        tilt = Rotation.from_euler("x", pose[:, 3:4], degrees=True)
+        turn = Rotation.from_euler("z", pose[:, 4:5], degrees=True)
+        centre = np.array([0.0, 0.0, -60.0])
+        return turn.apply(tilt.apply(tool - centre) + centre)
+
+    tip, above = place(80.0), place(60.0)
+    assert np.abs(np.hypot(tip[:, 0], tip[:, 1]) - 33.0).max() < 1e-5
+    narrower = 33.0 - 20.0 * np.sin(np.radians(15.0))
+    assert np.abs(np.hypot(above[:, 0], above[:, 1]) - narrower).max() < 1e-5
+    assert np.abs(tip[:, 2] + 10.0).max() < 1e-5
