@@ -30,6 +30,7 @@ from cnc.model.blocks import (
     PathMode,
     Polyline,
     Probe,
+    TipControl,
 )
 from cnc.model.motion_commands import (
     apart,
@@ -135,6 +136,8 @@ class _Builder:
         else:
             yield from self.rest()
             yield block
+            if isinstance(block, TipControl):
+                self._position[:] = block.position
             if isinstance(block, BoardCommand) and block.answer.values is not None:
                 self._position[:] = block.answer.values
 
