@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, FiveAxis, KinematicsTable, OfJoints
-from cnc.machine.motors import Motor, Motors
+from cnc.machine.motors import Motor, Motors, gantry_inconsistencies
 from cnc.machine.program import Program
 from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
 from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
@@ -129,25 +129,6 @@ def switch_end(letter: str, homing: Homing | None) -> int:
     """Return the end of the travel at which an axis has its switch, +1 or -1."""
     end = None if homing is None else homing.end
     return 1 if (end or ("high" if letter == "z" else "low")) == "high" else -1
-
-
-def gantry_inconsistencies(table: str, name: str, axis: Axis) -> Iterator[Inconsistency]:
-    """Yield the contradictions between the motors of an axis and its homing."""
-    key = table, name, "motors"
-    if axis.motors[0].offset:
-        message = "the offset of the first motor is not 0"
-        hint = "the offsets of the other motors count from its switch"
-        yield Inconsistency(key, message, hint)
-    homing = axis.homing or Homing()
-    for number, motor in enumerate(axis.motors[1:], start=2):
-        room = homing.pull_off + switch_end(name, axis.homing) * motor.offset
-        if room <= 0.0:
-            message = (
-                f"with the offset {motor.offset:g}, the switch of motor {number} is closed "
-                f"{homing.pull_off:g} mm off that of motor 1, where homing ends"
-            )
-            hint = f"raise {table}.{name}.homing.pull_off above {abs(motor.offset):g}"
-            yield Inconsistency(key, message, hint)
 
 
 class PathLimits(Section):
@@ -308,7 +289,9 @@ class Machine(Section):
         yield from self._joint_names()
         for table, name, joint in self._motors():
             yield from self._axis_limits(table, name, joint)
-            yield from gantry_inconsistencies(table, name, joint)
+            pull_off = (joint.homing or Homing()).pull_off
+            towards = switch_end(name, joint.homing)
+            yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
         for letter, axis in self.axes.items():
             yield from self._homing_position(letter)
             if axis.wrap is not None and letter not in ROTARY_LETTERS:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
-from cnc.machine.section import Section, as_tuple
+from cnc.machine.section import Inconsistency, Section, as_tuple
 
 MOST_MOTORS = 4
 
@@ -62,3 +63,28 @@ Motors = Annotated[
     ),
 ]
 """The motors of an axis."""
+
+
+def gantry_inconsistencies(
+    key: tuple[str, str], motors: tuple[Motor, ...], pull_off: float
+) -> Iterator[Inconsistency]:
+    """Yield the contradictions between the motors of an axis and its homing.
+
+    Args:
+        key: Table of the axis.
+        motors: Its motors.
+        pull_off: Distance from the place of rest to the first switch, mm; negative at the low end.
+    """
+    if motors[0].offset:
+        message = "the offset of the first motor is not 0"
+        hint = "the offsets of the other motors count from its switch"
+        yield Inconsistency((*key, "motors"), message, hint)
+    towards = 1 if pull_off > 0 else -1
+    for number, motor in enumerate(motors[1:], start=2):
+        if (pull_off + motor.offset) * towards <= 0.0:
+            message = (
+                f"with the offset {motor.offset:g}, the switch of motor {number} is closed "
+                f"{abs(pull_off):g} mm off that of motor 1, where homing ends"
+            )
+            hint = f"raise {'.'.join(key)}.homing.pull_off above {abs(motor.offset):g}"
+            yield Inconsistency((*key, "motors"), message, hint)
