@@ -16,6 +16,8 @@ from cnc.machine.klipper import KlipperBoard
 
 AHEAD_S = 0.1
 """Time from a command to the change of an output."""
+LEAST_AHEAD_S = 0.02
+"""Time from a late repetition to its effect."""
 REPEAT_S = 0.5 * MAX_DURATION_S
 """Time between two repetitions."""
 
@@ -96,9 +98,12 @@ class Outputs:
         value = self._values[output.oid]
         if not output.limited or value is None or value == output.value(0.0):
             return
-        period = round(REPEAT_S * self._connection.board_clock.frequency)
+        ticks = self._connection.board_clock
+        period = round(REPEAT_S * ticks.frequency)
+        # After a standstill of this computer, the time of a repetition may be over.
+        soon = ticks.at(self._connection.clock.now()) + round(LEAST_AHEAD_S * ticks.frequency)
         while clock - self._at[output.oid] > period:
-            self._schedule(output, value, self._at[output.oid] + period)
+            self._schedule(output, value, max(self._at[output.oid] + period, soon))
 
     def _schedule(self, output: OutputObject, value: int, clock: int) -> None:
         at = max(clock, self._at[output.oid] + 1)

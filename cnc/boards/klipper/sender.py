@@ -269,6 +269,14 @@ class Sender:
 
     def _release(self, until_ns: int) -> None:
         """Send the moves before a time, piece by piece."""
+        # What waits is sent at once, so a short standstill of this computer needs no ramp.
+        self._sending = True
+        try:
+            self._release_pieces(until_ns)
+        finally:
+            self._sending = False
+
+    def _release_pieces(self, until_ns: int) -> None:
         piece = round(PIECE_S * 1e9)
         while (
             self._waiting
@@ -338,14 +346,10 @@ class Sender:
             found += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
         found.sort(key=lambda each: each[:3])
         self.tracker.add(clocks, points, line)
-        self._sending = True
-        try:
-            for begin, column, k, runs in found:
-                self._queue(begin, column, k, runs)
-                if self.cut:
-                    return
-        finally:
-            self._sending = False
+        for begin, column, k, runs in found:
+            self._queue(begin, column, k, runs)
+            if self.cut:
+                return
         self.position = points[-1]
         self._guard.pump(0.0)
 

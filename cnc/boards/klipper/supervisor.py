@@ -20,11 +20,11 @@ from cnc.boards.klipper.layout import (
 from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
 from cnc.boards.klipper.position import MotorPosition
-from cnc.boards.klipper.position_store import PositionStore, StoredPosition
+from cnc.boards.klipper.position_keeper import PositionKeeper
 from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import Sender
-from cnc.boards.klipper.setup import configure, shutdown_reason
+from cnc.boards.klipper.setup import shutdown_reason
 from cnc.boards.klipper.trinamic.drivers import CHECK, motor_drivers
 from cnc.boards.klipper.trinamic.watch import DriverWatch
 from cnc.boards.loopback import Loopback
@@ -63,8 +63,12 @@ class Supervisor(PulseSupervisor):
         self.connection.open()
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
         self.position = MotorPosition(machine, self.layout.motors)
-        self._store = PositionStore(identity)
-        self._open_store()
+        self._keeper = PositionKeeper(identity, self.layout)
+        self.slots, same = self._keeper.configure(self.connection)
+        positions = self.read_positions()
+        if same:
+            self._keeper.restore(self.position)
+        self.store(moving=False)
         drivers = motor_drivers(self.connection, self.layout, machine)
         for driver in drivers:
             driver.configure(machine)
@@ -76,7 +80,7 @@ class Supervisor(PulseSupervisor):
         guard = Guard(self.pump, self.guards.arm, self._rest_between)
         self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
         self.outputs = Outputs(self.connection, self.layout, self.sender.slots.add)
-        self.sender.position = self.position.of(self._counts)
+        self.sender.position = self.position.of(positions)
 
     @property
     def confirmed_line(self) -> int:
@@ -105,31 +109,9 @@ class Supervisor(PulseSupervisor):
         """Close the port."""
         self.connection.port.close()
 
-    def _open_store(self) -> None:
-        """Configure the board, and take over the position that it has kept."""
-        layout = self.layout.crc
-        stored = self._store.read()
-        kept = stored.number if stored is not None and stored.layout == layout else layout
-        self._number = self._store.number(layout)
-        self.slots, same = configure(self.connection, self.layout, kept, self._number)
-        if same:
-            self._number = kept
-        self._counts = self.read_positions()
-        motors, axes = len(self.layout.motors), len(self.position.known)
-        if same and stored is not None and len(stored.offset) == motors:
-            self.position.offset = list(stored.offset)
-            # A program that was killed has left the motors without a ramp.
-            if len(stored.known) == axes and not stored.moving:
-                self.position.known = np.array(stored.known, np.bool_)
-        self.store(moving=False)
-
     def store(self, *, moving: bool) -> None:
         """Keep the position for the next program."""
-        known = self.position.known.tolist()
-        layout = self.layout.crc
-        self._store.write(
-            StoredPosition(layout, self._number, list(self.position.offset), known, moving)
-        )
+        self._keeper.write(self.position, moving=moving)
 
     def pump(self, seconds: float) -> list[Message]:
         """Send what is due and what waits, receive bytes and check the messages.
@@ -334,18 +316,14 @@ class Supervisor(PulseSupervisor):
         return self._dead_stop(alarm.code, alarm.message, alarm.hint)
 
     def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
-        """Read the position after a stop of the motors, which is not to be trusted."""
+        """Stop the motors, and read the position, which is not to be trusted."""
         self._stopping = True
-        text, line = "", self.sender.tracker.line
         try:
-            with suppress(BoardError):
-                self.connection.link.drop_waiting()
-                self.guards.disarm()
-                self.guards.trigger()
-                self.set_outputs(self.outputs.state.off())
-                point = self.take_position()
-                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
-                line = self.sender.tracker.line_at(point) or line
+            self.connection.link.drop_waiting()
+            self.guards.disarm()
+            self.guards.trigger()
+            self.set_outputs(self.outputs.state.off())
+            text, line = self._after_stop()
         finally:
             self._stopping = False
         self.position.forget()
@@ -355,20 +333,34 @@ class Supervisor(PulseSupervisor):
         """End the use of the board after a shutdown; its counts are read after its end."""
         reason = shutdown_reason(self.connection, number)
         self._stopping = True
-        text, line = "", self.sender.tracker.line
         try:
-            with suppress(BoardError):
-                self.connection.link.drop_waiting()
-                self.connection.send("clear_shutdown")
-                self.outputs.forget()
-                point = self.take_position()
-                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
-                line = self.sender.tracker.line_at(point) or line
+            self.connection.link.drop_waiting()
+            text, line = self._after_stop()
         finally:
             self._stopping = False
         self.position.forget()
         message = f"the board has shut down: {reason}{text}"
         return self.fail(board_error("klipper-shutdown", message, line=line, hint=DEAD_STOP))
+
+    def _after_stop(self) -> tuple[str, int]:
+        """Read the position of motors that were stopped, and end a shutdown of the board.
+
+        Returns:
+            The position for a message, "" if the board does not answer, and the source line.
+        """
+        tracker = self.sender.tracker
+        try:
+            if self.connection.ask("get_config", "config", self.pump)["is_shutdown"]:
+                self.connection.send("clear_shutdown")
+                self.outputs.forget()
+            point = self.take_position()
+        except BoardError:
+            known = tracker.played(self.sender.now)
+            if known is not None:
+                self.sender.position, self.stopped_short = known, True
+            return "", tracker.line
+        text = f"; the machine is at {self.position.text(point)}, which may be wrong"
+        return text, tracker.line_at(point) or tracker.line
 
     def _reset(self) -> BoardError:
         message = f"the board on {self.connection.name} was reset; its position is lost"
