@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.line_stream import LineStream
-from cnc.boards.grbl.simulator.from_machine import settings_of
+from cnc.boards.grbl.simulator.from_machine import profile_of, settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
 from cnc.boards.protocols import BoardTraits
@@ -37,7 +37,7 @@ class GrblSimulatorBoard(GrblBoard):
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSimulatorBoard:
         """Return a new connected board."""
-        simulator = GrblSimulator(settings=settings_of(machine))
+        simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
         port = GrblSimulatorPort(simulator)
         board = cls(port, machine, port.clock, NAME)
         board.simulator = simulator
