@@ -30,7 +30,7 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.joints import Joints
+from cnc.planner.joints import Joints, ToolTipOf
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
@@ -250,6 +250,12 @@ class ProgramReader:
                 policy=self.policy,
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
+                wraps={
+                    letter: axis.wrap
+                    for letter, axis in self.machine.axes.items()
+                    if axis.wrap is not None
+                },
+                tool_tip=ToolTipOf.machine(self.machine),
             ),
         )
         return blocks if self.homed is None else self._with_homed_position(blocks)
