@@ -194,6 +194,18 @@ class HasLimitSwitches(RemembersPosition, Protocol):
 
 
 @runtime_checkable
+class SquaresGantries(HasLimitSwitches, Protocol):
+    """A board on which each motor of an axis can have a limit switch of its own."""
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis that has one is closed now, in the order of motors."""
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+
+
+@runtime_checkable
 class ProbesByMotion(Protocol):
     """A board that has the answer to a probe only after the motion, not from ``execute``."""
 
@@ -223,6 +235,14 @@ class PlaysAhead(Protocol):
     @property
     def motion_state(self) -> MotionState:
         """State according to the last report of the board."""
+
+
+@runtime_checkable
+class Revivable(Protocol):
+    """A board that takes the next program after a stop, without a new connection."""
+
+    def revive(self) -> None:
+        """Go from stopped to idle. BoardError if a fault ended the use of the board."""
 
 
 @runtime_checkable

@@ -129,6 +129,20 @@ class PathMode(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class TipControl(Block):
+    """Tool-tip control begins or ends. The joints do not move.
+
+    Attributes:
+        offset: Offset of the tool along X, Y and Z, mm; None ends the control.
+        position: Position of the axes from here on (axes,), mm or degrees: under tool-tip control
+            that of the tip, with the tool's offset.
+    """
+
+    offset: tuple[float, float, float] | None
+    position: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class Dwell(Block):
     seconds: float
 
@@ -320,9 +334,14 @@ class SwitchMove(Probe):
     """A homing move, which ends when the limit switch of column ``switch`` closes or opens.
 
     Programs do not contain this block.
+
+    Attributes:
+        switch: Column of the axis.
+        motor: Motor of the axis whose own switch is meant; None for any switch of the axis.
     """
 
     switch: int = 0
+    motor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,8 @@ class FirmwareProfile:
         start_messages: Lines before the welcome.
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
+        jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
+        axes: Letters of the axes, in the order of their settings and reports.
         settings: The settings of a new board.
     """
 
@@ -67,7 +69,23 @@ class FirmwareProfile:
     start_messages: tuple[str, ...] = ()
     sizes_reported: bool = True
     numbered_settings: bool = True
+    jog_cancel_flushes: bool = False
+    axes: str = "XYZ"
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
+
+    def with_axes(self, letters: str) -> FirmwareProfile:
+        """Return the firmware built for other axes. The settings of further ones are those of Z."""
+        further = {
+            first + axis: GRBL_SETTINGS[first + 2]
+            for first in (STEPS, RATES, ACCELERATIONS, TRAVELS)
+            for axis in range(3, len(letters))
+        }
+        build_lines = tuple(
+            f"[AXS:{len(letters)}:{letters}]" if line.startswith("[AXS:") else line
+            for line in self.build_lines
+        )
+        settings = dict(sorted((self.settings | further).items()))
+        return replace(self, axes=letters, build_lines=build_lines, settings=settings)
 
 
 GRBL = FirmwareProfile(
@@ -105,6 +123,7 @@ GRBLHAL = FirmwareProfile(
     eeprom_blinds=False,
     estop_alarm=10,
     mist=True,
+    jog_cancel_flushes=True,
     build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:simulator]"),
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
