@@ -116,6 +116,19 @@ class CallBoundary(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class ToolOffset(Block):
+    """The tool offset from here on: position of the axes less ``offset`` is that of the tool tip.
+
+    Only readers that ask for these blocks get them.
+
+    Attributes:
+        offset: Offset of each axis (axes,), mm.
+    """
+
+    offset: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class PathMode(Block):
     """Path control from here on: G61.1 (exact-stop), G61 (exact-path) or G64 (blend).
 
