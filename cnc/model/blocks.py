@@ -142,6 +142,20 @@ class PathMode(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class TipControl(Block):
+    """Tool-tip control begins or ends. The joints do not move.
+
+    Attributes:
+        offset: Offset of the tool along X, Y and Z, mm; None ends the control.
+        position: Position of the axes from here on (axes,), mm or degrees: under tool-tip control
+            that of the tip, with the tool's offset.
+    """
+
+    offset: tuple[float, float, float] | None
+    position: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class Dwell(Block):
     seconds: float
 

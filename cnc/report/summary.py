@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cnc.model.blocks import ROTARY_LETTERS
 from cnc.report.number_format import clock, number, position, spaced
 from cnc.report.result import (
     AXIS_LIMIT_NAMES,
@@ -182,11 +183,14 @@ def _limits(report: Report) -> RenderableType:
         nearest = _nearest(report.largest, report.limits, name)
         if nearest is not None:
             letter, largest, limit = nearest
+            unit = UNITS[name]
+            if letter in ROTARY_LETTERS and letter in report.machine.axes:
+                unit = unit.replace("mm", "°")
             table.add_row(
                 f"{name} of {letter.upper()}",
                 number(largest),
                 number(limit),
-                UNITS[name],
+                unit,
                 _share(largest, limit),
             )
     return table

@@ -7,7 +7,16 @@ from collections.abc import Iterable, Iterator
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
 from cnc.grbl_lines.exact_path import exact_path
-from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe, WaitInput
+from cnc.model.blocks import (
+    ArcFeed,
+    Block,
+    BoardCommand,
+    NurbsFeed,
+    Polyline,
+    Probe,
+    TipControl,
+    WaitInput,
+)
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
 from cnc.outputs.blocks import BlockWriter
@@ -128,6 +137,8 @@ class CheckPass:
                 end = block.points[-1]
             elif isinstance(block, ArcFeed | Probe):
                 end = block.end
+            elif isinstance(block, TipControl):
+                end = block.position
             elif isinstance(block, NurbsFeed):
                 end = block.control_points[-1]
             self._kernels.see_block(block)

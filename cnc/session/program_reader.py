@@ -30,10 +30,10 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.joints import Joints
+from cnc.planner.joints import Joints, ToolTipOf
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
-from cnc.session.source import STANDARD_INPUT_NAME
+from cnc.session.source import WITHOUT_FILE
 
 log = logging.getLogger(__name__)
 
@@ -243,7 +243,7 @@ class ProgramReader:
         mark_tool_offsets: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
-        file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
+        file = None if self.name in WITHOUT_FILE else Path(self.name)
         blocks = interpret(
             text,
             axes=self.machine.axis_names,
@@ -261,6 +261,12 @@ class ProgramReader:
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
                 mark_tool_offsets=mark_tool_offsets,
+                wraps={
+                    letter: axis.wrap
+                    for letter, axis in self.machine.axes.items()
+                    if axis.wrap is not None
+                },
+                tool_tip=ToolTipOf.machine(self.machine),
             ),
         )
         return blocks if self.homed is None else self._with_homed_position(blocks)

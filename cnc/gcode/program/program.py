@@ -6,7 +6,7 @@ executed as often as the flow of control reaches the line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,11 +21,13 @@ from cnc.gcode.program.subprograms import Library
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
 from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.state.tool_tip import ToolTip
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.blocks import Block, ToolOffset
+from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
 
 REPORT_INTERVAL = 1024
@@ -48,6 +50,8 @@ class ProgramOptions:
         laser: S is the power of a laser, which changes in motion.
         mark_tool_offsets: Put the tool offsets among the blocks
             (:class:`cnc.model.blocks.ToolOffset`).
+        wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
+        tool_tip: Positions of a machine with tool-tip control; None for another machine.
     """
 
     block_delete: frozenset[int] | bool = False
@@ -58,6 +62,8 @@ class ProgramOptions:
     mark_calls: bool = False
     laser: bool = False
     mark_tool_offsets: bool = False
+    wraps: Mapping[str, WrapRule] = field(default_factory=dict)
+    tool_tip: ToolTip | None = None
 
 
 DEFAULTS = ProgramOptions()
@@ -105,7 +111,9 @@ def interpret(
         parameters,
         warn,
         tools,
-        replace(options.policy, laser=options.laser),
+        replace(
+            options.policy, laser=options.laser, wraps=options.wraps, tool_tip=options.tool_tip
+        ),
     )
     syntax = Syntax(
         rules.flavour,
