@@ -347,9 +347,14 @@ class SwitchMove(Probe):
     """A homing move, which ends when the limit switch of column ``switch`` closes or opens.
 
     Programs do not contain this block.
+
+    Attributes:
+        switch: Column of the axis.
+        motor: Motor of the axis whose own switch is meant; None for any switch of the axis.
     """
 
     switch: int = 0
+    motor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -312,6 +312,7 @@ class Session:
                 context.reader.start,
                 control=context.observer.control,
                 on_progress=context.observer.sent,
+                on_squared=lambda found: log.info("%s", found.description),
             )
         record.begin(board)
         log.info("motion begins")
