@@ -197,7 +197,7 @@ JOBS = {
     "overshoots": Job(_kernels("planner.overshoot"), plan_corner),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
-    "stock": Job(_kernels("stock.sweep", "stock.cutter"), cut_stock),
+    "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
     "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
     "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
     "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
