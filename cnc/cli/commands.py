@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
@@ -52,6 +53,7 @@ ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
 app.command(boards)
 app.command(home)
+app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
