@@ -132,7 +132,7 @@ def check(
 
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
-    common.prepare(*names, baseline, to_standard_output=prints_results)
+    common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     stream = common.summary_file if format == "text" else sys.stderr
@@ -216,7 +216,7 @@ def view(
     common: CommonOptions = COMMON,
 ) -> int:
     """Draw a program: path, feed, acceleration and jerk over time, and its text."""
-    common.prepare(program, picture=output)
+    common.prepare(program, further=output)
     report = check_one(program, common, CheckOptions(stock=stock), output)
     if common.json is not None:
         write_summary(common.json, report)
