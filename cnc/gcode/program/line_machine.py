@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.machine_codes import LONG_DWELL
+from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.row_blocks import SPINDLE_STATES, RowBlocks
@@ -79,7 +79,7 @@ class LineMachine:
         column[:] = kernel.OTHER_WORD
         column[[ord(letter) - ord("A") for letter in "NGMFSPIJKRQL"]] = kernel.TAKEN_WORD
         for index, axis in enumerate(axes):
-            if axis.upper() in dialect.axes:
+            if axis.upper() in dialect.axes and not interpreter.motion.needs_interpreter(index):
                 column[ord(axis.upper()) - ord("A")] = index
         setup["turns"][: len(axes)] = [float(axis in ROTARY_LETTERS) for axis in axes]
         for row, plane in enumerate(_PLANES):

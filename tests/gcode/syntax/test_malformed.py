@@ -293,7 +293,7 @@ comment-not-active not-gcode percent-unopened program-for-lathe program-for-prin
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
 feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
-tool-table-unreadable dwell-point
+tool-table-unreadable dwell-point wrapped-axis-range tip-control-active in-turn
 """
 """Warnings, and errors of files and names. They have their own tests."""
 
