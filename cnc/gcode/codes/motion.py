@@ -53,6 +53,7 @@ class Motion(AxisWords):
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
         corners: The corner whose second move is not known yet (,C and ,R).
+        may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class Motion(AxisWords):
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self._out = out
         self._resting: G | None = dialect.motion
+        self.may_assume = dialect.motion_assumed
         self.arcs = ArcMoves(self, dialect, here, state)
         self.corners = CornerMoves(self, state, here, arcs=dialect.corners == "all")
 
@@ -128,9 +130,11 @@ class Motion(AxisWords):
                         code.word,
                     )
                 if taker.number not in _FIGURE_TAKES_AXES:
+                    self.may_assume = False
                     state.motion = code.g if beside else None
             return None
         if code:
+            self.may_assume = self.may_assume and code.number == _CANCEL
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
@@ -207,6 +211,12 @@ class Motion(AxisWords):
         if special and not self._machine_words:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
+        if motion is None and self.may_assume:
+            self.may_assume, self._state.motion = False, _TRAVERSE
+            message = f"{word.written} without a motion code in effect is read as a traverse (G0)"
+            hint = "begin with G0 or G1: controllers differ"
+            self._here.report_warning("motion-assumed", message, word, hint)
+            return _TRAVERSE
         if motion is None:
             raise fault(
                 "motion-missing",
@@ -337,6 +347,7 @@ class Motion(AxisWords):
             self._unused_words.mark_used("F")
         state.feed = feed
         state.motion = motion
+        self.may_assume = False
         return True
 
     def _is_quick(self, move: QuickMove, motion: G) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.axis_words import MIN_FEED
-from cnc.gcode.codes.machine_codes import LONG_DWELL
+from cnc.gcode.codes.dwells import LONG_DWELL
 from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.row_blocks import SPINDLE_STATES, RowBlocks
@@ -125,6 +125,7 @@ class LineMachine:
             not interpreter.plain
             or interpreter.modal.motion not in _MODES
             or interpreter.motion.compensation.active
+            or interpreter.motion.may_assume
         ):
             return False
         if interpreter.out.unanswered:

@@ -193,7 +193,13 @@ class StepMaker:
                     self._dialect.check_m(word)
                 else:
                     self._dialect.check_g(word)
-                return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+                return numbered_programs.call_or_return(
+                    line,
+                    statement,
+                    word,
+                    macro=self._macro,
+                    packed=self._dialect.repeats_in_call,
+                )
         if self._dialect.lathe and (cycle := profile_cycle(line, statement, self._dialect)):
             return cycle
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):

@@ -157,7 +157,8 @@ def test_a_decimal_point_in_a_dwell_of_milliseconds() -> None:
     lenient = dialects.load("fanuc", lenient=True)
     assert block_summaries("G4 P0.5\nG4 P500", dialect=lenient) == ["dwell 0.5", "dwell 0.5"]
     assert warnings_of("G4 P0.5", dialect=lenient) == ["dwell-point"]
-    assert block_summaries("G4 P0.5", dialect="fanuc") == ["dwell 0.0005"]
+    assert error_of("G4 P0.5", dialect="fanuc").code == "decimal-point-place"
+    assert block_summaries("G4 P0.5", dialect="marlin") == ["dwell 0.0005"]
 
 
 def test_h_stays_in_effect() -> None:
