@@ -4,6 +4,8 @@ Hypothesis makes the same examples in every run and has no deadline, because the
 kernel compiles it. Positions of boards are kept in a temporary folder.
 """
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -18,6 +20,20 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("cnc")
+
+
+def pytest_collection_finish() -> None:
+    """Exclude all that was imported from garbage collection, which would visit it in every test."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_core():
+    """Let a check of several programs start one process; each start costs half a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cnc.batch.pool.cores", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -143,6 +143,10 @@ class Loopback:
         """Refuse later calls."""
         self.state = "stopped"
 
+    def revive(self) -> None:
+        """Accept a next program after a stop; the position stays."""
+        self.state = "idle"
+
     def stand_at(self, position_steps: NDArray[np.int64]) -> None:
         """Set the grid point (axes,), such as that of a probe contact."""
         self._position = np.array(position_steps, dtype=np.int64)

@@ -10,6 +10,7 @@ written and read.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 from cnc.boards.port import Port
 
@@ -22,23 +23,28 @@ class LoggedPort:
         name: Name of the port.
         log: The logger.
         text: Whether the bytes are lines of text.
+
+    Attributes:
+        on_line: Called with the direction (``->`` or ``<-``) and the text of each line; None for
+            no call.
     """
 
     def __init__(self, port: Port, name: str, log: logging.Logger, *, text: bool) -> None:
         self.port = port
         self._name, self._log, self._text = name, log, text
         self._partial_line = b""
+        self.on_line: Callable[[str, str], None] | None = None
 
     def read(self, timeout: float) -> bytes:
         """Return the received bytes; see :meth:`Port.read`."""
         data = self.port.read(timeout)
-        if data and self._log.isEnabledFor(logging.DEBUG):
+        if data and self._wanted:
             self._log_received(data)
         return data
 
     def write(self, data: bytes) -> None:
         """Send bytes at once; see :meth:`Port.write`."""
-        if self._log.isEnabledFor(logging.DEBUG):
+        if self._wanted:
             for line in data.splitlines() if self._text else [data]:
                 self._log_line("->", line)
         self.port.write(data)
@@ -53,6 +59,10 @@ class LoggedPort:
         self._log.debug("%s: close", self._name)
         self.port.close()
 
+    @property
+    def _wanted(self) -> bool:
+        return self.on_line is not None or self._log.isEnabledFor(logging.DEBUG)
+
     def _log_received(self, data: bytes) -> None:
         """Log complete lines; the rest waits for its end."""
         if not self._text:
@@ -66,3 +76,5 @@ class LoggedPort:
         shown = ascii(data.decode("latin-1"))[1:-1] if self._text else data.hex(" ")
         if shown:
             self._log.debug("%s %s %s", self._name, arrow, shown)
+            if self.on_line is not None:
+                self.on_line(arrow, shown)

@@ -226,6 +226,14 @@ class PlaysAhead(Protocol):
 
 
 @runtime_checkable
+class Revivable(Protocol):
+    """A board that takes the next program after a stop, without a new connection."""
+
+    def revive(self) -> None:
+        """Go from stopped to idle. BoardError if a fault ended the use of the board."""
+
+
+@runtime_checkable
 class HasButtons(Protocol):
     """A pulse board with buttons for the operator."""
 

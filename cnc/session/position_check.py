@@ -56,11 +56,7 @@ class PositionCheck:
                 not home the machine before its first move.
         """
         last = self._last
-        if (
-            self._trusted
-            or last is None
-            or not (last.lost or self._board.restarted or self._differs(last.position))
-        ):
+        if last is None or not self.doubtful:
             return
         self._disagrees = True
         self.lost_until(homing_line(blocks))
@@ -68,6 +64,16 @@ class PositionCheck:
             # The next run may not see the restart, so the loss is recorded.
             replace(last, lost=True).write()
             raise BoardError(self._lost(last))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the machine may not be where the last run ended, and nobody confirms it."""
+        last = self._last
+        return (
+            not self._trusted
+            and last is not None
+            and (last.lost or self._board.restarted or self._differs(last.position))
+        )
 
     def lost_until(self, line: int) -> None:
         """Treat the position as lost until the line that homes the machine is done."""

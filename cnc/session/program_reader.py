@@ -33,7 +33,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
-from cnc.session.source import STANDARD_INPUT_NAME
+from cnc.session.source import WITHOUT_FILE
 
 log = logging.getLogger(__name__)
 
@@ -238,7 +238,7 @@ class ProgramReader:
         mark_calls: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
-        file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
+        file = None if self.name in WITHOUT_FILE else Path(self.name)
         blocks = interpret(
             text,
             axes=self.machine.axis_names,

@@ -15,7 +15,7 @@ from cnc.session.kept_offsets import write_offsets
 from cnc.session.observer import StoppedBeforeMotion
 from cnc.session.position_check import PositionCheck
 from cnc.session.required_capabilities import CapabilityCheck
-from cnc.session.source import STANDARD_INPUT_NAME
+from cnc.session.source import WITHOUT_FILE
 
 
 class RunRecord:
@@ -37,7 +37,7 @@ class RunRecord:
         """Read the checkpoint of the last run of this program, and warn if it matters."""
         context, known = self._context, self._capabilities
         reader, report, line = context.reader, context.report, context.options.from_line
-        if not known.real or report.program == STANDARD_INPUT_NAME:
+        if not known.real or report.program in WITHOUT_FILE:
             return
         self._hash = file_hash(reader.path)
         last = Checkpoint.read(report.program)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -112,6 +112,12 @@ class Session:
     def blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the program, read as in the check pass."""
         return self._context.reader.blocks()
+
+    @property
+    def parameters(self) -> Mapping[int, float]:
+        """Parameters by number, as the latest reading of the program leaves them."""
+        state = self._context.reader.state
+        return {} if state is None else state[0].values
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.

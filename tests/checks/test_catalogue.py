@@ -24,6 +24,16 @@ def nodes() -> list[ast.AST]:
     return [node for tree in trees for node in ast.walk(tree)]
 
 
+@cache
+def functions() -> list[tuple[str, list[ast.Call]]]:
+    """Return name and calls of each function of the source."""
+    return [
+        (node.name, [each for each in ast.walk(node) if isinstance(each, ast.Call)])
+        for node in nodes()
+        if isinstance(node, ast.FunctionDef)
+    ]
+
+
 def name_of(call: ast.Call) -> str:
     return getattr(call.func, "attr", getattr(call.func, "id", "")).lstrip("_")
 
@@ -45,16 +55,18 @@ def makers(*, lesser: bool) -> frozenset[str]:
     Args:
         lesser: only those that create warnings and notes.
     """
-    functions = [node for node in nodes() if isinstance(node, ast.FunctionDef)]
+    passed_on = [
+        (name.lstrip("_"), call)
+        for name, calls in functions()
+        for call in calls
+        if any(isinstance(each, ast.Name) and "code" in each.id for each in call.args)
+    ]
     found: set[str] = set()
     while True:
         more = {
-            function.name.lstrip("_")
-            for function in functions
-            for call in ast.walk(function)
-            if isinstance(call, ast.Call)
-            and any(isinstance(each, ast.Name) and "code" in each.id for each in call.args)
-            and (
+            name
+            for name, call in passed_on
+            if (
                 name_of(call) in found
                 or (name_of(call) == "Diagnostic" and (is_lesser(call) or not lesser))
             )

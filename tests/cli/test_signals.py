@@ -22,7 +22,7 @@ pty = pytest.importorskip("pty")
 
 ROOT = Path(__file__).parents[2]
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 250.0, 121: 250.0, 122: 250.0}
-PROGRAM = "G21 G90\nM3 S900\nG1 X40 F600\nX0\nX3\nM5\nM2\n"
+PROGRAM = "G21 G90\nM3 S900\nG1 X20 F600\nX0\nX3\nM5\nM2\n"
 
 
 @pytest.fixture(autouse=True)
@@ -97,7 +97,7 @@ def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
     kinds = [event.kind for event in run.simulator.events]
     assert "hold" in kinds
     assert "alarm" not in kinds
-    assert 1.0 < run.simulator.position[0] < 39.0
+    assert 1.0 < run.simulator.position[0] < 19.0
 
 
 def test_control_z_holds_the_machine_before_the_program_is_suspended(run: Run) -> None:

@@ -1,6 +1,5 @@
 """The builder: order, stops, chunks, gaps, tiny moves, errors, speed and memory."""
 
-import time
 import tracemalloc
 from itertools import pairwise
 
@@ -15,6 +14,7 @@ from cnc.path.chunk import PathChunk
 from cnc.path.gatherer import MOST_NUMBERS, MOST_PIECES
 from tests.support.path.path_cases import XYZ, arc, ends, evaluate, lines, random_nurbs, whole
 from tests.support.soak import share
+from tests.support.work import at_most
 
 ORIGIN = np.zeros(3)
 EXACT_STOP = PathMode("part.nc", 1, "exact-stop")
@@ -299,8 +299,8 @@ def test_a_nurbs_starts_where_the_motion_is():
     assert error.value.diagnostic.code == "nurbs-start"
 
 
-def test_speed_and_memory_of_a_finishing_program():
-    """Memory does not grow with the program. A move takes about 0.1 us; 1 us is allowed."""
+def test_calls_and_memory_of_a_finishing_program():
+    """Memory does not grow with the program, and ten moves do not take a call of a function."""
 
     def program(count):
         rng = np.random.default_rng(1)
@@ -318,14 +318,13 @@ def test_speed_and_memory_of_a_finishing_program():
         yield End("part.nc", count)
 
     count = share(4_000_000, 400_000)
-    begin = time.process_time()
-    pieces = sum(
-        len(item)
-        for item in build(program(count), axes=XYZ, start=ORIGIN)
-        if isinstance(item, PathChunk)
-    )
+    with at_most(calls=count // 10):
+        pieces = sum(
+            len(item)
+            for item in build(program(count), axes=XYZ, start=ORIGIN)
+            if isinstance(item, PathChunk)
+        )
     assert pieces >= count
-    assert time.process_time() - begin < 1e-6 * pieces + 0.5
     tracemalloc.start()
     for _ in build(program(100_000), axes=XYZ, start=ORIGIN):
         pass

@@ -43,6 +43,7 @@ class LineStream:
         monitor: Finds faults in what the board reports.
         state: ``idle``, ``running`` or ``stopped``.
         probed: Contact position of the last probe in mm, and 1 or 0 for contact or none.
+        wait: Longest wait for the board, s, until the operator's requests are served.
     """
 
     def __init__(self, link: GrblLink) -> None:
@@ -53,6 +54,7 @@ class LineStream:
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
+        self.wait = WAIT
 
     @property
     def status(self) -> Status:
@@ -111,7 +113,7 @@ class LineStream:
         ):
             if self.stopping:
                 return False
-            self.serve(WAIT)
+            self.serve(self.wait)
         if self.stopping:
             return False
         if kind == "probe":
@@ -132,7 +134,7 @@ class LineStream:
     def drain(self) -> None:
         """Wait until every line has been answered, or the operator stops the run."""
         while self.link.protocol.waiting and not self.stopping:
-            self.serve(WAIT)
+            self.serve(self.wait)
 
     def rest(self) -> None:
         """Wait until the machine rests with nothing to do, or the operator stops the run."""
@@ -143,7 +145,7 @@ class LineStream:
         reports = 0
         while not self.stopping:
             before = link.status_at
-            self.serve(WAIT, poll=POLL_AT_REST)
+            self.serve(self.wait, poll=POLL_AT_REST)
             # A report may be older than the last answer, and between an answer and the motion GRBL
             # is Idle for a moment. So the second report counts.
             if link.status_at > before and link.status_at > began:
@@ -264,7 +266,7 @@ class LineStream:
         deadline = link.now() + OVERRIDE_PATIENCE
         wanted = requests.control.feed_override
         while wanted >= MIN_OVERRIDE and link.now() < deadline and not self.stopping:
-            self.serve(WAIT, poll=POLL_AT_REST)
+            self.serve(self.wait, poll=POLL_AT_REST)
             if requests.reached(self.status):
                 return
             wanted = requests.control.feed_override

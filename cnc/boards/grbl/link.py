@@ -91,6 +91,10 @@ class GrblLink:
         self._writer: SentLine | None = None
         self._writing_until = 0.0
 
+    def listen_to_lines(self, on_line: Callable[[str, str], None] | None) -> None:
+        """Call a function with direction (``->``, ``<-``) and text of each line; None ends it."""
+        self._port.on_line = on_line
+
     def now(self) -> float:
         """Return the present time, s."""
         return self.clock.now()

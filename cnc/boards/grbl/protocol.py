@@ -325,7 +325,8 @@ class GrblProtocol:
         line = bare(text)
         if "M" in line and _END.search(line):
             self._expected_modes.clear()
-        else:
+        elif not line.startswith("$"):
+            # The F of a jog ($J=) is not modal.
             self._expected_modes.update(
                 (letter, float(value)) for letter, value in _MODE.findall(line)
             )

@@ -268,6 +268,12 @@ class Klipper:
                 self._supervisor.halt()
                 self._supervisor.store(moving=False)
 
+    def revive(self) -> None:
+        """Accept a next program after a stop; BoardError after a fault."""
+        with self._lock:
+            self._supervisor.refuse_after_fault()
+            self._checks.revive()
+
     def close(self) -> None:
         """Stop the motion and close the port."""
         with self._lock:

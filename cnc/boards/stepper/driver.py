@@ -270,6 +270,12 @@ class Stepper:
                 self._supervisor.active = False
                 self._supervisor.halt()
 
+    def revive(self) -> None:
+        """Accept a next program after a stop; BoardError after a fault."""
+        with self._lock:
+            self._supervisor.refuse_after_fault()
+            self._checks.revive()
+
     def close(self) -> None:
         """Stop the motion and close the port."""
         with self._lock:

@@ -21,6 +21,8 @@ from cnc.model.diagnostics import BoardError
 from cnc.session.session import Session
 
 MACHINE = load_machine("grbl-uno")
+FASTER = 5.0
+"""How many times as fast as a real board the simulated one moves."""
 
 
 class NetworkServer:
@@ -44,7 +46,7 @@ class NetworkServer:
         self._listener.close()
 
     def _serve(self) -> None:
-        clock = ScaledTime(self.simulator)
+        clock = ScaledTime(self.simulator, FASTER)
         while not self._ended.is_set():
             if not select.select([self._listener], [], [], 0.05)[0]:
                 continue

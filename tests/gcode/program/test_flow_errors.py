@@ -5,7 +5,6 @@ The mark ¦ stands before the faulty part. It is removed before the program is r
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from tests.support.gcode.gcode_cases import assert_diagnostic_at, assert_error_at, error_of
+from tests.support.work import at_most
 
 NGC: dict[str, tuple[str, str]] = {
     # blocks
@@ -259,18 +259,16 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 
 @pytest.mark.parametrize(("dialect", "source", "name"), ENDLESS.values(), ids=ENDLESS)
 def test_an_endless_program_is_stopped(dialect: str, source: str, name: str) -> None:
-    begin = time.process_time()
-    found = assert_error_at(
-        "loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000)
-    )
+    with at_most(calls=100_000):
+        found = assert_error_at(
+            "loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000)
+        )
     assert found.message == f"{name} does not end: more than 1 000 lines were executed again"
-    assert time.process_time() - begin < 2
 
 
-def test_two_million_lines_are_executed_fast() -> None:
-    begin = time.process_time()
-    assert error_of("o1 while [1]\no1 endwhile").code == "loop-endless"
-    assert time.process_time() - begin < 20
+def test_two_million_lines_are_executed_without_a_call_each() -> None:
+    with at_most(calls=100_000):
+        assert error_of("o1 while [1]\no1 endwhile").code == "loop-endless"
 
 
 def test_after_an_error_nothing_is_executed() -> None:

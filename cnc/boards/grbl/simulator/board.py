@@ -9,7 +9,7 @@ from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
+from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort, ScaledTime
 from cnc.boards.protocols import BoardTraits
 from cnc.machine.models import Machine
 
@@ -38,8 +38,18 @@ class GrblSimulatorBoard(GrblBoard):
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSimulatorBoard:
         """Return a new connected board."""
         simulator = GrblSimulator(settings=settings_of(machine))
-        port = GrblSimulatorPort(simulator)
+        return cls._connected(machine, GrblSimulatorPort(simulator))
+
+    @classmethod
+    def in_real_time(cls, machine: Machine) -> GrblSimulatorBoard:
+        """Return a new connected board, whose clock is that of the computer."""
+        simulator = GrblSimulator(settings=settings_of(machine))
+        port = GrblSimulatorPort(simulator, ScaledTime(simulator), boot_time=0.0)
+        return cls._connected(machine, port)
+
+    @classmethod
+    def _connected(cls, machine: Machine, port: GrblSimulatorPort) -> GrblSimulatorBoard:
         board = cls(port, machine, port.clock, NAME)
-        board.simulator = simulator
+        board.simulator = port.simulator
         board.connect()
         return board

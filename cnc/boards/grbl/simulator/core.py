@@ -111,6 +111,7 @@ class Core:
         self.flags = Flags()
         self.aborted = self.abandoned = self.answering = self.locked = self.locking = False
         self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
+        self.flushed = False
         self.modes = Modes()
         self.shift = ORIGIN
         self.tool_length = 0.0

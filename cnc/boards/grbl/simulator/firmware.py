@@ -114,13 +114,16 @@ class Firmware:
         """Read lines, and answer them."""
         core, ring, buffer = self.core, self.core.receiver.ring, self.buffer
         while True:
+            if core.flushed and not self.complete:
+                core.flushed = False
+                buffer.clear()
             complete = False
             while ring and not complete:
                 complete = buffer.feed(ring.popleft())
             if not complete:
                 core.start_cycle()
                 self.reading = True
-                yield Wait(lambda: bool(ring) or self.complete)
+                yield Wait(lambda: bool(ring) or self.complete or core.flushed)
                 self.reading = False
                 if not self.complete:
                     continue

@@ -42,6 +42,7 @@ class FirmwareProfile:
         start_messages: Lines before the welcome.
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
+        jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
         settings: The settings of a new board.
     """
 
@@ -67,6 +68,7 @@ class FirmwareProfile:
     start_messages: tuple[str, ...] = ()
     sizes_reported: bool = True
     numbered_settings: bool = True
+    jog_cancel_flushes: bool = False
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
 
 
@@ -105,6 +107,7 @@ GRBLHAL = FirmwareProfile(
     eeprom_blinds=False,
     estop_alarm=10,
     mist=True,
+    jog_cancel_flushes=True,
     build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:simulator]"),
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""

@@ -9,17 +9,23 @@ from cnc.boards.grbl.simulator.firmware_profile import (
     STEPS,
     TRAVELS,
 )
-from cnc.machine.models import Machine
+from cnc.machine.models import Homing, Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.units import per_minute
+
+SOFT_LIMITS, HARD_LIMITS, HOMING, HOMING_DIRECTION = 20, 21, 22, 23
+HOMING_FEED, HOMING_SEEK, PULL_OFF = 24, 25, 27
 
 
 def settings_of(machine: Machine) -> dict[int, float]:
     """Return the ``$`` settings of X, Y and Z: steps/mm, mm/min, mm/s^2, travel in mm.
 
-    A value that the machine file leaves open is that of a new board.
+    A value that the machine file leaves open is that of a new board. Homing and limits are on
+    where the machine file describes limit switches.
     """
     settings: dict[int, float] = {32: 1.0} if machine.kind == "laser" else {}
+    if machine.can_home:
+        settings |= _homing(machine)
     for column, letter in enumerate(AXIS_LETTERS[:3]):
         axis = machine.axes.get(letter)
         if axis is None:
@@ -34,3 +40,24 @@ def settings_of(machine: Machine) -> dict[int, float]:
         if axis.travel is not None:
             settings[TRAVELS + column] = axis.travel[1] - axis.travel[0]
     return settings
+
+
+def _homing(machine: Machine) -> dict[int, float]:
+    """Return the settings of homing and limits: the lowest speeds and pull-off of the axes."""
+    downwards, each = 0, []
+    for column, letter in enumerate(AXIS_LETTERS[:3]):
+        axis = machine.axes.get(letter)
+        if axis is not None:
+            homing = axis.homing or Homing()
+            each.append(homing)
+            low = (homing.end or ("high" if letter == "z" else "low")) == "low"
+            downwards |= low << column
+    return {
+        SOFT_LIMITS: 1.0,
+        HARD_LIMITS: 1.0,
+        HOMING: 1.0,
+        HOMING_DIRECTION: float(downwards),
+        HOMING_FEED: per_minute(min(homing.latch for homing in each)),
+        HOMING_SEEK: per_minute(min(homing.seek for homing in each)),
+        PULL_OFF: min(homing.pull_off for homing in each),
+    }

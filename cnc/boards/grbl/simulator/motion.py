@@ -51,16 +51,19 @@ def move_to(
     if core.state == "Check":
         return
     end = core.on_grid(target)
-    start = core.planned
-    delta = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
-    length = math.hypot(*delta)
-    if length == 0.0:
+    if end == core.planned:
         return
     core.work(PLAN_TIME)
     yield BUSY
     if not core.planner.free:
         core.start_cycle()
         yield Wait(lambda: core.planner.free > 0)
+    # A cancelled jog may have moved the start meanwhile.
+    start = core.planned
+    delta = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    length = math.hypot(*delta)
+    if length == 0.0:
+        return
     core.planned = end
     unit = (delta[0] / length, delta[1] / length, delta[2] / length)
     rapid = smallest_over_axes(core.per_axis(RATES), unit) / 60.0

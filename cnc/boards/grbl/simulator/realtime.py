@@ -44,10 +44,25 @@ def receive(core: Core, byte: int) -> None:
         or EXTENDED.get(byte)
         or (HAL.get(byte) if core.profile.name == "grblhal" else None)
     )
-    if name is not None:
+    if name == "jog_cancel":
+        _note_jog_cancel(core)
+    elif name is not None:
         setattr(flags, name, True)
     elif byte in FEED or byte in RAPID or byte in SPINDLE or byte in (SPINDLE_STOP, FLOOD, MIST):
         flags.overrides.append(byte)
+
+
+def _note_jog_cancel(core: Core) -> None:
+    """Note a jog cancel.
+
+    GRBL ignores one that arrives before the jog has begun. grblHAL drops the bytes that it has not
+    read, so that their lines get no answer.
+    """
+    if core.profile.jog_cancel_flushes:
+        core.receiver.ring.clear()
+        core.flushed = core.flags.jog_cancel = True
+    elif core.state == "Jog":
+        core.flags.jog_cancel = True
 
 
 def reset(core: Core) -> None:

@@ -72,7 +72,7 @@ def _state(core: Core) -> str:
 def _pins(core: Core, position: Point) -> str:
     """Return the active inputs; limit switches are wired where hard limits or homing are on."""
     limits = core.environment.tripped(position) if core.setting[21] or core.setting[22] else ""
-    return limits + "P" * core.environment.touches(position) + "D" * core.environment.door_open
+    return "P" * core.environment.touches(position) + limits + "D" * core.environment.door_open
 
 
 def _accessories(core: Core) -> str:

@@ -177,3 +177,52 @@ def test_grblhal_has_a_second_set_of_real_time_commands():
     assert bench.status()["state"] == "Hold:0"
     bench.send(b"\x81", 0.1)
     assert bench.status()["state"] == "Idle"
+
+
+def test_a_jog_cancel_before_the_jog_is_ignored():
+    bench = Bench()
+    # The byte overtakes the line, which is still on the wire or in the ring.
+    bench.send(b"$J=X1F300\n\x85", 2.0)
+    assert bench.simulator.position == (1.0, 0.0, 0.0)
+
+
+def test_grblhal_drops_the_lines_it_has_not_read_at_a_jog_cancel():
+    bench = Bench(GRBLHAL)
+    jogs = b"$J=G91X0.1F60\n" * 60
+    assert bench.send(jogs, 1.0).count("ok") < 50
+    # The rest gets no answer, and the board takes the next line as a new one.
+    assert bench.send(b"$J=G91Y\x85", 10.0) == ["ok"]
+    # One line waited for the planner; it is planned and answered after the cancel.
+    assert bench.status()["state"] == "Idle"
+    assert bench.send("G91G1Y1F500\n", 3.0) == ["ok"]
+    assert bench.simulator.position[1] == 1.0
+
+
+def test_a_jog_that_waits_for_the_planner_goes_on_from_where_the_cancel_stopped():
+    bench = Bench()
+    jogs = "".join(f"$J=X{x}F300\n" for x in range(1, 17))
+    assert bench.send(jogs, 0.4).count("ok") == 15
+    bench.send(b"\x85", 1.0)
+    stopped = bench.simulator.moves[-2].reached
+    last = bench.simulator.moves[-1]
+    assert last.start == pytest.approx(stopped, abs=0.5 / 250.0)
+    assert last.end == (16.0, 0.0, 0.0)
+    assert 0.0 < stopped[0] < 2.0
+
+
+@pytest.mark.parametrize("byte", [b"\x91", b"\x97"])
+def test_overrides_do_not_change_a_jog(byte):
+    bench = Bench()
+    bench.send("$J=X5F120\n", 1.0)
+    bench.send(byte, 0.1)
+    assert bench.status()["FS"].startswith("120,")
+
+
+@pytest.mark.parametrize("state", ["hold", "check", "alarm", "sleep"])
+def test_a_jog_is_refused_unless_idle(state):
+    bench = Bench(settings={22: 1.0} if state == "alarm" else None)
+    bench.send({"hold": "!", "check": "$C\n", "alarm": "", "sleep": "$SLP\n"}[state], 0.5)
+    # A board in hold or asleep answers nothing at all until it is resumed or reset.
+    expected = [] if state in ("hold", "sleep") else ["error:8"]
+    assert bench.send("$J=X1F100\n", 0.5) == expected
+    assert bench.simulator.position == (0.0, 0.0, 0.0)

@@ -1,0 +1,156 @@
+"""Operation of a GRBL board at rest: jog, offsets, unlock, and the next program after a stop.
+
+Sources: "Grbl v1.1 Jogging" (``$J=`` and the cancel byte 0x85), "Grbl v1.1 Commands" (``$X``),
+LinuxCNC, G10 L20 and G92, which GRBL follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from cnc.boards.grbl import faults
+from cnc.boards.grbl.driver import SAME_POSITION, GrblBoard
+from cnc.boards.grbl.events import Alarmed, Rejected, Started
+from cnc.boards.grbl.link import POLL_FAST
+from cnc.boards.grbl.protocol import RealTime, State
+from cnc.boards.grbl.settings import STEPS, SYSTEMS
+from cnc.boards.protocols import board_error
+from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+SERVED = 0.005
+"""Longest time to the next look at the release of a jog, s."""
+REPEATED = 0.1
+"""Time after which a cancel that shows no effect is sent again, s: a byte may be lost."""
+RESTS = 2
+"""Reports of rest after the last answer: the first may be older than the motion."""
+MM_PER_MIN = 60.0
+
+
+def jog(
+    board: GrblBoard,
+    target: Mapping[str, float],
+    feed: float,
+    released: Callable[[], bool],
+    on_report: Callable[[], None],
+) -> None:
+    """Move to a machine position in a straight line; return at rest.
+
+    Args:
+        board: The board, at rest.
+        target: Machine position by axis, mm.
+        feed: Speed, mm/s.
+        released: Whether the motion must end now.
+        on_report: Called after each status report.
+
+    Raises:
+        BoardError: ``board-error`` where the board refuses the jog, ``board-alarm``.
+    """
+    link = board.link
+    words = "".join(f"{letter.upper()}{place:.3f}" for letter, place in target.items())
+    since = 0.0
+    if released():
+        return
+    link.ask(f"$J=G53G21{words}F{feed * MM_PER_MIN:.1f}")
+    link.poll_now()
+    began, rests, seen = link.now(), 0, link.status_at
+    while rests < RESTS:
+        if released() and (not since or link.now() - since > REPEATED):
+            since = link.now()
+            link.send_realtime(RealTime.JOG_CANCEL)
+            link.poll_now()
+        for event in link.pump(SERVED, POLL_FAST):
+            if isinstance(event, Alarmed):
+                raise faults.alarmed(event.code, 0, hal=board.info.hal)
+            if isinstance(event, Rejected):
+                raise faults.refused(event.code, "$J", 0, hal=board.info.hal)
+            if isinstance(event, Started):
+                raise faults.restarted(0)
+        if link.status_at > max(seen, began):
+            seen = link.status_at
+            rests = rests + 1 if board.status.state != "Jog" else 0
+            on_report()
+
+
+def set_work_position(board: GrblBoard, system: str, values: Mapping[str, float]) -> None:
+    """Set the offset of a system so that the axes stand at work positions, and read it back.
+
+    Args:
+        board: The board, at rest.
+        system: G54 to G59, on some boards to G59.3, or G92.
+        values: Work position of each axis, mm.
+
+    Raises:
+        UsageError: ``no-such-system``.
+        BoardError: ``offset-not-kept`` where the board keeps another offset.
+    """
+    info, link = board.info, board.link
+    if system not in info.places:
+        hint = f"it has {', '.join(name for name in info.places if name not in ('G28', 'G30'))}"
+        message = f"the board has no coordinate system {system}"
+        raise UsageError(Diagnostic("no-such-system", message, hint=hint))
+    link.refresh()
+    words = "".join(f"{letter.upper()}{value:.4f}" for letter, value in values.items())
+    number = "G92" if system == "G92" else f"G10L20P{_number(system)}"
+    link.ask(f"G21G54{number}{words}")
+    info.take(link.ask("$#"))
+    link.refresh()
+    for letter, value in values.items():
+        column = AXIS_LETTERS.index(letter)
+        kept = work_position(board, "G54" if system == "G92" else system)[column]
+        step = 1.0 / (info.axis(STEPS, column) or 1.0 / SAME_POSITION)
+        if abs(kept - value) > SAME_POSITION + step:
+            message = f"{system} was to make {letter.upper()} {value:g} mm; the board has {kept:g}"
+            hint = "read the offsets again, and compare the steps/mm of the board"
+            raise board_error("offset-not-kept", message, hint=hint)
+
+
+def work_position(board: GrblBoard, system: str) -> tuple[float, ...]:
+    """Return the position of all axes of the board in a coordinate system, mm."""
+    places = board.info.places
+    position = board.stream.position
+    nothing = (0.0,) * len(position)
+    length = [0.0] * len(position)
+    if len(length) > 2:
+        length[2] = board.info.tool_length
+    each = zip(
+        position, places.get(system, nothing), places.get("G92", nothing), length, strict=False
+    )
+    return tuple(a - b - c - d for a, b, c, d in each)
+
+
+def unlock(board: GrblBoard) -> None:
+    """Leave an alarm without homing (``$X``); a reset comes first where the alarm needs one."""
+    link = board.link
+    if link.protocol.state is not State.READY:
+        link.connect()
+    if link.refresh().state == "Alarm":
+        link.ask("$X")
+    link.alarm = None
+    link.refresh()
+    board.stream.state = "idle"
+
+
+def revive(board: GrblBoard) -> None:
+    """Accept a next program; after a stop read the offsets again, because the reset clears G92.
+
+    Raises:
+        BoardError: ``board-stopped`` after a fault of the link.
+    """
+    link = board.link
+    if link.protocol.state is not State.READY:
+        message = "the board has been stopped by a fault"
+        raise board_error("board-stopped", message, hint="connect it again")
+    if board.state == "stopped":
+        read_offsets(board)
+    board.stream.state = "idle"
+
+
+def read_offsets(board: GrblBoard) -> None:
+    """Read the offsets that the board keeps, if it is at rest."""
+    if board.link.refresh().state == "Idle":
+        board.info.take(board.link.ask("$#"))
+
+
+def _number(system: str) -> int:
+    return SYSTEMS.index(system) + 1 if system in SYSTEMS else 6 + int(system[-1])

@@ -1,0 +1,181 @@
+"""End point and speed of a jog: within the travel, and slow enough to come to rest in time.
+
+A jerk-limited stop from speed v takes
+
+    t = 2 sqrt(v / j)      for v <= a^2 / j
+    t = v / a + a / j      for faster motion
+
+with the acceleration a and the jerk j along the direction (Biagiotti and Melchiorri, "Trajectory
+Planning for Automatic Machines and Robots", section 3.4). A GRBL board has no limit of jerk: its
+stop takes v / a.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from cnc.machine.models import Axis, Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+REST_TIME = 0.2
+"""Time from the release of a jog to rest, s."""
+UNLIMITED = 10_000.0
+"""Length of a jog of an axis without travel, mm."""
+SMALLEST = 1e-6
+"""Directions with a smaller part count as none; distance from the end of the travel, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class JogMove:
+    """A straight jog.
+
+    Attributes:
+        start: Present position of the axes that move, mm.
+        end: End point of the axes that move, mm.
+        feed: Speed, mm/s.
+    """
+
+    start: dict[str, float]
+    end: dict[str, float]
+    feed: float
+
+
+def stopping_speed(acceleration: float, jerk: float, seconds: float) -> float:
+    """Return the highest speed, mm/s, from which a stop takes at most ``seconds``.
+
+    Args:
+        acceleration: mm/s^2.
+        jerk: mm/s^3, infinite for none.
+        seconds: s.
+    """
+    ramp = acceleration / jerk
+    if seconds <= 2.0 * ramp:
+        return jerk * seconds * seconds / 4.0
+    return acceleration * (seconds - ramp)
+
+
+def direction_of(distances: Mapping[str, float], machine: Machine) -> dict[str, float]:
+    """Return the unit vector of a jog, without the axes that do not move.
+
+    Raises:
+        UsageError: ``jog-axis`` for an axis that the machine lacks, ``jog-nowhere`` for no motion.
+    """
+    for letter, distance in distances.items():
+        if letter not in machine.axes or not math.isfinite(distance):
+            hint = f"its axes are {', '.join(machine.axes)}"
+            message = f"the machine has no axis {letter}, or {distance!r} is not a number"
+            raise UsageError(Diagnostic("jog-axis", message, hint=hint))
+    length = math.sqrt(sum(value * value for value in distances.values()))
+    if not length > 0.0:
+        hint = "give the distance or the direction of an axis"
+        raise UsageError(Diagnostic("jog-nowhere", "the jog moves no axis", hint=hint))
+    return {letter: value / length for letter, value in distances.items() if value}
+
+
+def jog_speed(machine: Machine, direction: Mapping[str, float], rest: float) -> float:
+    """Return the highest speed of a jog, mm/s.
+
+    Args:
+        machine: The machine.
+        direction: Unit vector.
+        rest: Time of the stop itself, s.
+    """
+    path = machine.path
+
+    def least(name: str) -> float:
+        each = ((getattr(machine.axes[letter], name), part) for letter, part in direction.items())  # type: ignore[index]
+        return min(
+            (limit / abs(part) for limit, part in each if limit is not None), default=math.inf
+        )
+
+    acceleration = min(least("max_acceleration"), path.max_tangential_acceleration or math.inf)
+    jerk = min(least("max_jerk"), path.max_jerk or math.inf)
+    return min(least("max_velocity"), path.max_feed, stopping_speed(acceleration, jerk, rest))
+
+
+def step_move(
+    machine: Machine,
+    position: Mapping[str, float],
+    distances: Mapping[str, float],
+    feed: float | None,
+    rest: float,
+) -> JogMove:
+    """Return a jog by a distance.
+
+    Args:
+        machine: The machine, with the travel of the board.
+        position: Machine position by axis, mm.
+        distances: Distance by axis, mm.
+        feed: Speed that was asked for, mm/s; None for the highest.
+        rest: Time of the stop itself, s.
+
+    Raises:
+        UsageError: ``soft-limit`` where the end lies outside the travel.
+    """
+    direction = direction_of(distances, machine)
+    end = {letter: position[letter] + distances[letter] for letter in direction}
+    for letter, place in end.items():
+        travel = _axis(machine, letter).travel
+        back = travel is not None and (place < travel[0]) == (direction[letter] > 0.0)
+        if travel is not None and not travel[0] <= place <= travel[1] and not back:
+            raise UsageError(_outside(letter, place, travel))
+    return JogMove(
+        {letter: position[letter] for letter in direction},
+        end,
+        _limited(feed, jog_speed(machine, direction, rest)),
+    )
+
+
+def endless_move(
+    machine: Machine,
+    position: Mapping[str, float],
+    directions: Mapping[str, float],
+    feed: float | None,
+    rest: float,
+) -> JogMove:
+    """Return a jog to the end of the travel, which the release ends earlier.
+
+    The arguments are those of :func:`step_move`; ``directions`` need not be a unit vector.
+
+    Raises:
+        UsageError: ``soft-limit`` where an axis is at the end of its travel already.
+    """
+    direction = direction_of(directions, machine)
+    length = UNLIMITED
+    for letter, part in direction.items():
+        travel = _axis(machine, letter).travel
+        if travel is None:
+            continue
+        room = (travel[1] if part > 0.0 else travel[0]) - position[letter]
+        if room * part <= SMALLEST * abs(part):
+            raise UsageError(_outside(letter, position[letter], travel))
+        length = min(length, room / part)
+    end = {letter: position[letter] + length * part for letter, part in direction.items()}
+    return JogMove(
+        {letter: position[letter] for letter in direction},
+        end,
+        _limited(feed, jog_speed(machine, direction, rest)),
+    )
+
+
+def _axis(machine: Machine, letter: str) -> Axis:
+    return machine.axes[letter]  # type: ignore[index]
+
+
+def _limited(feed: float | None, most: float) -> float:
+    if feed is None:
+        return most
+    if not (math.isfinite(feed) and feed > 0.0):
+        message, hint = f"a jog at {feed:g} mm/s is not possible", "give a speed above 0"
+        raise UsageError(Diagnostic("jog-feed", message, hint=hint))
+    return min(feed, most)
+
+
+def _outside(letter: str, place: float, travel: tuple[float, float]) -> Diagnostic:
+    name = letter.upper()
+    message = (
+        f"{name} would leave its travel at {place:g} mm; it is {travel[0]:g} to {travel[1]:g} mm"
+    )
+    return Diagnostic("soft-limit", message, hint="jog the other way, or less far")

@@ -1,0 +1,404 @@
+"""The operator session: it operates one machine, from the connection to the end.
+
+:mod:`cnc.operate.worker` has the threads, and carries out one activity at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+from typing import TypeVar
+
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.protocols import LineSink, PulseSink
+from cnc.executor.run import Progress
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
+from cnc.model.operator_control import Control
+from cnc.operate import jogging, program_runs
+from cnc.operate.events import (
+    Activity,
+    ConsoleLine,
+    Event,
+    JobEnded,
+    Listener,
+    OffsetsChanged,
+)
+from cnc.operate.line_machine import LineMachine
+from cnc.operate.live_boards import open_live, operated
+from cnc.operate.modal_memory import ModalMemory
+from cnc.operate.program_runs import RunWatch
+from cnc.operate.worker import KEEP_ALIVE, Jog, Worker, not_connected
+from cnc.session.options import RunOptions
+from cnc.session.session import Session
+from cnc.session.source import MDI_NAME, InlineProgram
+
+T = TypeVar("T")
+
+
+class OperatorSession(Worker):
+    """Operates one machine.
+
+    Activities return a future. It has the result, or the fault. Faults also come as events.
+
+    Args:
+        machine: The machine.
+        macros: Folder of the macros; None for no macros.
+        subroutines: Further folders of subroutines.
+
+    Attributes:
+        events: The events.
+        machine: The machine.
+        history: Lines entered by :meth:`mdi`, the oldest first.
+    """
+
+    def __init__(
+        self, machine: Machine, *, macros: Path | None = None, subroutines: Sequence[Path] = ()
+    ) -> None:
+        folders = [*machine.program.subroutines, *subroutines]
+        if macros is not None:
+            folders.append(macros)
+        program = machine.program.model_copy(update={"subroutines": tuple(folders)})
+        self.machine = machine.model_copy(update={"program": program})
+        self.history: list[str] = []
+        self._macros = macros
+        self._modal = ModalMemory()
+        super().__init__(self.machine)
+
+    def __enter__(self) -> OperatorSession:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # Events and state
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Call ``listener`` with each event; the result ends this."""
+        return self.events.listen(listener)
+
+    @property
+    def dialog(self) -> Event | None:
+        """The open question to the operator."""
+        return self._dialogs.open
+
+    @property
+    def travel(self) -> dict[str, tuple[float, float] | None]:
+        """Travel of each axis, mm, as the board limits it."""
+        known = self.machine if self._operated is None else self._operated.machine
+        return {str(letter): axis.travel for letter, axis in known.axes.items()}
+
+    # Connection
+
+    def connect(self, board: str | None = None, port: str | None = None) -> Future[None]:
+        """Open a board; None for that of the machine file.
+
+        Raises:
+            UsageError: ``machine-busy``, ``board-connected``.
+        """
+        name = board or self.machine.board.kind
+
+        def connect() -> None:
+            if self._operated is not None:
+                message, hint = "a board is connected already", "disconnect it first"
+                raise UsageError(Diagnostic("board-connected", message, hint=hint))
+            opened = open_live(self.machine, name, port)
+            try:
+                machine = operated(opened, self.machine)
+            except CncError:
+                opened.close()
+                raise
+            if isinstance(opened, GrblBoard):
+                opened.link.listen_to_lines(self._console)
+            self._operated = machine
+            self._view.connected(name, machine)
+            self._offsets_changed()
+
+        return self._begin("none", connect, needs_board=False)
+
+    def disconnect(self) -> Future[None]:
+        """Release the board."""
+        return self._begin("none", self._drop, needs_board=False)
+
+    # Activities
+
+    def home(self, axes: Sequence[str] = ()) -> Future[None]:
+        """Home axes; all that have a switch if there are none."""
+
+        def home() -> None:
+            self._machine.home(tuple(axes), self._control)
+            self._view.read(self._machine)
+
+        return self._begin("home", home)
+
+    def unlock(self) -> Future[None]:
+        """Leave an alarm without homing: the position of the machine is not known."""
+
+        def unlock() -> None:
+            self._machine.unlock()
+            self._view.read(self._machine)
+
+        return self._begin("none", unlock)
+
+    def jog_step(
+        self, distances: Mapping[str, float], feed: float | None = None, *, unhomed: bool = False
+    ) -> Future[None]:
+        """Move by a distance.
+
+        Args:
+            distances: By axis, mm.
+            feed: Speed, mm/s; None for the highest from which the machine stops in time.
+            unhomed: Move although the machine is not homed, so that no limit is known.
+
+        Raises:
+            UsageError: ``machine-busy``, ``soft-limit``, ``jog-unhomed``, ``jog-axis``,
+                ``jog-nowhere``, ``jog-feed``.
+        """
+        move = self._jog_move(jogging.step_move, distances, feed, unhomed=unhomed)
+        control = Control()
+        return self._begin("jog", lambda: self._carry_out_jog(move, control), control=control)
+
+    def jog(
+        self,
+        directions: Mapping[str, float],
+        feed: float | None = None,
+        *,
+        unhomed: bool = False,
+        keep_alive: float = KEEP_ALIVE,
+    ) -> Jog:
+        """Move in a direction until the release, or until the client is silent.
+
+        Args:
+            directions: Part of each axis in the direction; its length has no meaning.
+            feed: Speed, mm/s; None for the highest from which the machine stops in time.
+            unhomed: Move although the machine is not homed, so that no limit is known.
+            keep_alive: Time between two signs of life, s.
+
+        Raises:
+            UsageError: As :meth:`jog_step`.
+        """
+        move = self._jog_move(jogging.endless_move, directions, feed, unhomed=unhomed)
+        control = Control()
+        jog = Jog(move.feed, control, keep_alive)
+
+        def carry_out() -> None:
+            try:
+                self._carry_out_jog(move, control)
+            finally:
+                self._jog = None
+
+        future = self._begin("jog", carry_out, control=control)
+        self._jog = jog
+        if future.done():
+            self._jog = None
+        self._attention.set()
+        jog.ended = future
+        return jog
+
+    def zero(
+        self, values: Mapping[str, float], system: str = "G54", *, half: bool = False
+    ) -> Future[dict[str, dict[str, float]]]:
+        """Set the offset of a coordinate system so that the axes stand at given positions.
+
+        Args:
+            values: Work position by axis, mm; 0 makes the present place the zero.
+            system: G54 to G59.3, or G92.
+            half: Set half the present work position instead of ``values``.
+
+        Returns:
+            The offsets, as read back.
+        """
+
+        def zero() -> dict[str, dict[str, float]]:
+            wanted = dict(values)
+            unknown = [letter for letter in wanted if letter not in self.machine.axes]
+            if unknown or not wanted:
+                hint = f"its axes are {', '.join(self.machine.axes)}"
+                message = f"the machine has no axis {', '.join(unknown)}" if unknown else "no axis"
+                raise UsageError(Diagnostic("jog-axis", message, hint=hint))
+            if half:
+                work = self._view.work_position(system)
+                wanted = {letter: work[letter] / 2.0 for letter in wanted}
+            self._machine.set_work_position(system, wanted)
+            return self._offsets_changed()
+
+        return self._begin("zero", zero)
+
+    def select_system(self, system: str) -> None:
+        """Show work positions in another coordinate system.
+
+        Raises:
+            UsageError: ``no-such-system``.
+        """
+        self._view.select(system)
+
+    def mdi(self, line: str) -> Future[JobEnded]:
+        """Run a line, with the modal state of the lines before it."""
+        self.history.append(line)
+        before = self._modal.before(line)
+        text = f"{before}\n{line}\n" if before else f"{line}\n"
+        skipped = 1 if before else 0
+
+        def run() -> JobEnded:
+            ended = self._run(
+                InlineProgram(MDI_NAME, text.encode()), MDI_NAME, RunOptions(), skipped
+            )
+            if ended.outcome == "done" and not self._modal.note(line):
+                message = "the modal state before this line is forgotten: units, distance, feed"
+                hint = "the next line begins with the defaults of a program"
+                self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="note"))
+            return ended
+
+        return self._begin("mdi", run)
+
+    def macros(self) -> list[str]:
+        """Return the names of the macros, sorted."""
+        if self._macros is None or not self._macros.is_dir():
+            return []
+        found = (file for file in self._macros.iterdir() if file.suffix in (".ngc", ".nc"))
+        return sorted(file.name for file in found if file.is_file())
+
+    def macro(self, name: str) -> Future[JobEnded]:
+        """Run a macro. UsageError ``no-such-macro``."""
+        if self._macros is None or name not in self.macros():
+            hint = f"macros are {', '.join(self.macros()) or 'none'}"
+            raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
+        file = self._macros / name
+        return self._begin("mdi", lambda: self._run(file, name, RunOptions(), 0))
+
+    def run(
+        self, program: Path, options: RunOptions | None = None, *, name: str | None = None
+    ) -> Future[JobEnded]:
+        """Check a program and run it.
+
+        Args:
+            program: The file.
+            options: Options of the run.
+            name: Name in the events; None for that of the file.
+        """
+        chosen = options or RunOptions()
+        return self._begin("program", lambda: self._run(program, name or program.name, chosen, 0))
+
+    def with_board(
+        self, activity: Activity, action: Callable[[PulseSink | LineSink], T]
+    ) -> Future[T]:
+        """Do something with the board at rest, such as the change of a setting."""
+        return self._begin(activity, lambda: action(self._machine.board))
+
+    # Requests
+
+    def hold(self) -> None:
+        """Come to rest on the path, and wait."""
+        self._control.hold()
+
+    def resume(self) -> None:
+        """Continue after a hold."""
+        self._control.resume()
+
+    def override(
+        self, *, feed: float | None = None, rapid: int | None = None, spindle: float | None = None
+    ) -> None:
+        """Scale feeds, traverses and spindle speeds, per cent.
+
+        Raises:
+            UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
+        """
+        if not isinstance(self._operated, LineMachine):
+            for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
+                if value not in (None, 100):
+                    message = "this board has no such override"
+                    raise UsageError(Diagnostic(code, message, hint="GRBL boards have it"))
+        for control in (self._overrides, self._control):
+            if feed is not None:
+                control.override(feed)
+            if rapid is not None:
+                control.override_rapids(rapid)
+            if spindle is not None:
+                control.override_spindle(spindle)
+
+    def answer(self, number: int, yes: bool) -> bool:
+        """Answer a question; return whether it was open."""
+        dialog = self._dialogs.answer(number, yes)
+        if dialog is None:
+            return False
+        if dialog.kind != "restart":
+            if yes:
+                self._control.resume()
+            else:
+                self.stop()
+        return True
+
+    # Parts of activities
+
+    def _jog_move(
+        self,
+        plan: Callable[..., jogging.JogMove],
+        wanted: Mapping[str, float],
+        feed: float | None,
+        *,
+        unhomed: bool,
+    ) -> jogging.JogMove:
+        operated = self._operated
+        if operated is None:
+            raise not_connected()
+        readings = self._view.readings
+        limits = operated.for_jogs()
+        unknown = [letter for letter in wanted if not readings.homed.get(letter, True)]
+        if unknown and not unhomed:
+            names = " ".join(unknown).upper()
+            hint = "home the machine, or ask for a jog without homing: no limit is known then"
+            raise UsageError(Diagnostic("jog-unhomed", f"{names} is not homed", hint=hint))
+        if unknown:
+            axes = {
+                letter: axis.model_copy(update={"travel": None}) if letter in unknown else axis
+                for letter, axis in limits.axes.items()
+            }
+            limits = limits.model_copy(update={"axes": axes})
+        found = plan(limits, readings.position, wanted, feed, operated.rest)
+        assert isinstance(found, jogging.JogMove)
+        return found
+
+    def _carry_out_jog(self, move: jogging.JogMove, control: Control) -> None:
+        if control.held:
+            return
+        self._machine.jog(move, control, self._view.take)
+
+    def _run(
+        self, program: Path | InlineProgram, name: str, options: RunOptions, skipped: int
+    ) -> JobEnded:
+        machine, control = self._machine, self._control
+        self._view.begin(name)
+
+        def on_progress(progress: Progress) -> None:
+            self._view.progress(progress, machine.of_progress(progress))
+
+        watch = RunWatch(name, self.events, self._dialogs, control, on_progress)
+        try:
+            session = Session(
+                program, self.machine, options, callbacks=watch.callbacks(), control=control
+            )
+            report = session.run(machine.board, self._view.board)
+            ended = program_runs.ended(report, name, skipped)
+        except CncError as error:
+            ended = program_runs.failed(error, name)
+        finally:
+            self._view.end()
+        self.events.emit(ended)
+        machine.revive()
+        self._offsets_changed()
+        return ended
+
+    def _offsets_changed(self) -> dict[str, dict[str, float]]:
+        machine = self._machine
+        offsets = machine.offsets()
+        self._view.read(machine)
+        self._view.offsets = offsets
+        self.events.emit(OffsetsChanged(offsets=offsets))
+        return offsets
+
+    def _console(self, arrow: str, text: str) -> None:
+        if text not in ("?", "") and not text.startswith("<"):
+            self.events.emit(
+                ConsoleLine(direction="sent" if arrow == "->" else "received", text=text)
+            )

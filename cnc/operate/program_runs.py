@@ -1,0 +1,188 @@
+"""Programs of an operator session: their run by a session, and its events."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from cnc.executor.run import Progress
+from cnc.model.diagnostics import CncError, Diagnostic
+from cnc.model.operator_control import Control
+from cnc.operate.events import (
+    Dialog,
+    DialogClosed,
+    EventStream,
+    Finding,
+    JobEnded,
+    JobProgress,
+    Notice,
+    Outcome,
+)
+from cnc.report.result import Report
+from cnc.session.observer import Callbacks, Stage
+from cnc.session.source import MDI_NAME
+
+QUESTIONS = itertools.count(1)
+PROGRESS_LINES = 1000
+"""Lines of a check between two events of its progress."""
+
+DialogKind = Literal["tool", "stop", "restart", "door"]
+
+
+@dataclass(slots=True)
+class _Question:
+    dialog: Dialog
+    answered: threading.Event
+    yes: bool = False
+
+
+class Dialogs:
+    """The open question to the operator; there is at most one.
+
+    Args:
+        events: Receives the questions.
+    """
+
+    def __init__(self, events: EventStream) -> None:
+        self._events = events
+        self._open: _Question | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def open(self) -> Dialog | None:
+        """The open question."""
+        question = self._open
+        return None if question is None else question.dialog
+
+    def show(self, kind: DialogKind, text: str, steps: Sequence[str] = ()) -> Dialog:
+        """Ask; an older question is closed."""
+        self.close()
+        dialog = Dialog(id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps))
+        with self._lock:
+            self._open = _Question(dialog, threading.Event())
+        self._events.emit(dialog)
+        return dialog
+
+    def ask(self, kind: DialogKind, text: str, steps: Sequence[str] = ()) -> bool:
+        """Ask, and wait for the answer."""
+        self.show(kind, text, steps)
+        question = self._open
+        if question is None:
+            return False
+        question.answered.wait()
+        return question.yes
+
+    def answer(self, number: int, yes: bool) -> Dialog | None:
+        """Answer a question; return it, None if it is not open any more."""
+        with self._lock:
+            question = self._open
+            if question is None or question.dialog.id != number:
+                return None
+            question.yes = yes
+        self.close()
+        return question.dialog
+
+    def close(self) -> None:
+        """Close the open question, as not answered unless an answer is set."""
+        with self._lock:
+            question, self._open = self._open, None
+        if question is not None:
+            question.answered.set()
+            self._events.emit(DialogClosed(id=question.dialog.id))
+
+
+class RunWatch:
+    """Makes the events of one run, and answers its questions.
+
+    Args:
+        program: Name of the program in the events.
+        events: Receives the events.
+        dialogs: Asks the operator.
+        control: The operator's requests.
+        on_progress: Called with the progress of the board.
+    """
+
+    def __init__(
+        self,
+        program: str,
+        events: EventStream,
+        dialogs: Dialogs,
+        control: Control,
+        on_progress: Callable[[Progress], None],
+    ) -> None:
+        self._program, self._events, self._dialogs = program, events, dialogs
+        self._control, self._on_progress = control, on_progress
+        self._shown: tuple[Stage, int] = ("checking", -PROGRESS_LINES)
+        self._reason = ""
+
+    def callbacks(self) -> Callbacks:
+        """Return the functions that the session calls."""
+        return Callbacks(
+            on_progress=self._progress,
+            on_warning=self._warning,
+            on_sent=self._sent,
+            on_beginning=lambda steps: self._dialogs.ask("restart", steps[0], steps),
+        )
+
+    def _progress(self, stage: Stage, line: int, lines: int | None) -> None:
+        before, shown = self._shown
+        least = PROGRESS_LINES if stage == "checking" else 1
+        if stage != before or line >= shown + least:
+            self._shown = stage, line
+            self._events.emit(
+                JobProgress(program=self._program, stage=stage, line=line, lines=lines)
+            )
+
+    def _warning(self, found: Diagnostic) -> None:
+        self._events.emit(Notice(finding=Finding.of(found)))
+
+    def _sent(self, progress: Progress) -> None:
+        self._on_progress(progress)
+        reason = progress.hold_reason if progress.held else ""
+        if reason == self._reason:
+            return
+        self._reason = reason
+        if not reason:
+            self._dialogs.close()
+            return
+        kind: DialogKind = "stop"
+        if reason.startswith("put in tool"):
+            kind = "tool"
+        elif "door" in reason:
+            kind = "door"
+        self._dialogs.show(kind, reason)
+
+
+def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
+    """Return the end of a run.
+
+    Args:
+        report: Its report.
+        program: Name of the program.
+        skipped: Lines before the first line of the operator's text.
+    """
+    stopped = report.stopped_at_line is not None
+    outcome: Outcome = "failed" if report.faults else "stopped" if stopped else "done"
+    found = [fault.diagnostic for fault in report.faults] + report.warnings
+    return JobEnded(
+        program=program,
+        outcome=outcome,
+        seconds=report.duration_s,
+        stopped_at_line=report.stopped_at_line,
+        resume_line=report.resume_line,
+        findings=tuple(Finding.of(_moved(each, skipped)) for each in found),
+    )
+
+
+def failed(error: CncError, program: str) -> JobEnded:
+    """Return the end of a run that could not begin."""
+    return JobEnded(program=program, outcome="failed", findings=(Finding.of(error.diagnostic),))
+
+
+def _moved(found: Diagnostic, skipped: int) -> Diagnostic:
+    if found.file != MDI_NAME or found.line <= skipped:
+        return found
+    return replace(found, line=found.line - skipped)

@@ -1,0 +1,144 @@
+"""The present state for the operator, from the readings of the machine and the progress of a run.
+
+The worker writes it, and any thread reads it: each attribute is replaced as a whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cnc.executor.run import Progress
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.operator_control import Control
+from cnc.operate.events import Activity, MachineState, Overrides, State
+from cnc.operate.machines import SYSTEMS, OperatedMachine, Readings
+
+MS_PER_S = 1000.0
+
+
+class StateView:
+    """The present state.
+
+    Attributes:
+        board: Name of the board; "" without one.
+        readings: The last readings.
+        offsets: Offsets by name and axis, mm.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.board = ""
+        self.readings = Readings()
+        self.offsets: dict[str, dict[str, float]] = {}
+        self._machine = machine
+        self._program = ""
+        self._progress: Progress | None = None
+        self._system = "G54"
+
+    def connected(self, board: str, machine: OperatedMachine) -> None:
+        """Show a board."""
+        self.board = board
+        self.read(machine)
+
+    def disconnected(self) -> None:
+        """Show no board."""
+        self.board, self.readings, self.offsets = "", Readings(), {}
+
+    def read(self, machine: OperatedMachine) -> None:
+        """Take the readings of a machine at rest."""
+        self.readings = machine.readings()
+
+    def take(self, readings: Readings) -> None:
+        """Take readings in motion."""
+        homed, inputs = self.readings.homed, self.readings.inputs
+        if not readings.homed:
+            readings.homed.update(homed)
+        if not readings.inputs:
+            readings.inputs.update(inputs)
+        self.readings = readings
+
+    def begin(self, program: str) -> None:
+        """Show a program."""
+        self._program, self._progress = program, None
+
+    def end(self) -> None:
+        """Show no program."""
+        self._program, self._progress = "", None
+
+    def progress(self, progress: Progress, readings: Readings) -> None:
+        """Show the progress of a program."""
+        self._progress = progress
+        self.take(readings)
+
+    def select(self, system: str) -> None:
+        """Choose the coordinate system of the work position. UsageError ``no-such-system``."""
+        if system not in SYSTEMS:
+            hint = f"systems are {', '.join(SYSTEMS)}"
+            raise UsageError(
+                Diagnostic("no-such-system", f"there is no coordinate system {system}", hint=hint)
+            )
+        self._system = system
+
+    def work_position(self, system: str) -> dict[str, float]:
+        """Return the position by axis in a coordinate system, mm; G92 belongs to G54."""
+        base = "G54" if system == "G92" else system
+        origin, shift = self.offsets.get(base, {}), self.offsets.get("G92", {})
+        return {
+            letter: place - origin.get(letter, 0.0) - shift.get(letter, 0.0)
+            for letter, place in self.readings.position.items()
+        }
+
+    def state(self, activity: Activity, overrides: Control) -> State:
+        """Return the state."""
+        if not self.board:
+            return State()
+        readings, progress = self.readings, self._progress
+        machine = None if progress is None else progress.machine
+        reported = readings.overrides
+        chosen = Overrides(
+            feed=overrides.feed_override,
+            rapid=float(overrides.rapid_override),
+            spindle=overrides.spindle_override,
+        )
+        if reported is not None:
+            chosen = Overrides(feed=reported[0], rapid=reported[1], spindle=reported[2])
+        found = State(
+            board=self.board,
+            state=_state(readings.state, activity),
+            activity=activity,
+            machine=readings.position,
+            work=self.work_position(self._system),
+            system=self._system,
+            homed=readings.homed,
+            feed=readings.feed,
+            spindle=readings.spindle,
+            overrides=chosen,
+            inputs=readings.inputs,
+            program=self._program,
+        )
+        if progress is None:
+            return found
+        ahead = progress.ahead
+        buffered = progress.buffered if ahead is None else round(ahead * MS_PER_S)
+        return replace(
+            found,
+            feed=found.feed if machine is None or machine.feed is None else machine.feed,
+            tool=progress.tool,
+            line=progress.line,
+            text=progress.text,
+            run_time=progress.time - (ahead or 0.0),
+            left=progress.left,
+            buffered=buffered,
+            held=progress.hold_reason or ("hold request" if progress.held else ""),
+        )
+
+
+def _state(reported: MachineState, activity: Activity) -> MachineState:
+    """Return the state by the board, and by the activity where a board at rest says nothing."""
+    if reported not in ("idle", "running"):
+        return reported
+    if activity == "jog":
+        return "jogging"
+    if activity == "home":
+        return "homing"
+    return "running" if activity in ("program", "mdi", "probe") else reported

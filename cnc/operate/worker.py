@@ -1,0 +1,250 @@
+"""The worker of an operator session: the only thread that uses the board.
+
+    any thread ──► request ──────────────► Control ─────┐   hold, resume, stop, override
+               └─► activity ──► queue ──► worker ──► board  connect, home, jog, zero, MDI, run
+                                            │
+    ticker ──► state ten times a second     └──► events
+
+While nothing runs, the worker exchanges reports with the board. The ticker ends jogs whose client
+is silent.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
+from cnc.model.operator_control import Control, HomingStopped
+from cnc.operate.events import Activity, Alarm, EventStream, Finding, Notice, State
+from cnc.operate.line_machine import LineMachine
+from cnc.operate.machines import OperatedMachine
+from cnc.operate.program_runs import Dialogs
+from cnc.operate.state_view import StateView
+
+log = logging.getLogger(__name__)
+
+STATE_PERIOD = 0.1
+"""Time between two states, s."""
+WATCH_PERIOD = 0.02
+"""Time between two looks at the sign of life of a jog, s."""
+KEEP_ALIVE = 0.25
+"""Time without a sign of life after which a jog ends, s."""
+T = TypeVar("T")
+
+
+class Jog:
+    """A jog that moves until it is released.
+
+    Attributes:
+        id: Its number.
+        feed: Its speed, mm/s, which may be less than was asked for.
+    """
+
+    _numbers = itertools.count(1)
+
+    def __init__(self, feed: float, control: Control, keep_alive: float) -> None:
+        self.id, self.feed = next(self._numbers), feed
+        self._control, self._keep_alive = control, keep_alive
+        self._until = time.monotonic() + keep_alive
+        self.ended: Future[None] = Future()
+
+    def keep_alive(self) -> None:
+        """Give a sign of life: without one, the jog ends after ``KEEP_ALIVE`` seconds."""
+        self._until = time.monotonic() + self._keep_alive
+
+    def release(self) -> None:
+        """Come to rest."""
+        self._control.hold()
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the sign of life is overdue."""
+        return time.monotonic() > self._until
+
+
+class Worker:
+    """Threads, queue and requests of a session.
+
+    Args:
+        machine: The machine.
+
+    Attributes:
+        events: The events.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.events = EventStream()
+        self._dialogs = Dialogs(self.events)
+        self._view = StateView(machine)
+        self._operated: OperatedMachine | None = None
+        self._control = Control()
+        self._overrides = Control()
+        self._jog: Jog | None = None
+        self._activity: Activity = "none"
+        self._busy = False
+        self._lock = threading.RLock()
+        self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._closed = threading.Event()
+        self._attention = threading.Event()
+        self._worker = threading.Thread(target=self._work, daemon=True, name="machine")
+        self._ticker = threading.Thread(target=self._tick, daemon=True, name="machine state")
+        self._worker.start()
+        self._ticker.start()
+
+    @property
+    def state(self) -> State:
+        """The present state."""
+        return self._view.state(self._activity, self._overrides)
+
+    def stop(self) -> None:
+        """Come to rest on the path, and end the activity."""
+        control = self._control
+        control.stop()
+        control.hold()
+        self._dialogs.close()
+
+    def close(self) -> None:
+        """Come to rest, release the board, and end the session."""
+        self.stop()
+        self._closed.set()
+        self._attention.set()
+        self._tasks.put(lambda: None)
+        self._worker.join()
+        self._ticker.join()
+
+    @property
+    def _machine(self) -> OperatedMachine:
+        if self._operated is None:
+            raise not_connected()
+        return self._operated
+
+    def _begin(
+        self,
+        activity: Activity,
+        action: Callable[[], T],
+        *,
+        needs_board: bool = True,
+        control: Control | None = None,
+    ) -> Future[T]:
+        """Hand an activity to the worker. UsageError ``machine-busy``, ``not-connected``."""
+        future: Future[T] = Future()
+        with self._lock:
+            if needs_board and self._operated is None:
+                raise not_connected()
+            if self._busy:
+                hint = "wait for its end, or stop it"
+                message = f"the machine is busy: {self._activity}"
+                raise UsageError(Diagnostic("machine-busy", message, hint=hint))
+            self._busy, self._activity = True, activity
+            self._control = control or self._new_control()
+
+        def work() -> None:
+            try:
+                result = action()
+            except BaseException as error:
+                self._fault(error)
+                self._end_activity()
+                future.set_exception(error)
+            else:
+                self._end_activity()
+                future.set_result(result)
+
+        self._tasks.put(work)
+        return future
+
+    def _new_control(self) -> Control:
+        control = Control(self._overrides.feed_override)
+        control.override_rapids(self._overrides.rapid_override)
+        control.override_spindle(self._overrides.spindle_override)
+        return control
+
+    def _end_activity(self) -> None:
+        machine = self._operated
+        if machine is not None:
+            try:
+                machine.revive()
+                self._view.read(machine)
+            except BoardError as error:
+                self._emit_fault(error)
+                self._drop()
+        self._dialogs.close()
+        with self._lock:
+            self._busy, self._activity = False, "none"
+
+    def _work(self) -> None:
+        while not self._closed.is_set():
+            machine = self._operated
+            try:
+                # A line board has waited for its reports already.
+                line = isinstance(machine, LineMachine)
+                task = self._tasks.get(timeout=0.001 if line else STATE_PERIOD)
+            except Empty:
+                if machine is not None:
+                    self._poll(machine)
+            else:
+                task()
+        self._drop()
+
+    def _poll(self, machine: OperatedMachine) -> None:
+        try:
+            machine.poll()
+            self._view.read(machine)
+        except BoardError as error:
+            self._emit_fault(error)
+            try:
+                machine.revive()
+                self._view.read(machine)
+            except BoardError:
+                if error.diagnostic.code != "board-alarm":
+                    self._drop()
+
+    def _tick(self) -> None:
+        due = time.monotonic()
+        while not self._closed.is_set():
+            jog = self._jog
+            if jog is not None and jog.is_silent:
+                jog.release()
+            now = time.monotonic()
+            if now >= due:
+                due = max(due + STATE_PERIOD, now)
+                self.events.emit(self.state)
+            pause = due - time.monotonic()
+            self._attention.wait(min(pause, WATCH_PERIOD) if jog is not None else max(pause, 0.0))
+            self._attention.clear()
+
+    def _drop(self) -> None:
+        machine, self._operated = self._operated, None
+        self._view.disconnected()
+        if machine is not None:
+            machine.board.close()
+
+    def _fault(self, error: BaseException) -> None:
+        if isinstance(error, HomingStopped):
+            self._notice(Diagnostic("homing-stopped", str(error), severity="warning"))
+        elif isinstance(error, CncError):
+            self._emit_fault(error)
+        else:
+            log.critical("internal error", exc_info=error)
+            message = f"cncrun failed: {type(error).__name__}: {error}"
+            self._notice(Diagnostic("internal-error", message))
+
+    def _emit_fault(self, error: CncError) -> None:
+        log.error("%s", error.diagnostic.render())
+        self.events.emit(Alarm(finding=Finding.of(error.diagnostic)))
+
+    def _notice(self, found: Diagnostic) -> None:
+        self.events.emit(Notice(finding=Finding.of(found)))
+
+
+def not_connected() -> UsageError:
+    """Return the fault of an activity without a board."""
+    hint = "connect the board first"
+    return UsageError(Diagnostic("not-connected", "no board is connected", hint=hint))

@@ -1,0 +1,223 @@
+"""One session on two kinds of boards: jogs, offsets, MDI lines, requests."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from cnc.model.diagnostics import UsageError
+from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object
+from tests.support.waiting import wait_until
+
+REST_TIME = 0.2
+GRID = 0.01
+PATIENCE = 60
+
+
+class Listener:
+    """Keeps the events of a session."""
+
+    def __init__(self, session):
+        self.events = []
+        session.listen(self.events.append)
+
+    def of(self, kind):
+        return [each for each in self.events if isinstance(each, kind)]
+
+
+def ended(session, line):
+    return session.mdi(line).result(PATIENCE)
+
+
+def moves(operator, letter="x"):
+    """Whether a jog has begun to move."""
+    before = operator.state.machine[letter]
+    return lambda: abs(operator.state.machine[letter] - before) > 0.5
+
+
+def test_a_step_ends_at_its_distance(any_operator):
+    before = any_operator.state.machine
+    any_operator.jog_step({"x": 1.5, "y": 2.0}).result(PATIENCE)
+    after = any_operator.state.machine
+    assert after["x"] - before["x"] == pytest.approx(1.5, abs=GRID)
+    assert after["y"] - before["y"] == pytest.approx(2.0, abs=GRID)
+
+
+def test_a_released_jog_comes_to_rest_in_time(any_operator):
+    moving = moves(any_operator)
+    jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
+    wait_until(moving)
+    places = [any_operator._view.readings.position["x"]]
+    released = time.monotonic()
+    jog.release()
+    jog.ended.result(PATIENCE)
+    assert any_operator.state.machine["x"] < 100.0
+    # The motion itself: at the jog's speed it would be further after the time to rest.
+    travelled = any_operator.state.machine["x"] - places[0]
+    assert travelled <= jog.feed * REST_TIME + GRID
+    assert time.monotonic() > released
+
+
+def test_a_jog_without_a_sign_of_life_ends(any_operator):
+    jog = any_operator.jog({"x": 1.0}, keep_alive=0.1)
+    jog.ended.result(PATIENCE)
+    assert any_operator.state.machine["x"] < 60.0
+
+
+def test_a_jog_never_passes_the_end_of_the_travel(any_operator):
+    jog = any_operator.jog({"x": -1.0}, keep_alive=PATIENCE)
+    jog.ended.result(PATIENCE)
+    low = any_operator.travel["x"][0]
+    assert any_operator.state.machine["x"] == pytest.approx(low, abs=GRID)
+    with pytest.raises(UsageError, match="soft-limit"):
+        any_operator.jog({"x": -1.0})
+
+
+def test_a_second_activity_is_refused(any_operator):
+    jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
+    with pytest.raises(UsageError, match="machine-busy"):
+        any_operator.mdi("G0 X1")
+    jog.release()
+    jog.ended.result(PATIENCE)
+
+
+def test_a_stop_ends_a_jog_and_the_next_activity_begins(any_operator):
+    jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
+    any_operator.stop()
+    jog.ended.result(PATIENCE)
+    assert ended(any_operator, "G0 X2").outcome == "done"
+
+
+def test_zero_and_half(any_operator):
+    seen = Listener(any_operator)
+    any_operator.jog_step({"x": 4.0, "y": 2.0}).result(PATIENCE)
+    offsets = any_operator.zero({"x": 0.0, "y": 1.0}).result(PATIENCE)
+    assert offsets["G54"]["x"] == pytest.approx(4.0, abs=GRID)
+    assert offsets["G54"]["y"] == pytest.approx(1.0, abs=GRID)
+    assert seen.of(OffsetsChanged)[-1].offsets == offsets
+    any_operator.jog_step({"x": 3.0}).result(PATIENCE)
+    any_operator.zero({"x": 0.0}, half=True).result(PATIENCE)
+    assert any_operator.state.work["x"] == pytest.approx(1.5, abs=GRID)
+    assert any_operator.state.work["y"] == pytest.approx(1.0, abs=GRID)
+
+
+def test_a_shift_of_g92_is_set(any_operator):
+    any_operator.jog_step({"x": 4.0}).result(PATIENCE)
+    any_operator.zero({"x": 1.0}, "G92").result(PATIENCE)
+    assert any_operator.state.work["x"] == pytest.approx(1.0, abs=GRID)
+
+
+def test_a_program_uses_the_zero(any_operator):
+    any_operator.jog_step({"x": 4.0, "y": 2.0}).result(PATIENCE)
+    any_operator.zero({"x": 0.0, "y": 0.0}, "G55").result(PATIENCE)
+    assert ended(any_operator, "G55 G0 X1 Y3").outcome == "done"
+    assert any_operator.state.machine["x"] == pytest.approx(5.0, abs=GRID)
+    assert any_operator.state.machine["y"] == pytest.approx(5.0, abs=GRID)
+
+
+def test_an_unknown_system_is_refused(any_operator):
+    with pytest.raises(UsageError, match="no-such-system"):
+        any_operator.zero({"x": 0.0}, "G57.7").result(PATIENCE)
+
+
+def test_an_entered_line_keeps_the_modes_of_the_lines_before(any_operator):
+    assert ended(any_operator, "G91 G1 X2 F1200").outcome == "done"
+    assert ended(any_operator, "X1").outcome == "done"
+    assert any_operator.state.machine["x"] == pytest.approx(3.0, abs=GRID)
+    assert any_operator.history == ["G91 G1 X2 F1200", "X1"]
+
+
+def test_the_error_of_an_entered_line_is_that_of_a_file(any_operator):
+    assert ended(any_operator, "G90 G1 X2 F1200").outcome == "done"
+    found = ended(any_operator, "G1 X2 Q+").findings[0]
+    assert (found.code, found.file, found.line, found.column) == ("number-missing", "MDI", 1, 7)
+
+
+def test_hold_resume_and_stop_of_a_program(any_operator, tmp_path):
+    program = tmp_path / "long.nc"
+    program.write_text("G90 G1 X40 F1500\nM2\n")
+    moving = moves(any_operator)
+    future = any_operator.run(program)
+    wait_until(moving)
+    any_operator.hold()
+    wait_until(lambda: any_operator.state.state == "held")
+    wait_until(lambda: any_operator.state.held != "")
+    any_operator.resume()
+    wait_until(lambda: any_operator.state.state == "running")
+    any_operator.stop()
+    outcome = future.result(PATIENCE)
+    assert outcome.outcome == "stopped"
+    assert outcome.stopped_at_line == 1
+    assert ended(any_operator, "G0 X0").outcome == "done"
+
+
+def test_a_program_stop_asks_the_operator(any_operator, tmp_path):
+    program = tmp_path / "stop.nc"
+    program.write_text("G90 G0 X1\nM0 (turn the part)\nG0 X2\nM2\n")
+    seen, asked = Listener(any_operator), threading.Event()
+
+    def answer(event):
+        if event.event == "dialog":
+            assert event.kind == "stop"
+            assert "turn the part" in event.text
+            asked.set()
+            threading.Thread(target=any_operator.answer, args=(event.id, True)).start()
+
+    any_operator.listen(answer)
+    assert any_operator.run(program).result(PATIENCE).outcome == "done"
+    assert asked.is_set()
+    assert seen.of(DialogClosed)
+    assert seen.of(JobEnded)[-1].program == "stop.nc"
+
+
+def test_a_start_line_is_confirmed_first(operator, tmp_path):
+    program = tmp_path / "middle.nc"
+    program.write_text("G90 G21\nG0 Z5\nG1 X5 F1200\nG1 X10\nM2\n")
+    from cnc.session.options import RunOptions
+
+    def refuse(event):
+        if event.event == "dialog":
+            assert event.kind == "restart"
+            assert event.steps
+            threading.Thread(target=operator.answer, args=(event.id, False)).start()
+
+    operator.listen(refuse)
+    outcome = operator.run(program, RunOptions(from_line=4)).result(PATIENCE)
+    assert outcome.outcome == "stopped"
+    assert operator.state.machine["x"] == pytest.approx(0.0, abs=GRID)
+
+
+def test_the_state_comes_ten_times_a_second(any_operator):
+    seen = Listener(any_operator)
+    began = time.monotonic()
+    wait_until(lambda: len(seen.of(State)) >= 5)
+    assert time.monotonic() - began >= 0.35
+    shown = as_object(seen.of(State)[-1])
+    assert shown["event"] == "state"
+    assert set(shown["machine"]) == {"x", "y", "z"}
+
+
+def test_without_a_board_nothing_moves(pulse_machine):
+    from cnc.operate.operator_session import OperatorSession
+
+    with OperatorSession(pulse_machine) as session:
+        for action in (
+            lambda: session.jog({"x": 1.0}),
+            lambda: session.mdi("G0 X1"),
+            lambda: session.home(),
+            lambda: session.zero({"x": 0.0}),
+        ):
+            with pytest.raises(UsageError, match="not-connected"):
+                action()
+
+
+def test_a_zero_without_a_parameter_file_is_refused():
+    from cnc.machine.load import load_machine
+    from cnc.operate.operator_session import OperatorSession
+
+    with OperatorSession(load_machine(None)) as session:
+        session.connect().result(PATIENCE)
+        with pytest.raises(UsageError, match="no-parameter-file"):
+            session.zero({"x": 0.0}).result(PATIENCE)
