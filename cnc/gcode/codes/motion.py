@@ -77,7 +77,7 @@ class Motion(AxisWords):
         self._resting: G | None = dialect.motion
         self.may_assume = dialect.motion_assumed
         self.arcs = ArcMoves(self, dialect, here, state)
-        self.corners = CornerMoves(self, state, here, arcs=dialect.corners == "all")
+        self.corners = CornerMoves(self, state, here, corners=dialect.corners)
 
     @property
     def compensated(self) -> bool:
@@ -244,7 +244,11 @@ class Motion(AxisWords):
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
+            angled = words.take(",A", "G1") if self._dialect.corners else None
+            given = set(words.rest) if angled else set()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
+            if angled:
+                end = self._end_at_angle(angled, given, end)
             feed = self.feed(words, end, self.distance(end), at)
             if self._dialect.corners and (word := corner_words.take(words, "G1")):
                 start = self.position
@@ -262,6 +266,15 @@ class Motion(AxisWords):
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)
             self.handlers[motion](words, explicit)
+
+    def _end_at_angle(self, angle: Word, given: set[str], end: list[float]) -> list[float]:
+        """Return the end of a straight move of which one axis and the angle are given."""
+        if self.coordinates.turned or self._machine_words:
+            message = f"{angle.written} in machine coordinates, or under a rotation or scaling"
+            raise fault("corner-angle", message, angle, "give both axes of the plane")
+        plane = self.arcs.plane_columns(angle, angle.letter)
+        columns = [index for index in plane if self.axes[index].upper() in given]
+        return corner_words.line_with_angle(angle, self.position, end, plane, columns)
 
     def traverse(self, end: list[float]) -> None:
         """Make a straight move at the speed of the axes."""

@@ -151,9 +151,10 @@ class Dialect:
     first_bracket: bool
     after_g80: Literal["none", "previous"]
     local_calls: bool
+    hole_patterns: bool
     scale_unit: float
     extruder: str
-    corners: Literal["", "lines", "all"]
+    corners: Literal["", "lines", "rounds", "all"]
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
     turret_offsets: Literal["", "P", "L"]
@@ -336,7 +337,7 @@ _PLAIN = (
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
     "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
-    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters",
+    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -30,7 +30,7 @@ from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
-from cnc.gcode.cycles import drilling, threading, turning_cycles
+from cnc.gcode.cycles import drilling, hole_patterns, threading, turning_cycles
 from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.program.assignments import Assignments
@@ -158,6 +158,8 @@ class Interpreter:
         bspline.register(motion, modal, here, self.feed_codes.feed)
         runner = CycleRunner(motion, modal, here, self.out)
         self.drilling_cycles = drilling.register(motion, dialect, modal, runner, self._dwells)
+        if dialect.hole_patterns:
+            hole_patterns.register(motion, modal, self.drilling_cycles)
         threading.register(motion, dialect, modal, runner)
         circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
         probing.register(motion, dialect, modal, here, self.out, self.parameters)
