@@ -17,6 +17,8 @@ from cnc.path.chunk import PathChunk
 ROUNDING = 1e-6
 """mm or degrees. Rounding alone may take a move that ends on the limit this far beyond it."""
 
+TURN = 360.0
+
 Floats = NDArray[np.float64]
 
 
@@ -41,13 +43,20 @@ class TravelCheck:
         self.last_line = 0
         self._tables: list[tuple[str, str, Axis]] = []
         self._tables += [("axes", letter, axis) for letter, axis in machine.axes.items()]
-        if machine.kinematics.joints:
+        if machine.kinematics.with_tip_control:
+            # The travel is that of the joints, which have the names and the tables of the axes.
+            free = [axis.model_copy(update={"travel": None}) for _, _, axis in self._tables]
+            tip = zip(machine.axes, free, strict=True)
+            self._tables = [*(("axes", letter, axis) for letter, axis in tip), *self._tables]
+        elif machine.kinematics.joints:
             joints = machine.joint_tables.items()
             self._tables += [("joints", name, joint) for name, joint in joints]
         n = len(self._tables)
         self.lo: Floats = np.full(n, np.inf)
         self.hi: Floats = np.full(n, -np.inf)
         travels = [axis.travel or (-np.inf, np.inf) for _, _, axis in self._tables]
+        # The travel of an axis that repeats after a turn holds for the place within the turn.
+        self._repeats = np.array([axis.wrap is not None for _, _, axis in self._tables])
         self._lowest = np.array([low for low, _ in travels]) - slack
         self._highest = np.array([high for _, high in travels]) + slack
         self._reported: set[tuple[int, int]] = set()
@@ -71,6 +80,12 @@ class TravelCheck:
         self.lo = np.minimum(self.lo, lo.min(axis=0))
         self.hi = np.maximum(self.hi, hi.max(axis=0))
         self.last_line = int(chunk.line[-1])
+        if self._repeats.any():
+            with np.errstate(invalid="ignore"):
+                turns = np.floor((lo - self._lowest) / TURN)
+            turns = np.where(self._repeats & np.isfinite(turns), TURN * turns, 0.0)
+            lo, hi = lo - turns, hi - turns
+            hi = np.where(self._repeats & (self._highest - self._lowest >= TURN), lo, hi)
         outside = (lo < self._lowest) | (hi > self._highest)
         if outside.any():
             for piece, axis in np.argwhere(outside).tolist():

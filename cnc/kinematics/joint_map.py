@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cnc.kinematics.base import Kinematics
 from cnc.kinematics.belts import Belts
 from cnc.kinematics.delta import LinearDelta, RotaryDelta
+from cnc.kinematics.five_axis import Bare, FiveAxis, Point, Rotation
 from cnc.kinematics.polar import Polar
 from cnc.kinematics.scara import Scara
 from cnc.kinematics.series import Series
@@ -51,12 +52,16 @@ class JointMap:
         self.names = tuple(names)
         self.columns = tuple(f"joint {name}" for name in names)
         self.linear = kinematics.linear
+        self._table: tables.FiveAxis | None = None
+        self._letters: tuple[str, ...] = ()
         self.turning = np.zeros(len(names), np.bool_)
         self.turning[list(own)] = kinematics.turning
 
     @classmethod
     def of(cls, machine: Machine) -> JointMap | None:
         """Return the joints of a machine; None where they are the axes."""
+        if isinstance(machine.kinematics, tables.FiveAxis):
+            return _of_five(machine.kinematics, machine.axis_names, None)
         kinematics = _formula(machine.kinematics)
         if kinematics is None:
             return None
@@ -69,6 +74,15 @@ class JointMap:
             [k for k, letter in enumerate(letters) if letter not in moved],
             names,
         )
+
+    def with_tool(self, offset: Point | None) -> JointMap:
+        """Return the joints under tool-tip control with a tool, or of the bare axes for None.
+
+        Args:
+            offset: of the tool along X, Y and Z, mm.
+        """
+        assert self._table is not None
+        return _of_five(self._table, self._letters, offset)
 
     def series(self, tip: Sequence[Series]) -> list[Series]:
         """Return the series of all joints from those of all axes."""
@@ -93,6 +107,25 @@ class JointMap:
         for axis, column in zip(self._taken, own, strict=True):
             tip[:, axis] = column
         return tip
+
+
+def _of_five(table: tables.FiveAxis, letters: tuple[str, ...], offset: Point | None) -> JointMap:
+    """Return the joints of a five-axis machine; without an offset they are the axes."""
+    head = table.type.endswith("-head")
+    sign = {letter: -1.0 if letter in table.reverse else 1.0 for letter in table.tip_axes}
+    tilt = Rotation(
+        0 if table.tilting == "a" else 1,
+        table.tilt_point,
+        not head and not table.type.endswith("-head-table"),
+        sign[table.tilting],
+    )
+    turn = Rotation(2, table.turn_point, not head, sign["c"])
+    taken = [letters.index(letter) for letter in table.tip_axes]
+    kinematics = Bare() if offset is None else FiveAxis(tilt, turn, offset)
+    others = [k for k in range(len(letters)) if k not in taken]
+    found = JointMap(kinematics, taken, taken, others, letters)
+    found._table, found._letters = table, letters
+    return found
 
 
 def _formula(table: KinematicsTable) -> Kinematics | None:

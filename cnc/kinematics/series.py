@@ -11,6 +11,7 @@ the formula gives the series of the joints. The product is a convolution; the ot
     q = f / g        g_0 q_k = f_k - sum_{i=1..k} g_i q_{k-i}
     s = sqrt(f)      2 s_0 s_k = f_k - sum_{i=1..k-1} s_i s_{k-i}
     a = atan2(y, x)  (x^2 + y^2) a' = x y' - y x'
+    sin a, cos a     s' = c a',  c' = -s a'
 
 A term is an array of numbers, or of intervals. With the series of the tip over a whole piece of
 path in intervals, the last term bounds the error of the polynomial that is left of the series.
@@ -112,6 +113,37 @@ def atan2(y: Series, x: Series) -> Series:
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = moment / _head(square, order)
     return Series([angle, *(term * (1.0 / (k + 1)) for k, term in enumerate(rate.terms))])
+
+
+def sine_cosine(angle: Series) -> tuple[Series, Series]:
+    """Return the sine and the cosine of an angle in rad.
+
+    From s' = c a' and c' = -s a', k s_k is the sum of i a_i c_{k-i}, k c_k that of -i a_i s_{k-i}.
+    """
+    first = angle.terms[0]
+    if isinstance(first, Interval):
+        sines: list[Term] = [interval.cosine(first - 0.5 * np.pi)]
+        cosines: list[Term] = [interval.cosine(first)]
+    else:
+        sines, cosines = [np.sin(first)], [np.cos(first)]
+    slope = [term * float(k) for k, term in enumerate(angle.terms)]
+    # Most angles are linear in the parameter: their higher terms are 0.
+    last = max((k for k, term in enumerate(slope) if k and _is_present(term)), default=0)
+    for k in range(1, len(angle.terms)):
+        sine = cosine = slope[0] * 0.0
+        for i in range(1, min(k, last) + 1):
+            sine = sine + slope[i] * cosines[k - i]
+            cosine = cosine - slope[i] * sines[k - i]
+        sines.append(sine * (1.0 / k))
+        cosines.append(cosine * (1.0 / k))
+    return Series(sines), Series(cosines)
+
+
+def _is_present(term: Term) -> bool:
+    """Return whether a term is not 0 everywhere."""
+    if isinstance(term, Interval):
+        return bool(np.any(term.lo) or np.any(term.hi))
+    return bool(np.any(term))
 
 
 def _convolved(a: Sequence[Term], b: Sequence[Term], first: int, last: int, k: int) -> Term:

@@ -23,6 +23,8 @@ def _tuple(value: object) -> object:
 Pair = Annotated[tuple[Length, Length], BeforeValidator(_tuple)]
 Angles = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(_tuple)]
 
+Point = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(_tuple)]
+
 
 class _Kinematics(Section):
     """A kinematics; its joints have tables [joints.NAME] in place of some axes' limits."""
@@ -31,6 +33,8 @@ class _Kinematics(Section):
     """Axes that no motor moves alone."""
     joints: ClassVar[tuple[str, ...]] = ()
     """The joints that move them."""
+    with_tip_control: ClassVar[bool] = False
+    """Whether the axes are the joints until a program switches tool-tip control on."""
 
     @classmethod
     def kinds(cls) -> tuple[str, ...]:
@@ -126,8 +130,48 @@ class RotaryDelta(_Kinematics):
     )
 
 
+class FiveAxis(_Kinematics):
+    """Three linear axes, an axis that tilts (A or B) and one that turns (C)."""
+
+    with_tip_control = True
+
+    type: Literal[
+        "xyzac", "xyzbc", "xyzac-head", "xyzbc-head", "xyzac-head-table", "xyzbc-head-table"
+    ] = Field(
+        description=(
+            "A or B, and C: both on the table (a trunnion), both in the head, or A or B in the "
+            "head and C on the table."
+        )
+    )
+    tilt_point: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description=(
+            "A point of the axis of A or B, mm: machine coordinates on a table, from the gauge "
+            "point of the spindle in a head."
+        ),
+    )
+    turn_point: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description="A point of the axis of C, mm, as for tilt_point; at zero angles.",
+    )
+    reverse: Annotated[tuple[Literal["a", "b", "c"], ...], BeforeValidator(_tuple)] = Field(
+        default=(),
+        description="Rotary axes that turn against the direction of ISO 841.",
+    )
+
+    @property
+    def tilting(self) -> AxisLetter:
+        """The axis that tilts."""
+        return "a" if self.type.startswith("xyzac") else "b"
+
+    @property
+    def tip_axes(self) -> tuple[AxisLetter, ...]:
+        """The axes of tool-tip control."""
+        return ("x", "y", "z", self.tilting, "c")
+
+
 KinematicsTable = Annotated[
-    Cartesian | CoreXY | CoreXZ | Polar | Scara | Delta | RotaryDelta,
+    Cartesian | CoreXY | CoreXZ | Polar | Scara | Delta | RotaryDelta | FiveAxis,
     Field(discriminator="type"),
 ]
 KINEMATICS: tuple[type[_Kinematics], ...] = get_args(get_args(KinematicsTable)[0])

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
-from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
+from cnc.machine.kinematics import Cartesian, FiveAxis, KinematicsTable, OfJoints
+from cnc.machine.motors import Motor, Motors, gantry_inconsistencies
 from cnc.machine.program import Program
 from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
-from cnc.model.blocks import AxisLetter
-from cnc.model.choices import MachineKind
+from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
+from cnc.model.choices import MachineKind, WrapRule
 
 RATE_ROUNDING = 1e-12
 """Relative rounding error that the product of a speed and a resolution may have."""
@@ -66,6 +67,13 @@ class Homing(Section):
             "Machine coordinate of that position of rest, mm. Without it: the end of the travel."
         ),
     )
+    squaring_limit: Positive = Field(
+        default=2.5,
+        description=(
+            "Largest difference between the motors of an axis that homing squares, mm. A larger "
+            "one is an error."
+        ),
+    )
 
 
 class Axis(Section):
@@ -91,15 +99,36 @@ class Axis(Section):
     invert: bool = Field(
         default=False, description="Whether the level of the direction pin is inverted."
     )
+    wrap: WrapRule | None = Field(
+        default=None,
+        description=(
+            "For a rotary axis that repeats after 360 degrees: the direction of absolute moves. "
+            'That of the dialect ("dialect"), the shortest way ("shortest"), by the sign of the '
+            'word ("sign"), or within the turn from 0 to 360 ("in-turn").'
+        ),
+    )
     homing: Homing | None = Field(
         default=None,
         description="How the axis finds its limit switch. Without it, the defaults hold.",
+    )
+    motors: Motors = Field(
+        default=(Motor(),),
+        description=(
+            "Number of motors that move the axis together, as in a gantry, or a table for each. "
+            "Each has a limit switch of its own, by which homing squares the gantry."
+        ),
     )
 
     @property
     def step_rate(self) -> float:
         """Steps per second at ``max_velocity``."""
         return self.max_velocity * self.steps_per_mm
+
+
+def switch_end(letter: str, homing: Homing | None) -> int:
+    """Return the end of the travel at which an axis has its switch, +1 or -1."""
+    end = None if homing is None else homing.end
+    return 1 if (end or ("high" if letter == "z" else "low")) == "high" else -1
 
 
 class PathLimits(Section):
@@ -202,6 +231,12 @@ class Machine(Section):
             axis.homing is not None for axis in self.axes.values()
         )
 
+    def is_sensorless(self, letter: str) -> bool:
+        """Whether an axis homes without a switch: its motor driver tells that the motor stalls."""
+        axis = None if self.board.klipper is None else self.board.klipper.axis(letter)
+        drivers = () if axis is None else axis.driver or ()
+        return any(driver.stallguard is not None for driver in drivers)
+
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Letters of the axes, one for each column of a position."""
@@ -229,6 +264,12 @@ class Machine(Section):
         return found
 
     @property
+    def tip_columns(self) -> int:
+        """Columns of the tool tip in front of those of the joints in a path; 0 without them."""
+        kinematics = self.kinematics
+        return len(self.axes) if kinematics.joints or kinematics.with_tip_control else 0
+
+    @property
     def has_joints_as_axes(self) -> bool:
         """Whether the axes are the joints of another machine, as in ``of_joints``."""
         return isinstance(self.kinematics, OfJoints)
@@ -236,6 +277,8 @@ class Machine(Section):
     @property
     def of_joints(self) -> Machine:
         """The machine whose axes are the joints, for what lies behind the plan: pulses, boards."""
+        if self.kinematics.with_tip_control:
+            return self.model_copy(update={"kinematics": Cartesian()})
         if not self.kinematics.joints:
             return self
         update = {"axes": self.joint_tables, "kinematics": OfJoints(), "joints": {}}
@@ -246,8 +289,15 @@ class Machine(Section):
         yield from self._joint_names()
         for table, name, joint in self._motors():
             yield from self._axis_limits(table, name, joint)
-        for letter in self.axes:
+            pull_off = (joint.homing or Homing()).pull_off
+            towards = switch_end(name, joint.homing)
+            yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
+        for letter, axis in self.axes.items():
             yield from self._homing_position(letter)
+            if axis.wrap is not None and letter not in ROTARY_LETTERS:
+                yield Inconsistency(
+                    ("axes", letter, "wrap"), f"{letter} is not a rotary axis", "remove the key"
+                )
         for letter in (self.homing.order or ()) if self.homing is not None else ():
             if letter not in self.axes:
                 yield Inconsistency(
@@ -256,7 +306,8 @@ class Machine(Section):
                     f"its axes are {', '.join(self.axes)}",
                 )
         if self.board.klipper is not None:
-            yield from self.board.klipper.inconsistencies(tuple(self.joint_tables))
+            motors = {name: len(joint.motors) for name, joint in self.joint_tables.items()}
+            yield from self.board.klipper.inconsistencies(motors)
         elif self.board.kind == "klipper":
             yield Inconsistency(
                 ("board", "kind"),
@@ -279,7 +330,14 @@ class Machine(Section):
         """Compare the tables of the joints, and the axes, with those of the kinematics."""
         wanted, kind = self.kinematics.joints, self.kinematics.type
         hint = f"the joints of {kind} are {', '.join(wanted)}" if wanted else f"{kind} has none"
-        for letter in self.kinematics.axes:
+        moved = self.kinematics.axes
+        if isinstance(self.kinematics, FiveAxis):
+            moved = self.kinematics.tip_axes
+            for reversed_axis in self.kinematics.reverse:
+                if reversed_axis not in moved:
+                    message = f"{kind} has no axis {reversed_axis}"
+                    yield Inconsistency(("kinematics", "reverse"), message, "remove it")
+        for letter in moved:
             if letter not in self.axes:
                 message = f"{kind} moves the axis {letter}, which the machine does not have"
                 yield Inconsistency(("kinematics", "type"), message, f"add [axes.{letter}]")

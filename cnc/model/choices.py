@@ -22,3 +22,5 @@ Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis",
 """How grid moves follow a curve."""
 Pauses = Literal["wait", "refuse", "skip"]
 """At M0 and M6: wait for the operator, reject the program, or continue without a pause."""
+WrapRule = Literal["dialect", "shortest", "sign", "in-turn"]
+"""Direction of absolute moves of a rotary axis that repeats after 360 degrees."""

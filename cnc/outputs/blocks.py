@@ -118,6 +118,11 @@ def _wait(block: canon.WaitInput, _: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def _tip_control(block: canon.TipControl, axes: Sequence[str]) -> dict[str, Any]:
+    position = dict(zip(axes, block.position.tolist(), strict=True))
+    return {"offset": None if block.offset is None else list(block.offset), "position": position}
+
+
 def _probe(block: canon.Probe, axes: Sequence[str]) -> dict[str, Any]:
     end = dict(zip(axes, block.end.tolist(), strict=True))
     return {
@@ -154,6 +159,7 @@ _FIELDS: dict[
         lambda block: "tool" if block.change else "tool-in-spindle",
         lambda block, _: {"number": block.number},
     ),
+    canon.TipControl: ("tip-control", _tip_control),
     canon.Stop: (
         lambda block: (
             "optional-stop" if block.optional else "pallet-stop" if block.pallet else "stop"

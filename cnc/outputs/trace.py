@@ -102,7 +102,7 @@ class CsvTrace(Writer[TextTarget]):
 
 def _tip_columns(machine: Machine) -> int:
     """Return the number of columns of the tool tip, which come first; 0 where it is the joints."""
-    return len(machine.axes) if machine.kinematics.joints else 0
+    return machine.tip_columns
 
 
 def sample_times(chunk: SampleChunk) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ from cnc.kernels.path.joint_records import (
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.joint_map import JointMap
 from cnc.kinematics.series import Series
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, TipControl
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.planner.tip_series import Parts, tip_series
@@ -76,7 +76,14 @@ class JointPath:
                 no bounded speed, on the path.
         """
         for item in stream:
-            yield self._with_joints(item) if isinstance(item, PathChunk) else item
+            if isinstance(item, PathChunk):
+                yield self._with_joints(item)
+                continue
+            if isinstance(item, TipControl):
+                # The motion rests, and no layer below needs the block.
+                self._joints = self._joints.with_tool(item.offset)
+                continue
+            yield item
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
         parts = self._parts(path)

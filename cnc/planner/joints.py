@@ -39,11 +39,11 @@ class Joints:
         self.machine = machine.of_joints
         self._axes = machine.axis_names
         self._map: JointMap | None = None
-        if machine.kinematics.joints:
+        if machine.tip_columns:
             from cnc.kinematics.joint_map import JointMap
 
             self._map = JointMap.of(machine)
-        self.tip_columns = 0 if self._map is None else len(self._axes)
+        self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
 
     def at(self, tip: Floats) -> Floats:
@@ -95,3 +95,31 @@ class Joints:
         from cnc.planner.joint_path import JointPath
 
         return JointPath(self._map, self.at(start)).passed(stream)
+
+
+class ToolTipOf:
+    """Positions of joints and tip of a machine with tool-tip control, for the language."""
+
+    def __init__(self, bare: JointMap) -> None:
+        self._bare = bare
+
+    @classmethod
+    def machine(cls, machine: Machine) -> ToolTipOf | None:
+        """Return the positions of a machine; None for one without tool-tip control."""
+        if not machine.kinematics.with_tip_control:
+            return None
+        from cnc.kinematics.joint_map import JointMap
+
+        bare = JointMap.of(machine)
+        assert bare is not None
+        return cls(bare)
+
+    def joints(self, tip: list[float], offset: tuple[float, float, float]) -> list[float]:
+        """Return the joints (axes,) of a tip (axes,) with a tool offset (X, Y, Z)."""
+        found: list[float] = self._bare.with_tool(offset).inverse(np.array([tip]))[0].tolist()
+        return found
+
+    def tip(self, joints: list[float], offset: tuple[float, float, float]) -> list[float]:
+        """Return the tip (axes,) of joints (axes,) with a tool offset (X, Y, Z)."""
+        found: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
+        return found

@@ -55,7 +55,7 @@ class Limits:
             return inf if value is None else value
 
         joints = machine.joint_tables.values()
-        tip_columns = len(machine.axes) if machine.kinematics.joints else 0
+        tip_columns = machine.tip_columns
 
         def each(name: str) -> Floats:
             own = [unless_none(getattr(joint, name)) for joint in joints]

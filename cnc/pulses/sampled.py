@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cnc.kernels.jit import interpreted
+from cnc.kernels.path.curve import START
 from cnc.kernels.pulses import sampled as kernel
 from cnc.model.streams import SampleChunk
 from cnc.planner.plan import PlanChunk
@@ -23,6 +24,9 @@ GAP = 1e-9
 """s: a chunk that begins at most this much after the end of the last one follows it without a rest,
 since clocks are sums of floats.
 """
+
+JUMP = 1e-6
+"""mm or degrees: a larger step of the position is one of coordinates, not of motion."""
 
 
 class Sampled:
@@ -53,6 +57,7 @@ class Sampled:
         """
         yield from self._rest(self._count_before(chunk.t0 - GAP))
         pieces, plan, lines = pieces_of(chunk.path), plan_arrays(chunk), source_lines(chunk.path)
+        self._take_jump(chunk)
         clock = kernel.Clock(chunk.s0, self._next * self.period - chunk.t0, self.period)
         for name in ("done", "piece", "begun", "made", "u", "phase"):
             self._state[name] = 0
@@ -79,6 +84,14 @@ class Sampled:
         self._time = chunk.t0 + chunk.duration
         self._s = chunk.s0 + float(chunk.phase_s[-1])
         self._line = int(chunk.path.line[-1])
+
+    def _take_jump(self, chunk: PlanChunk) -> None:
+        """Begin where a chunk begins: tool-tip control gives the resting tip other coordinates."""
+        if chunk.phase_s[0] == 0.0:
+            at = int(chunk.path.at[0]) + START
+            start = chunk.path.data[at : at + len(self._vertex)]
+            if np.abs(start - self._vertex).max() > JUMP:
+                self._vertex[:] = start
 
     def finish(self, t_end: float) -> Iterator[SampleChunk]:
         """Yield rows at rest up to ``t_end`` (s).

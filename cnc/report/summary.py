@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cnc.model.blocks import ROTARY_LETTERS
 from cnc.report.number_format import clock, number, position, spaced
 from cnc.report.result import (
     AXIS_LIMIT_NAMES,
@@ -83,6 +84,12 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
             "grid",
             f"{spaced(report.pulse_rows)} grid moves, "
             f"at most {report.pulse_error_blu:.4f} BLU from the path",
+        )
+    if report.cut is not None:
+        facts.add_row(
+            "stock",
+            f"{number(report.cut.removed_mm3 / 1000.0)} cm³ removed, "
+            f"simulated in cells of {number(report.cut.resolution_mm)} mm",
         )
     exceeded = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
     facts.add_row("violations", exceeded or "none")
@@ -176,11 +183,14 @@ def _limits(report: Report) -> RenderableType:
         nearest = _nearest(report.largest, report.limits, name)
         if nearest is not None:
             letter, largest, limit = nearest
+            unit = UNITS[name]
+            if letter in ROTARY_LETTERS and letter in report.machine.axes:
+                unit = unit.replace("mm", "°")
             table.add_row(
                 f"{name} of {letter.upper()}",
                 number(largest),
                 number(limit),
-                UNITS[name],
+                unit,
                 _share(largest, limit),
             )
     return table

@@ -7,7 +7,16 @@ from collections.abc import Iterable, Iterator
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
 from cnc.grbl_lines.exact_path import exact_path
-from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe, WaitInput
+from cnc.model.blocks import (
+    ArcFeed,
+    Block,
+    BoardCommand,
+    NurbsFeed,
+    Polyline,
+    Probe,
+    TipControl,
+    WaitInput,
+)
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
 from cnc.outputs.blocks import BlockWriter
@@ -75,8 +84,6 @@ class CheckPass:
                 self._kernels.see_path(item)
                 capacity -= len(item.data) + 8 * len(item)
                 self._check_commands(item)
-                if hints is not None:
-                    hints.add_path(item)
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)
@@ -130,6 +137,8 @@ class CheckPass:
                 end = block.points[-1]
             elif isinstance(block, ArcFeed | Probe):
                 end = block.end
+            elif isinstance(block, TipControl):
+                end = block.position
             elif isinstance(block, NurbsFeed):
                 end = block.control_points[-1]
             self._kernels.see_block(block)

@@ -30,7 +30,7 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.joints import Joints
+from cnc.planner.joints import Joints, ToolTipOf
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
@@ -124,6 +124,15 @@ class ProgramReader:
             mark_calls=self.restart is not None,
         )
         return blocks if self.restart is None else self.restart.passed(blocks, self.start)
+
+    def simulated_blocks(self) -> Iterator[Block]:
+        """Yield the canonical blocks of the whole program with its tool offsets.
+
+        The state that a reading leaves (:attr:`state`) is not touched.
+        """
+        rules = self.rules()
+        text, state = Text.of_file(self.path, self.name), self._saved_state(rules)
+        return self._interpreted(rules, text, state, mark_tool_offsets=True)
 
     def rules(self) -> dialects.Dialect:
         """Return the dialect of the program; under ``auto`` the one that is recognised.
@@ -236,6 +245,7 @@ class ProgramReader:
         start: Floats | None = None,
         *,
         mark_calls: bool = False,
+        mark_tool_offsets: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name in WITHOUT_FILE else Path(self.name)
@@ -255,6 +265,13 @@ class ProgramReader:
                 policy=self.policy,
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
+                mark_tool_offsets=mark_tool_offsets,
+                wraps={
+                    letter: axis.wrap
+                    for letter, axis in self.machine.axes.items()
+                    if axis.wrap is not None
+                },
+                tool_tip=ToolTipOf.machine(self.machine),
             ),
         )
         return blocks if self.homed is None else self._with_homed_position(blocks)

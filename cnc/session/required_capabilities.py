@@ -18,6 +18,7 @@ from cnc.model.blocks import (
     Probe,
     Spindle,
     SpindleSync,
+    TipControl,
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
@@ -109,6 +110,10 @@ class CapabilityCheck:
                 raise GcodeError(
                     Diagnostic("board-command", message, block.file, block.line, hint=hint)
                 )
+        elif isinstance(block, TipControl) and self.lines:
+            message = f"the board {self.board!r} has no tool-tip control"
+            hint = "end it with G49 or M429, or run the program on a board that takes pulses"
+            raise GcodeError(Diagnostic("not-on-board", message, block.file, block.line, hint=hint))
         elif isinstance(block, Probe | WaitInput | SpindleSync):
             if not self.senses and not (self.probes and isinstance(block, Probe)):
                 kind = {SpindleSync: "the spindle position", Probe: "a probe"}.get(

@@ -43,6 +43,7 @@ from cnc.model.blocks import (
     Probe,
     Spindle,
     SpindleSync,
+    TipControl,
     Tool,
     WaitInput,
 )
@@ -111,6 +112,9 @@ class SkippedState:
             self.settings[type(block).__name__, 0] = block
         elif isinstance(block, DigitalOutput | AnalogOutput):
             self.settings[type(block).__name__, block.number] = replace(block, with_motion=False)
+        elif isinstance(block, TipControl):
+            self.position = block.position
+            self.settings["TipControl", 0] = block
         elif isinstance(block, SpindleSync):
             self.settings["SpindleSync", 0] = block
         elif isinstance(block, BoardCommand) and block.answer.values:
@@ -322,6 +326,11 @@ class RestartPoint:
         if isinstance(sync, SpindleSync) and sync.pitch:
             message = f"at line {self.line} the motion follows the spindle"
             hint = "begin before the thread"
+            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, line, hint=hint))
+        control = state.settings.pop(("TipControl", 0), None)
+        if isinstance(control, TipControl) and control.offset is not None:
+            message = f"at line {self.line} tool-tip control is on"
+            hint = "begin at the line that switches it on, or before"
             raise GcodeError(Diagnostic("from-line-unknown", message, self.file, line, hint=hint))
         across = target.copy()
         if z is not None and moved:

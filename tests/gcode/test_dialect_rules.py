@@ -293,3 +293,25 @@ def test_a_distance_without_a_decimal_point_is_reported(line: str, warned: str) 
     found = warnings(f"#100=1.\nG0 Z1.\n{line}", "fanuc")
     assert [each.code for each in found] == ["decimal-point-missing"] * bool(warned)
     assert all(warned in each.message for each in found)
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_block_delete_inside_a_line_skips_the_rest_of_it(dialect: str) -> None:
+    program = "G0 X1. /Y2. (a/b)\nX3. / Z5.\nG0 X[6./2.] /Y7."
+    assert points(program, dialect) == [(1, 2, 0), (3, 2, 5), (3, 7, 5)]
+    rest = run(program, dialect=dialect, block_delete=frozenset({1}))
+    found = [row for block in rest if isinstance(block, Polyline) for row in block.points.tolist()]
+    assert found == [[1, 0, 0], [3, 0, 0], [3, 0, 0]]
+    assert error_of(program, dialect="linuxcnc").code == "block-delete-place"
+
+
+def test_lines_for_the_simulation_of_a_training_mill_are_notes() -> None:
+    program = "[BILLET X50 Y50 Z25\n[EDGEMOVE X0 Y0\nG0 X1"
+    assert points(program, "auto") == [(1.0, 0.0, 0.0)]
+    assert error_of(program, dialect="linuxcnc").code == "letter-missing"
+
+
+def test_an_accessory_of_haas_needs_other_evidence() -> None:
+    assert recognise(["M31", "G0 X1"]).dialect == "auto"
+    assert recognise(["O1000", "G0 X1"]).dialect == "fanuc"
+    assert recognise(["O1000", "G0 X1", "/M31"]).dialect == "haas"

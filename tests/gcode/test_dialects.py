@@ -21,8 +21,8 @@ FULL = {
     "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 "
     "91 91.1 92 92.1 93 94 "
     "38.2 38.3 38.4 38.5",
-    "fanuc": "0 1 2 3 4 6.2 9 10 15 16 17 18 19 20 21 28 30 31 40 41 42 43 44 49 50 50.1 51 51.1 "
-    "52 53 54 54.1 55 56 57 58 59 61 64 65 66 67 68 69 80 "
+    "fanuc": "0 1 2 3 4 6.2 9 10 15 16 17 18 19 20 21 28 30 31 40 41 42 43 43.4 44 49 50 50.1 "
+    "51 51.1 52 53 54 54.1 55 56 57 58 59 61 64 65 66 67 68 69 80 "
     "90 91 92 93 94 95 96 97 73 74 76 81 82 83 84 85 86 88 89 98 99",
 }
 
@@ -139,9 +139,9 @@ def test_grbl_reads_the_feed_in_the_units_of_its_line() -> None:
     assert_blocks("G20 G1 X1 F1", ("line", 25.4, 0.0, 0.0, 25.4), dialect="grbl")
 
 
-def test_grbl_has_six_systems_and_three_axes_and_no_turns() -> None:
+def test_grbl_has_six_systems_and_no_more_linear_axes_and_no_turns() -> None:
     assert error_of("G10 L2 P7 X1", dialect="grbl").code == "value-out-of-range"
-    assert error_of("G0 A1", dialect="grbl", axes=("x", "a")).code == "axis-not-in-dialect"
+    assert error_of("G0 U1", dialect="grbl", axes=("x", "u")).code == "axis-not-in-dialect"
     assert error_of("G2 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
 
 

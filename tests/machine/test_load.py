@@ -36,8 +36,9 @@ def test_every_shipped_machine_loads():
     for name, file in shipped_machines().items():
         machine = load_machine(file)
         assert machine == load_machine(name)
-        assert machine.axis_names == (("x", "z") if machine.kind == "lathe" else ("x", "y", "z"))
-        assert all(axis.travel for axis in machine.axes.values())
+        expected = {"lathe": "xz", "trunnion": "xyzac"}.get(name, "xyz")
+        assert machine.axis_names == tuple(expected)
+        assert all(axis.travel for letter, axis in machine.axes.items() if letter != "c")
 
 
 def test_without_a_name_the_default_is_loaded():

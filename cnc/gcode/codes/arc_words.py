@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cnc.gcode.codes.axis_words import AxisWords
+from cnc.gcode.codes.move_feeds import MoveFeeds
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
@@ -33,7 +33,7 @@ class ArcMoves:
     """Conversion of the words of a line into an arc."""
 
     def __init__(
-        self, words: AxisWords, dialect: Dialect, here: SourceLocation, state: ModalState
+        self, words: MoveFeeds, dialect: Dialect, here: SourceLocation, state: ModalState
     ) -> None:
         self._axis_words = words
         self._dialect = dialect

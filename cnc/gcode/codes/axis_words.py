@@ -1,4 +1,4 @@
-"""Axis words and feeds of a line as machine positions and feeds in mm/s.
+"""Axis words of a line as machine positions.
 
 The position is kept in machine coordinates: offsets and units change the meaning of words, never
 the position.
@@ -6,28 +6,24 @@ the position.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import Feed, ModalState
+from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.rotary_axes import RotaryAxes
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS
-from cnc.model.units import per_second
 
-MIN_FEED = 1e-6
-"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
-
-_FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
-_POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
+_MOVES = frozenset(("G0", "G1", "G2", "G3"))
+_POLAR_USERS = _CYCLES | _MOVES | {"G38.2", "G38.3", "G38.4", "G38.5"}
 """Codes whose point may be given by @ and ^.
 
 A cycle under G91 would need a new increment for each repeat.
@@ -35,7 +31,7 @@ A cycle under G91 would need a new increment for each repeat.
 
 
 class AxisWords:
-    """Conversion of axis words and F.
+    """Conversion of axis words.
 
     Attributes:
         position: Programmed machine position, mm or degrees.
@@ -44,6 +40,7 @@ class AxisWords:
         scales: mm or degrees of a unit of each axis word.
         coordinates: The coordinate systems.
         polar: The mode of polar coordinates (G16).
+        rotary: The rotary axes that repeat after 360 degrees.
     """
 
     def __init__(
@@ -60,6 +57,7 @@ class AxisWords:
         self._here = here
         self._idle: set[str] = set()
         self.polar = PolarMode()
+        self.rotary = RotaryAxes(axes, {}, dialect.wrap)
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -80,6 +78,17 @@ class AxisWords:
             self.scales[self.column["X"]] *= 0.5
 
     # Words to coordinates
+
+    def needs_interpreter(self, index: int) -> bool:
+        """Return whether compiled code does not know the moves of an axis."""
+        all_axes = self._dialect.feed_of_all_axes and not self._linear[index]
+        return all_axes or self.rotary.has(index)
+
+    def turn_directions(self, text: str) -> None:
+        """Set the direction of an axis for its word in this line: its letter and the direction."""
+        letter, direction = text.split()
+        if letter in self.column:
+            self.rotary.turn(self.column[letter], direction)
 
     def axis_values(self, words: LineWords, user: str) -> dict[int, float]:
         """Take the axis words of a line.
@@ -115,6 +124,8 @@ class AxisWords:
             word = words.take(letter, user)
             assert word is not None
             found[index] = word.number * self.scales[index]
+            if self.rotary.wrapped and self._state.absolute and user in _MOVES:
+                self.rotary.check(index, word.number, word)
             if word.letter != letter and self._state.absolute:
                 found[index] += self.coordinates.to_program(self.position)[index]
         if not POLAR.isdisjoint(words.rest):
@@ -237,9 +248,13 @@ class AxisWords:
         if machine:
             for index, value in values.items():
                 end[index] = value
+                if self.rotary.wrapped and self.rotary.has(index):
+                    end[index] = self.rotary.end(index, value, start[index])
         elif self._state.absolute:
             program = coordinates.to_program(start)
             for index, value in values.items():
+                if self.rotary.wrapped and self.rotary.has(index):
+                    value = self.rotary.end(index, value, program[index])
                 program[index] = value
             turned = coordinates.to_machine(program)
             # Rounding must not move an axis without a value.
@@ -257,122 +272,13 @@ class AxisWords:
         end, zero = start.copy(), self.coordinates.zero
         if self._state.absolute:
             for index, value in values:
+                if self.rotary.wrapped and self.rotary.has(index):
+                    value = self.rotary.end(index, value, start[index] - zero[index])
                 end[index] = value + zero[index]
         else:
             for index, value in values:
+                if self.rotary.wrapped and self.rotary.is_directed(index):
+                    here = start[index] - zero[index]
+                    value = self.rotary.end(index, here + value, here) - here
                 end[index] += value
         return end
-
-    # Feed
-
-    def distance(self, end: list[float]) -> float:
-        """Length of a straight move for its feed, mm or degrees.
-
-        It counts x y z if one of them moves, else u v w, else a b c.
-        """
-        for group in ("xyz", "uvw", "abc"):
-            length = math.hypot(
-                *(
-                    end[i] - self.position[i]
-                    for i, letter in enumerate(self.axes)
-                    if letter in group
-                )
-            )
-            if length > 0:
-                return length
-        return 0.0
-
-    def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
-        """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
-
-        Args:
-            words: The words of the line; an F under G93 is taken.
-            end: (axes,) machine position of the end.
-            length: mm, used under G93.
-            at: Word at which errors are reported.
-
-        Raises:
-            GcodeError: No feed is in effect, it is too slow, or the spindle does not turn.
-        """
-        state = self._state
-        if state.feed_mode == "inverse-time":
-            return self._inverse_time(words, length, at)
-        feed = state.feed
-        if feed is None:
-            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
-        self._unused_words.mark_used("F")
-        rate = self.straight_feed(end, feed)
-        if state.feed_mode == "per-revolution":
-            rate *= self.spindle_rpm(end, at) / 60.0
-            if rate < MIN_FEED:
-                raise fault("feed-too-slow", f"the feed is less than {MIN_FEED:g} mm/s", at)
-        return rate
-
-    def straight_feed(self, end: list[float], feed: Feed) -> float:
-        """Return the feed of linear axes, or of rotary axes if only they move."""
-        if self._has_rotary:
-            moved = [there != here for there, here in zip(end, self.position, strict=True)]
-            if any(moved) and not any(
-                moves for moves, linear in zip(moved, self._linear, strict=True) if linear
-            ):
-                return feed.rotary
-        return feed.linear
-
-    def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
-        word = words.take("F", "G93")
-        if word is None:
-            raise fault(
-                "feed-missing",
-                "under G93 every move needs an F word",
-                at,
-                "give F, one over the minutes of the move",
-            )
-        if word.number <= 0:
-            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-        # A move of length 0 takes no time at any feed.
-        rate = per_second(word.number * (length or 1.0))
-        if length and rate < MIN_FEED:
-            raise fault(
-                "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
-            )
-        return rate
-
-    def spindle_rpm(self, end: list[float], at: Word) -> float:
-        """Return the revolutions per minute of a move; under G96 at the largest radius."""
-        state = self._state
-        if state.spindle == "off" or not state.speed:
-            raise fault(
-                "spindle-stopped",
-                f"{at.written} needs the spindle, which does not turn",
-                at,
-                "give S and M3 before",
-            )
-        if not state.constant_surface:
-            return state.speed
-        x = self.column.get("X")
-        radius = (
-            0.0
-            if x is None
-            else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
-        )
-        rpm = surface_rpm(state.speed, state.most_rpm, radius)
-        if math.isinf(rpm):
-            raise fault(
-                "spindle-speed-unlimited",
-                "G96 gives an infinite spindle speed on the axis",
-                at,
-                "limit the speed with D in the line of G96",
-            )
-        return rpm
-
-
-def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
-    """Return the revolutions per minute at a surface speed.
-
-    Args:
-        speed: Surface speed, mm/s.
-        most_rpm: Limit; 0 for none.
-        radius: mm. Without a limit the result for 0 is infinite.
-    """
-    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
-    return min(rpm, most_rpm) if most_rpm else rpm

@@ -12,6 +12,7 @@ compensation".
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Side
@@ -74,6 +75,7 @@ class CompensationCodes:
             self.off()
             return
         at = code.word
+        refuse_under_tip_control(self._motion, at)
         radius, orientation = (
             self._given(words, at) if code.number in _DYNAMIC else self._of_tool(words, at)
         )

@@ -5,8 +5,8 @@ Source: LinuxCNC, "Other codes", F; "G-codes", G20 G21 and G7 G8.
 
 from __future__ import annotations
 
-from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.codes.turning import THREADS
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, feed_of

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
-from cnc.gcode.codes.axis_words import MIN_FEED, AxisWords
 from cnc.gcode.codes.collector import Collector
 from cnc.gcode.codes.corner_moves import CornerMoves
+from cnc.gcode.codes.move_feeds import MIN_FEED, MoveFeeds
 from cnc.gcode.codes.prepared_lines import Known, QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
@@ -43,7 +43,7 @@ The code is None if it was in effect already.
 """
 
 
-class Motion(AxisWords):
+class Motion(MoveFeeds):
     """Execution of moves.
 
     Attributes:
@@ -52,6 +52,7 @@ class Motion(AxisWords):
         compensation: Cutter radius compensation of the moves.
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
+        tip_controlled: Whether tool-tip control is on.
         corners: The corner whose second move is not known yet (,C and ,R).
         may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
@@ -73,6 +74,7 @@ class Motion(AxisWords):
         self.handlers: dict[G, Handler] = {}
         self.motion_before: G | None = None
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
+        self.tip_controlled = False
         self._out = out
         self._resting: G | None = dialect.motion
         self.may_assume = dialect.motion_assumed
@@ -368,7 +370,8 @@ class Motion(AxisWords):
         is_arc = motion in _ARCS
         if motion not in QUICK_MOTIONS or bool(move.arc) != is_arc:
             return False
-        if is_arc and self._state.arc_absolute:
+        all_axes = self._has_rotary and self._dialect.feed_of_all_axes
+        if is_arc and (self._state.arc_absolute or all_axes):
             return False
         unused = self._unused_words
         return (

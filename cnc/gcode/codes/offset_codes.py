@@ -7,6 +7,7 @@ FANUC, "Programmable data input", "Reference position return" and "Local coordin
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.turret_offsets import set_turret_offset
 from cnc.gcode.dialects import Dialect
@@ -73,6 +74,8 @@ class OffsetCodes:
             self._g10(words, code.word)
             return
         self._check_compensation(code.word)
+        if number in (G.G28, G.G28_1, G.G30, G.G30_1, G.G53):
+            refuse_under_tip_control(self._motion, code.word)
         if number in (G.G28, G.G30):
             self._go_home(words, code)
         elif number in (G.G28_1, G.G30_1):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
@@ -36,10 +37,11 @@ class ToolCodes:
         state: ModalState,
         motion: Motion,
         table: ToolTable,
+        tip: TipControlCodes,
         *,
         zero_without_table: bool,
     ) -> None:
-        self._dialect = dialect
+        self._dialect, self._tip = dialect, tip
         self.here = here
         self._zero_without_table = zero_without_table
         self._zero_reported = False
@@ -63,9 +65,9 @@ class ToolCodes:
     # Offsets in effect
 
     def tool_length(self, words: LineWords, code: Code) -> None:
-        """Execute G43, G43.1, G43.2, G44 or G49."""
+        """Execute G43, G43.1, G43.2, G43.4, G44 or G49."""
         at, number = code.word, code.number
-        if number == G.G49 and not any(self._coordinates.tool_offset):
+        if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
         if self.motion.compensated:
             raise under_compensation(at)
@@ -93,7 +95,9 @@ class ToolCodes:
             offset = self._of_h(words, at)
             if number == G.G44:
                 offset = [-value for value in offset]
-        self._coordinates.tool_offset = offset
+        # Where G43.4 is a length code, the others end its control. LinuxCNC keeps its kinematics.
+        stays = G.G43_4 not in self._dialect.g and self._tip.active
+        self._tip.set_offset(offset, at, on=stays or number == G.G43_4)
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":

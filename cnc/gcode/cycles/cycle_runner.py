@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.cycles.steps import (
     Cut,
     OperatorStop,
@@ -51,8 +52,9 @@ def refuse_modes(
         inverse_time: Refuse G93.
 
     Raises:
-        GcodeError: ``compensation-active``, ``inverse-time-active``.
+        GcodeError: ``compensation-active``, ``inverse-time-active``, ``tip-control-active``.
     """
+    refuse_under_tip_control(motion, at, name)
     if motion.compensated:
         raise fault(
             "compensation-active", f"{name} under cutter compensation", at, "give G40 before"

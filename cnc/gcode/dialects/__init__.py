@@ -19,7 +19,7 @@ from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.blocks import PathControl
-from cnc.model.choices import DialectName, GcodeSystem
+from cnc.model.choices import DialectName, GcodeSystem, WrapRule
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 NAMES: tuple[str, ...] = get_args(DialectName)
@@ -158,6 +158,8 @@ class Dialect:
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
     turret_offsets: Literal["", "P", "L"]
+    wrap: WrapRule
+    feed_of_all_axes: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     dwell_turns: str
@@ -337,7 +339,8 @@ _PLAIN = (
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
     "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
-    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns",
+    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns", "wrap",
+    "feed_of_all_axes",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -28,6 +28,7 @@ from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
+from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
 from cnc.gcode.cycles import drilling, hole_patterns, threading, turning_cycles
@@ -42,11 +43,13 @@ from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState, codes_of, feed_of
 from cnc.gcode.state.position_parameters import bind_position
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
+from cnc.gcode.state.rotary_axes import RotaryAxes
 from cnc.gcode.state.source_location import SourceLocation, Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.siemens import DIRECTION
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
 from cnc.model.blocks import Abort, BoardCommand
@@ -91,13 +94,11 @@ class Interpreter:
         self.dialect = dialect
         self.policy = policy
         self.parameters = parameters
+        own_zero = dialect.offset_memory or dialect.flavour == "siemens"
         self.coordinates = Coordinates(
-            axes,
-            parameters,
-            systems=dialect.systems,
-            fanuc=dialect.offset_memory or dialect.flavour == "siemens",
+            axes, parameters, systems=dialect.systems, fanuc=own_zero,
             shift_stays=dialect.shift_stays,
-        )
+        )  # fmt: skip
         self._assignments = Assignments(
             parameters, self.coordinates, one_by_one=dialect.flavour == "siemens"
         )
@@ -109,24 +110,20 @@ class Interpreter:
         self._dwells = Dwells(dialect, self.here, self.modal, self.out)
         self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
-            axes,
-            dialect,
-            self.here,
-            self.modal,
-            position,
-            self.coordinates,
-            self.out,
+            axes, dialect, self.here, self.modal, position, self.coordinates, self.out,
             self.unused_words,
-        )
-        self.feed_codes = FeedCodes(
-            dialect, self.here, self.modal, self.motion, parameters, self.unused_words
-        )
+        )  # fmt: skip
+        self.motion.rotary = RotaryAxes(axes, policy.wraps, dialect.wrap)
+        motion, unused = self.motion, self.unused_words
+        self.feed_codes = FeedCodes(dialect, self.here, self.modal, motion, parameters, unused)
+        self.tip_control = TipControlCodes(self.motion, self.out, self.here, policy.tool_tip)
         self.tool_codes = ToolCodes(
             dialect,
             self.here,
             self.modal,
             self.motion,
             ToolTable() if tools is None else tools,
+            self.tip_control,
             zero_without_table=policy.tool_lengths == "zero",
         )
         self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
@@ -196,7 +193,9 @@ class Interpreter:
         if statement.assignments:
             self._assignments.execute(statement.assignments)
         for remark in statement.remarks:
-            if error := self._comment_commands.execute(remark):
+            if remark.kind == DIRECTION:
+                self.motion.turn_directions(remark.text)
+            elif error := self._comment_commands.execute(remark):
                 self.compensation_codes.off()
                 self.out.put(Abort(self.here.file, line))
                 self.aborted = True
@@ -350,6 +349,8 @@ class Interpreter:
         functions.tool_change(words, codes)
         if change := codes.get("tool-change"):
             self.tool_codes.check_change(state.loaded, change.word)
+        if code := codes.get("kinematics"):
+            self.tip_control.kinematics(code)
         functions.spindle(words, codes)
         if code := codes.get("state"):
             self._saved_state.execute(code)

@@ -6,7 +6,7 @@ executed as often as the flow of control reaches the line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,11 +21,13 @@ from cnc.gcode.program.subprograms import Library
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
 from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.state.tool_tip import ToolTip
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, ToolOffset
+from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
 
 REPORT_INTERVAL = 1024
@@ -46,6 +48,10 @@ class ProgramOptions:
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
         laser: S is the power of a laser, which changes in motion.
+        mark_tool_offsets: Put the tool offsets among the blocks
+            (:class:`cnc.model.blocks.ToolOffset`).
+        wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
+        tool_tip: Positions of a machine with tool-tip control; None for another machine.
     """
 
     block_delete: frozenset[int] | bool = False
@@ -55,6 +61,9 @@ class ProgramOptions:
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
     laser: bool = False
+    mark_tool_offsets: bool = False
+    wraps: Mapping[str, WrapRule] = field(default_factory=dict)
+    tool_tip: ToolTip | None = None
 
 
 DEFAULTS = ProgramOptions()
@@ -102,7 +111,9 @@ def interpret(
         parameters,
         warn,
         tools,
-        replace(options.policy, laser=options.laser),
+        replace(
+            options.policy, laser=options.laser, wraps=options.wraps, tool_tip=options.tool_tip
+        ),
     )
     syntax = Syntax(
         rules.flavour,
@@ -113,10 +124,22 @@ def interpret(
         dialect=rules.name,
     )
     listing = Listing(text, syntax, block_delete=options.block_delete)
+    if options.mark_tool_offsets:
+        _mark_tool_offsets(interpreter)
     library = Library(options.folders, syntax, block_delete=options.block_delete)
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
     yield from _run(flow, maker, options.on_line)
+
+
+def _mark_tool_offsets(interpreter: Interpreter) -> None:
+    """Put a mark among the blocks at each new tool offset."""
+
+    def mark(offset: tuple[float, ...]) -> None:
+        here = interpreter.here
+        interpreter.out.add(ToolOffset(here.file, here.line, offset))
+
+    interpreter.coordinates.on_tool_offset = mark
 
 
 def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import (
     MAX_ORDER,

@@ -34,7 +34,7 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "arc-distance": (G.G90_1, G.G91_1),
     "feed-mode": (G.G93, G.G94, G.G95),
     "compensation": (G.G40, G.G41, G.G41_1, G.G42, G.G42_1),
-    "tool-length": (G.G43, G.G43_1, G.G43_2, G.G44, G.G49),
+    "tool-length": (G.G43, G.G43_1, G.G43_2, G.G43_4, G.G44, G.G49),
     "system": (
         G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1,
     ),
@@ -56,6 +56,7 @@ _M_GROUPS: dict[str, tuple[M, ...]] = {
     "coolant": (M.M7, M.M8, M.M9),
     "overrides": (M.M48, M.M49, M.M50, M.M51, M.M52, M.M53),
     "input-output": (M.M62, M.M63, M.M64, M.M65, M.M66, M.M67, M.M68),
+    "kinematics": (M.M428, M.M429, M.M430),
     "state": (M.M70, M.M71, M.M72, M.M73),
 }
 GROUP_OF_G = {code: group for group, codes in _GROUPS.items() for code in codes}

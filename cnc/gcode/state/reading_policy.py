@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from cnc.gcode.state.tool_tip import ToolTip
 from cnc.machine.program_codes import CodeAction
-from cnc.model.choices import ToolLengths, UnknownCodes
+from cnc.model.choices import ToolLengths, UnknownCodes, WrapRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +20,8 @@ class ReadingPolicy:
         codes: Effects of a builder's M-codes by number.
         default_feed: Feed before the first F word, mm/min; None for none.
         laser: S is the power of a laser, which changes in motion.
+        wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
+        tool_tip: Positions of a machine with tool-tip control; None for another machine.
     """
 
     tool_lengths: ToolLengths = "table"
@@ -26,6 +29,8 @@ class ReadingPolicy:
     codes: Mapping[int, CodeAction] = field(default_factory=dict)
     default_feed: float | None = None
     laser: bool = False
+    wraps: Mapping[str, WrapRule] = field(default_factory=dict)
+    tool_tip: ToolTip | None = None
 
 
 STRICT = ReadingPolicy()

@@ -53,6 +53,7 @@ class G(IntEnum):
     G43 = 430
     G43_1 = 431
     G43_2 = 432
+    G43_4 = 434
     G44 = 440
     G49 = 490
     G50 = 500
@@ -165,6 +166,9 @@ class M(IntEnum):
     M97 = 97
     M98 = 98
     M99 = 99
+    M428 = 428
+    M429 = 429
+    M430 = 430
 
 
 # Look-ups in these are faster than calls of the classes.

@@ -21,6 +21,8 @@ from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
+DIRECTION = "direction"
+"""Kind of the remark that sets the direction of a rotary axis: its letter and the direction."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -45,6 +47,8 @@ _LETTERS = {
 }  # fmt: skip
 _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
+_DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
+_TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -74,7 +78,9 @@ def _words() -> dict[str, dict[str, str]]:
 def _no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
     tables = _words()
-    return frozenset((*tables["not-needed"], *tables["refused"], "SUPA", "BSPLINE", "MCALL"))
+    return frozenset(
+        (*tables["not-needed"], *tables["refused"], *_TRANSFORMATIONS, "SUPA", "BSPLINE")
+    )
 
 
 def translate(text: str) -> Translation:
@@ -172,12 +178,20 @@ class _Line:
 
     def _address(self, name: str) -> None:
         """Translate an address with = and its value."""
-        found = re.compile(r"(IC|AC|DC)\s*\(", re.I).match(self.text, self.at)
+        found = re.compile(r"(IC|AC|DC|ACP|ACN)\s*\(", re.I).match(self.text, self.at)
         mode = found[1].upper() if found else ""
         if found:
             self.at = found.end() - 1
+        begin = self.at
         value = self._expression()
         letter = _LETTERS.get(name, name)
+        if name in "ABC" and mode in _DIRECTIONS:
+            text = f"{letter} {_DIRECTIONS[mode]}"
+            self.remarks.append(Remark(DIRECTION, text, begin + 1, 1))
+        elif mode in ("DC", "ACP", "ACN"):
+            self.at = begin
+            hint = f"{mode} is for the rotary axes A, B and C"
+            raise self._fault(f"{name}={mode}(..)", 1, hint)
         if name == "RPL":
             raise self._fault("RPL without ROT or AROT", 1, "")
         if name == "RNDM":
@@ -211,6 +225,9 @@ class _Line:
         tables = _words()
         if name in ("SUPA", "G153"):
             self.out.append("G53")
+        elif name in _TRANSFORMATIONS:
+            self._pass_value()
+            self.out.append(_TRANSFORMATIONS[name])
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"

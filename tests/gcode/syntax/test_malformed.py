@@ -49,7 +49,6 @@ CASES: dict[str, tuple[str, str]] = {
     "named subprogram": ("sub-unknown", "¦O<drill> call"),
     "code in a nested comment": ("comment-nested", "(a ¦(b) G1 X1)"),
     "closing only": ("comment-not-open", "G0 X1 ¦) Y2"),
-    "block delete inside": ("block-delete-place", "G0 X1 ¦/Y2"),
     "block delete twice": ("block-delete-place", "/¦/G0"),
     "percent after a word": ("percent-place", "G0 X1 ¦%"),
     "percent before more lines": ("percent-place", "G0 X1\n¦%\nG0 X2"),
@@ -292,6 +291,7 @@ tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-
 feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
+wrapped-axis-range tip-control-active in-turn
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

@@ -1,0 +1,145 @@
+"""Feeds of moves in mm/s, or degrees/s where only rotary axes move."""
+
+from __future__ import annotations
+
+import math
+
+from cnc.gcode.codes.axis_words import AxisWords
+from cnc.gcode.state.modal_groups import Feed
+from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.model.units import per_second
+
+MIN_FEED = 1e-6
+"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
+
+_FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
+
+
+class MoveFeeds(AxisWords):
+    """Feeds of moves, from F and the mode of the feed."""
+
+    def distance(self, end: list[float]) -> float:
+        """Length of a straight move for its feed, mm or degrees.
+
+        It counts x y z if one of them moves, else u v w, else a b c.
+        """
+        for group in ("xyz", "uvw", "abc"):
+            length = math.hypot(
+                *(
+                    end[i] - self.position[i]
+                    for i, letter in enumerate(self.axes)
+                    if letter in group
+                )
+            )
+            if length > 0:
+                return length
+        return 0.0
+
+    def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
+        """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
+
+        Args:
+            words: The words of the line; an F under G93 is taken.
+            end: (axes,) machine position of the end.
+            length: mm, used under G93.
+            at: Word at which errors are reported.
+
+        Raises:
+            GcodeError: No feed is in effect, it is too slow, or the spindle does not turn.
+        """
+        state = self._state
+        if state.feed_mode == "inverse-time":
+            return self._inverse_time(words, length, at)
+        feed = state.feed
+        if feed is None:
+            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
+        self._unused_words.mark_used("F")
+        rate = self.straight_feed(end, feed, length)
+        if state.feed_mode == "per-revolution":
+            rate *= self.spindle_rpm(end, at) / 60.0
+            if rate < MIN_FEED:
+                raise fault("feed-too-slow", f"the feed is less than {MIN_FEED:g} mm/s", at)
+        return rate
+
+    def straight_feed(self, end: list[float], feed: Feed, length: float = 0.0) -> float:
+        """Return the feed of linear axes, or of rotary axes if only they move.
+
+        Args:
+            end: (axes,) machine position of the end.
+            feed: the feed in effect.
+            length: length along the linear axes, mm; 0 for a straight move.
+        """
+        if self._has_rotary:
+            moved = [there != here for there, here in zip(end, self.position, strict=True)]
+            if any(moved) and not any(
+                moves for moves, linear in zip(moved, self._linear, strict=True) if linear
+            ):
+                return feed.rotary
+            turned = [
+                there - here
+                for there, here, linear in zip(end, self.position, self._linear, strict=True)
+                if not linear
+            ]
+            if self._dialect.feed_of_all_axes and any(turned):
+                length = length or self.distance(end)
+                return feed.linear * length / math.hypot(length, *turned)
+        return feed.linear
+
+    def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
+        word = words.take("F", "G93")
+        if word is None:
+            raise fault(
+                "feed-missing",
+                "under G93 every move needs an F word",
+                at,
+                "give F, one over the minutes of the move",
+            )
+        if word.number <= 0:
+            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+        # A move of length 0 takes no time at any feed.
+        rate = per_second(word.number * (length or 1.0))
+        if length and rate < MIN_FEED:
+            raise fault(
+                "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
+            )
+        return rate
+
+    def spindle_rpm(self, end: list[float], at: Word) -> float:
+        """Return the revolutions per minute of a move; under G96 at the largest radius."""
+        state = self._state
+        if state.spindle == "off" or not state.speed:
+            raise fault(
+                "spindle-stopped",
+                f"{at.written} needs the spindle, which does not turn",
+                at,
+                "give S and M3 before",
+            )
+        if not state.constant_surface:
+            return state.speed
+        x = self.column.get("X")
+        radius = (
+            0.0
+            if x is None
+            else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
+        )
+        rpm = surface_rpm(state.speed, state.most_rpm, radius)
+        if math.isinf(rpm):
+            raise fault(
+                "spindle-speed-unlimited",
+                "G96 gives an infinite spindle speed on the axis",
+                at,
+                "limit the speed with D in the line of G96",
+            )
+        return rpm
+
+
+def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
+    """Return the revolutions per minute at a surface speed.
+
+    Args:
+        speed: Surface speed, mm/s.
+        most_rpm: Limit; 0 for none.
+        radius: mm. Without a limit the result for 0 is infinite.
+    """
+    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
+    return min(rpm, most_rpm) if most_rpm else rpm

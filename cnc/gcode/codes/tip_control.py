@@ -1,0 +1,95 @@
+"""Tool-tip control: programs move the tip on the part while the rotary axes turn.
+
+FANUC's G43.4 H, Haas' G234 H and SINUMERIK's TRAORI switch it on with the length of a tool; G49 and
+TRAFOOF end it. LinuxCNC's M428 and M429 select the kinematics with the tool offset in
+effect. The joints do not move at the switch: the position gets other coordinates. Source: FANUC,
+"Tool center point control"; LinuxCNC, "Switchable Kinematics"; Siemens, "Job Planning", TRAORI.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import Code
+from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.tool_tip import Offset, ToolTip
+from cnc.gcode.syntax.code_numbers import M
+from cnc.gcode.syntax.words import Word, fault, under_compensation
+from cnc.model.blocks import TipControl
+
+
+class TipControlCodes:
+    """Switches tool-tip control.
+
+    Args:
+        motion: the moves.
+        out: takes the blocks.
+        here: the current line.
+        machine: the positions of the machine; None without tool-tip control.
+    """
+
+    def __init__(
+        self, motion: Motion, out: BlockBuffer, here: SourceLocation, machine: ToolTip | None
+    ) -> None:
+        self._motion, self._out, self._here, self._machine = motion, out, here, machine
+
+    @property
+    def active(self) -> bool:
+        """Whether tool-tip control is on."""
+        return self._motion.tip_controlled
+
+    def kinematics(self, code: Code) -> None:
+        """Execute M428 (tool-tip control), M429 (bare axes) or M430, which is not there."""
+        if code.number == M.M430:
+            message = f"{code.word.written} selects a kinematics that this machine does not have"
+            raise fault("tip-control-missing", message, code.word, "give M428 or M429")
+        if self._motion.compensated:
+            raise under_compensation(code.word)
+        offset = self._motion.coordinates.tool_offset
+        self.set_offset(offset, code.word, on=code.number == M.M428)
+
+    def set_offset(self, offset: list[float], at: Word, *, on: bool) -> None:
+        """Take a tool offset into effect, and switch tool-tip control.
+
+        Args:
+            offset: of the axes (axes,), mm or degrees.
+            at: word at which errors are reported.
+            on: whether tool-tip control is on from here.
+
+        Raises:
+            GcodeError: ``tip-control-missing``, ``tip-control-offset``.
+        """
+        motion, coordinates, machine = self._motion, self._motion.coordinates, self._machine
+        if on and machine is None:
+            raise fault(
+                "tip-control-missing",
+                f"{at.written} needs a machine with tool-tip control",
+                at,
+                'write a five-axis [kinematics] into the machine file, such as type = "xyzac"',
+            )
+        if machine is not None and (on or self.active):
+            joints = motion.position
+            if self.active:
+                joints = machine.joints(joints, self._of_tool(coordinates.tool_offset))
+            vector = self._of_tool(offset)
+            motion.position = machine.tip(joints, vector) if on else joints
+            place = np.array(motion.position)
+            self._out.add(
+                TipControl(self._here.file, self._here.line, vector if on else None, place)
+            )
+        motion.tip_controlled = on
+        coordinates.tool_offset = offset
+
+    def _of_tool(self, offset: list[float]) -> Offset:
+        """Return the offset along X, Y and Z."""
+        column = self._motion.column
+        return offset[column["X"]], offset[column["Y"]], offset[column["Z"]]
+
+
+def refuse_under_tip_control(motion: Motion, at: Word, what: str = "") -> None:
+    """Raise GcodeError ``tip-control-active`` for a code that moves joints to stored places."""
+    if motion.tip_controlled:
+        message = f"{what or at.written} under tool-tip control"
+        raise fault("tip-control-active", message, at, "end it before, with G49 or M429")
