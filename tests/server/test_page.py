@@ -1,6 +1,7 @@
 """The operator's story in a browser, at a desk and on a phone, against the GRBL simulator."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -124,7 +125,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     button = page.get_by_role("button", name="Jog Y plus", exact=True)
     button.dispatch_event("pointerdown", {"pointerId": 1})
     expect(page.locator("#state")).to_have_text("jogging")
-    page.wait_for_function("Number(document.getElementById('work-y').textContent) > 0.5")
+    expect(page.locator("#work-y")).not_to_have_text("0.000")
     button.dispatch_event("pointerup", {"pointerId": 1})
     expect(page.locator("#state")).to_have_text("idle")
     # Zero: the work position is 0 here, the machine position stays.
@@ -154,7 +155,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.click("#yes")
     expect(page.locator("#question")).not_to_be_visible()
     expect(page.locator("#state")).to_have_text("running")
-    page.wait_for_function("Number(document.getElementById('work-x').textContent) > 20")
+    expect(page.locator("#work-x")).to_have_text(re.compile(r"^(2[1-9]|[3-9]\d)\."))
     page.click("#hold")
     expect(page.locator("#state")).to_contain_text("held")
     page.locator("#feed-override").fill("150")
@@ -169,9 +170,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.check("#trust")
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()
-    while page.locator("#question").is_visible():
-        page.click("#yes")
-        page.wait_for_timeout(300)
+    page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
     page.click("#history-part summary")
     rows = page.locator("#history tbody tr")
