@@ -26,6 +26,7 @@ from tests.support.planner.programmed_path import (
     Piece,
     distances_from_segments,
     lengths,
+    path_columns,
     programmed,
 )
 from tests.support.planner.trace_rows import (
@@ -114,7 +115,7 @@ def compare_files(
     found.moved = bool(path)
     _check_clock(rows, np.load(pulses), machine.of_joints, duration, found)
     _check_limits(rows, machine, found)
-    tip = rows | {"position": rows.get("tool", rows["position"])}
+    tip = rows | {"position": rows.get("tool", rows["position"])[:, path_columns(machine)]}
     _check_along(tip, machine, found)
     if path:
         _check_path(tip, path, machine, override, found)
