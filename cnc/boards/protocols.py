@@ -194,6 +194,18 @@ class HasLimitSwitches(RemembersPosition, Protocol):
 
 
 @runtime_checkable
+class SquaresGantries(HasLimitSwitches, Protocol):
+    """A board on which each motor of an axis can have a limit switch of its own."""
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis that has one is closed now, in the order of motors."""
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+
+
+@runtime_checkable
 class ProbesByMotion(Protocol):
     """A board that has the answer to a probe only after the motion, not from ``execute``."""
 

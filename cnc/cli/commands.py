@@ -31,6 +31,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
@@ -52,6 +53,7 @@ ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
 app.command(boards)
 app.command(home)
+app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -126,7 +128,7 @@ def check(
 
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
-    common.prepare(*names, baseline, to_standard_output=prints_results)
+    common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     stream = common.summary_file if format == "text" else sys.stderr
@@ -210,7 +212,7 @@ def view(
     common: CommonOptions = COMMON,
 ) -> int:
     """Draw a program: path, feed, acceleration and jerk over time, and its text."""
-    common.prepare(program, picture=output)
+    common.prepare(program, further=output)
     report = check_one(program, common, CheckOptions(stock=stock), output)
     if common.json is not None:
         write_summary(common.json, report)

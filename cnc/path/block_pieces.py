@@ -50,7 +50,7 @@ def pieces_of(
             here[:] = moves[-1]
         return
     if isinstance(block, ArcFeed):
-        _check_finite(
+        check_finite(
             block,
             block.end,
             np.array([*block.center, block.radius, block.turns]),
@@ -63,8 +63,8 @@ def pieces_of(
             position.copy(), end, plane, block.center, block.turns, classes, accuracy
         )
     else:
-        _check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
-        points = _joined(block, position)
+        check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
+        points = joined(block, position)
         runs = spline_records(block.degree, block.knots, points, block.weights, classes, accuracy)
     last: Records | None = None
     for records in runs:
@@ -130,7 +130,8 @@ def _not_finite(block: Block, line: int) -> GcodeError:
     )
 
 
-def _check_finite(block: Block, *arrays: Floats) -> None:
+def check_finite(block: Block, *arrays: Floats) -> None:
+    """Raise ``not-finite`` if a number of a block is not finite."""
     if not all(np.isfinite(array).all() for array in arrays):
         raise _not_finite(block, block.line)
 
@@ -143,7 +144,7 @@ def _check_polyline(block: Polyline) -> None:
     raise _not_finite(block, int(block.lines[int(np.argmax(bad))]))
 
 
-def _joined(block: NurbsFeed, position: Floats) -> Floats:
+def joined(block: NurbsFeed, position: Floats) -> Floats:
     """Return the control points, with the first one on ``position``.
 
     Raises:

@@ -38,7 +38,9 @@ from cnc.model.motion_commands import (
 )
 from cnc.path.block_pieces import Frame, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
-from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
+from cnc.path.fit import LEAST_TOLERANCE, Fitter
+from cnc.path.fit_curves import arc_of, nurbs_chords
+from cnc.path.fit_pieces import Pieces
 from cnc.path.gatherer import Gatherer
 from cnc.path.records import (
     Floats,
@@ -89,6 +91,7 @@ class _Builder:
         self._position = np.array(start, np.float64)
         self._gatherer = Gatherer(axes)
         self._fitter: Fitter | None = None
+        self._curved = False
         self._exact_stop = False
         self._allowed = 0.0
         # A chunk and the messages behind it, until it is known whether the motion goes on.
@@ -100,7 +103,7 @@ class _Builder:
             if block.file != self._gatherer.file or block.timed != self._gatherer.timed:
                 yield from self._close()
                 self._gatherer.file, self._gatherer.timed = block.file, block.timed
-            fits = isinstance(block, Polyline) and self._allowed >= LEAST_TOLERANCE
+            fits = self._allowed >= LEAST_TOLERANCE
             if (
                 isinstance(block, Polyline)
                 and block.commands is not None
@@ -110,8 +113,11 @@ class _Builder:
                 for part in apart((block,)):
                     yield from self.add(part)
                 return
-            if isinstance(block, Polyline) and fits:
-                yield from self._fit(block)
+            fitted = self._fitted(block) if fits else None
+            if fitted is not None:
+                yield from self._gather(fitted)
+                if self._gatherer.pieces >= ENOUGH:
+                    yield from self._hold()
             else:
                 yield from self._end_chain()
                 yield from self._gather_block(block, self._exact_stop, self._allowed)
@@ -154,15 +160,43 @@ class _Builder:
             or (bool(self._held) and isinstance(self._held[0], PathChunk))
         )
 
-    def _fit(self, block: Polyline) -> Iterator[PathChunk | Block]:
-        """Fit straight moves under G64."""
+    def _fitted(self, block: Polyline | ArcFeed | NurbsFeed) -> Iterator[Pieces] | None:
+        """Return the pieces of a block under G64 that are final; None if it is to be exact."""
+        here, frame = self._position, self._frame
         if self._fitter is None:
-            classes, accuracy = self._frame.classes, self._frame.accuracy
-            self._fitter = Fitter(classes, self._allowed, accuracy, self._position)
+            self._fitter = Fitter(frame, self._allowed, here, curved=self._curved)
+        fitter = self._fitter
+        match block:
+            case Polyline():
+                return self._fitted_moves(block, fitter)
+            case ArcFeed():
+                arc = arc_of(block, here, frame)
+                if arc is None:
+                    return None
+                here[:] = arc.end
+                return fitter.add_arc(arc)
+            case NurbsFeed():
+                runs = nurbs_chords(block, here, frame, self._allowed)
+                if runs is None:
+                    return None
+                return self._fitted_chords(block, runs, fitter)
+
+    def _fitted_moves(self, block: Polyline, fitter: Fitter) -> Iterator[Pieces]:
+        """Yield the final pieces when straight moves are added."""
         for points, feeds, lines, _ in moves_of(block, self._position):
-            yield from self._gather(self._fitter.add(points, feeds, lines))
-        if self._gatherer.pieces >= ENOUGH:
-            yield from self._hold()
+            yield from fitter.add(points, feeds, lines)
+
+    def _fitted_chords(
+        self, block: NurbsFeed, runs: Iterator[Floats], fitter: Fitter
+    ) -> Iterator[Pieces]:
+        """Yield the final pieces when the chords of a curve are added."""
+        for run in runs:
+            points = run[moving(self._position, run)]
+            if len(points):
+                self._position[:] = points[-1]
+                feeds = np.full(len(points), block.feed)
+                lines = np.full(len(points), block.line, np.int32)
+                yield from fitter.add(points, feeds, lines, curved=True)
 
     def _set_mode(self, block: PathMode) -> Iterator[PathChunk | Block]:
         """Take over a path mode. A new tolerance ends the chain."""
@@ -209,6 +243,7 @@ class _Builder:
         """End the chain of moves that are fitted together."""
         if self._fitter is not None:
             yield from self._gather(self._fitter.flush())
+            self._curved = self._fitter.curved
             self._fitter = None
 
     def _close(self) -> Iterator[PathChunk | Block]:

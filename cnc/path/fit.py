@@ -1,7 +1,10 @@
-"""Smooth splines within the tolerance for chains of straight moves under G64.
+"""Smooth splines within the tolerance for chains of moves under G64.
 
     moves ──► chains: feed moves that the same axes measure ──► windows
           ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
+
+Arcs and NURBS are members too, as chords (:mod:`cnc.path.fit_curves`). An arc waits until it is
+known what follows. At a corner, at the end of a chain and in the middle of a long arc it is exact.
 
 A chain is fitted in windows of some thousand moves. The last spans of a window may still change
 with later moves; they are fitted again in the next window. It begins with position, slope and
@@ -12,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +24,18 @@ from cnc.kernels.path.fit_pieces import Moves, Written, write_pieces
 from cnc.kernels.path.fit_records import new_writer
 from cnc.kernels.path.fit_spline import DEGREE, Spline
 from cnc.kernels.path.fit_stretches import first_knots
-from cnc.path.fit_window import fitted
-from cnc.path.records import Floats, Ints, line_records, move_classes
+from cnc.path.block_pieces import Frame
+from cnc.path.fit_curves import LEFT, SPARE, Arc
+from cnc.path.fit_pieces import Pieces
+from cnc.path.fit_window import fitted, with_short_ends
+from cnc.path.records import Floats, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
 """mm. A smaller tolerance gives the exact path."""
 CORNER_COSINE = math.cos(math.radians(30.0))
 """A sharper turn is a corner, where the spline ends."""
+LEGS = 3.0
+"""A corner has legs of so many tolerances at least."""
 WINDOW = 4096
 """Moves fitted at once."""
 SPANS_OPEN = 16
@@ -41,43 +48,24 @@ NUMBERS = 1 << 18
 """Numbers in an array of records to begin with."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pieces:
-    """Pieces that follow each other, one entry each.
-
-    Attributes:
-        kind: LINE, ARC or SPAN.
-        at: index of the record in ``data``.
-        data: the records.
-        length: mm.
-        feed: mm/s, NaN for a traverse.
-        line: source line.
-        tolerance: of the joint behind the piece, mm.
-    """
-
-    kind: Ints
-    at: Ints
-    data: Floats
-    length: Floats
-    feed: Floats
-    line: NDArray[np.int32]
-    tolerance: Floats
-
-
 class Fitter:
     """Fits splines to moves that come in order, all with one tolerance.
 
     Args:
-        classes: (n,): class of each axis, see :func:`cnc.path.records.axis_classes`.
+        frame: axes and accuracy.
         tolerance: largest distance from the moves, mm.
-        accuracy: largest error of arc lengths, mm.
         position: (n,): start of the first move, mm.
+        curved: whether chords stand for curves: the spline leaves them a part of the tolerance. A
+            curve sets it.
     """
 
-    def __init__(self, classes: Ints, tolerance: float, accuracy: float, position: Floats) -> None:
-        self._classes = classes
+    def __init__(
+        self, frame: Frame, tolerance: float, position: Floats, *, curved: bool = False
+    ) -> None:
+        self._frame = frame
+        self._classes = frame.classes
         self._tolerance = tolerance
-        self._accuracy = accuracy
+        self.curved = curved
         self._begin(position.copy(), 0)
 
     def _begin(self, position: Floats, metric_class: int) -> None:
@@ -90,16 +78,22 @@ class Fitter:
         self._state = np.full((DEGREE, len(position)), math.nan)
         self._carried = np.zeros(0, KNOT)
         self._at_corner = False
+        self._waiting: Arc | None = None
+        """An arc at the start of a chain, until it is known what follows."""
 
-    def add(self, points: Floats, feeds: Floats, lines: NDArray[np.int32]) -> Iterator[Pieces]:
+    def add(
+        self, points: Floats, feeds: Floats, lines: NDArray[np.int32], *, curved: bool = False
+    ) -> Iterator[Pieces]:
         """Add moves, each of some length, and yield the pieces that are final.
 
         Args:
             points: (m, n): ends of the moves, mm.
             feeds: (m,): mm/s, NaN for a traverse.
             lines: (m,): source lines.
+            curved: whether they are chords of a curve.
         """
-        ends = np.concatenate((self._points[-1][-1:], points))
+        self.curved |= curved
+        ends = np.concatenate((self._position()[None], points))
         which = np.where(np.isnan(feeds), -1, move_classes(np.diff(ends, axis=0), self._classes))
         borders = np.concatenate(([0], np.flatnonzero(np.diff(which)) + 1, [len(which)]))
         for first, last in zip(borders[:-1].tolist(), borders[1:].tolist(), strict=True):
@@ -116,30 +110,134 @@ class Fitter:
                 )
                 self._begin(points[last - 1], -1)
             else:
-                self._points.append(points[run])
-                self._feeds.append(feeds[run])
-                self._lines.append(lines[run])
-                self._moves += last - first
+                yield from self._go_behind_arc(ends[first + 1] - ends[first])
+                self._put(points[run], feeds[run], lines[run])
                 if self._moves >= WINDOW:
                     yield from self._fit(open_end=True)
 
+    def add_arc(self, arc: Arc) -> Iterator[Pieces]:
+        """Add an arc, and yield the pieces that are final."""
+        if self._class != 0:
+            yield from self.flush()
+            self._begin(arc.start, 0)
+        begins = arc.direction(0.0)
+        yield from self._go_behind_arc(begins)
+        if self._moves:
+            last = self._points[-1]
+            before = last[-2] if len(last) > 1 else self._points[-2][-1]
+            if self._is_corner(last[-1] - before, begins):
+                yield from self.flush()
+        if not self._moves:
+            self._waiting = arc
+            return
+        self.curved = True
+        bend = arc.bend(self._tolerance)
+        if self._keeps_middle(arc):
+            self._put_arc(arc.between(0.0, bend))
+            yield from self._fit(open_end=False, end=arc.state(bend, self._classes == 0))
+            self._waiting = arc.between(bend, 1.0)
+        else:
+            self._put_arc(arc)
+            if self._moves >= WINDOW:
+                yield from self._fit(open_end=True)
+
     def flush(self) -> Iterator[Pieces]:
         """End the chain, and yield the rest of its pieces."""
-        if self._moves:
+        if self._waiting is not None:
+            yield from self._exact(self._waiting, self._tolerance)
+        elif self._moves:
             yield from self._fit(open_end=False)
 
-    def _fit(self, *, open_end: bool) -> Iterator[Pieces]:
-        """Yield the spans of the chain that no later move will change; all if the chain ends."""
+    def _position(self) -> Floats:
+        """Return the end of everything added (n,)."""
+        return self._points[-1][-1] if self._waiting is None else self._waiting.end
+
+    def _is_corner(self, before: Floats, after: Floats) -> bool:
+        """Return whether the chain ends where these directions meet; lengths are those of the legs.
+
+        Moves that are shorter than a corner's legs are left to the chain.
+        """
+        a, b = before[self._classes == 0], after[self._classes == 0]
+        sizes = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+        long = min(sizes) >= LEGS * self._tolerance
+        return long and float(a @ b) < CORNER_COSINE * sizes[0] * sizes[1]
+
+    def _keeps_middle(self, arc: Arc) -> bool:
+        """Return whether an arc is so long that its middle stays exact."""
+        bend = arc.bend(self._tolerance)
+        return 2.0 * SPARE * bend < 1.0 and arc.smallest >= 2.0 * self._tolerance
+
+    def _go_behind_arc(self, direction: Floats) -> Iterator[Pieces]:
+        """Begin the chain with the arc that waits; the chain goes on in ``direction`` (n,)."""
+        arc = self._waiting
+        if arc is None:
+            return
+        if self._is_corner(arc.direction(1.0), direction):
+            yield from self._exact(arc, self._tolerance)
+            return
+        self.curved = True
+        bend = arc.bend(self._tolerance)
+        if 2.0 * bend < 1.0 and arc.smallest >= 2.0 * self._tolerance:
+            yield from self._exact(arc.between(0.0, 1.0 - bend), 0.0)
+            self._state = arc.state(1.0 - bend, self._classes == 0)
+            arc = arc.between(1.0 - bend, 1.0)
+        self._waiting = None
+        self._put_arc(arc)
+
+    def _exact(self, arc: Arc, joint: float) -> Iterator[Pieces]:
+        """Yield an exact arc, and begin a chain behind it; ``joint``: tolerance there, mm."""
+        runs = list(arc.records(self._frame))
+        for number, records in enumerate(runs):
+            count = len(records.at)
+            allowed = np.zeros(count)
+            allowed[-1] = joint if number == len(runs) - 1 else 0.0
+            yield Pieces(
+                np.full(count, records.kind),
+                records.at,
+                records.data,
+                records.length,
+                np.full(count, arc.feed),
+                np.full(count, arc.line, np.int32),
+                allowed,
+            )
+        self._begin(arc.end, 0)
+
+    def _put_arc(self, arc: Arc) -> None:
+        """Put the chords of an arc into the chain."""
+        points = arc.chords(self._tolerance)
+        count = len(points)
+        self._put(points, np.full(count, arc.feed), np.full(count, arc.line, np.int32))
+
+    def _put(self, points: Floats, feeds: Floats, lines: NDArray[np.int32]) -> None:
+        """Put moves into the chain; see add."""
+        self._points.append(points)
+        self._feeds.append(feeds)
+        self._lines.append(lines)
+        self._moves += len(points)
+
+    def _fit(self, *, open_end: bool, end: Floats | None = None) -> Iterator[Pieces]:
+        """Yield the spans of the chain that no later move will change; all if the chain ends.
+
+        end: (5, n): position and derivatives 1 to 4 there.
+        """
+        tolerance = LEFT * self._tolerance if self.curved else self._tolerance
         x = np.concatenate(self._points)
         moves = Moves(np.concatenate(self._feeds), np.concatenate(self._lines).astype(np.int64))
         metrics = self._classes == self._class
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
-        find_corners(x, chain.metric, CORNER_COSINE, self._tolerance, corner)
+        find_corners(x, chain.metric, CORNER_COSINE, tolerance, corner)
         corner[0] = self._at_corner
-        knots = first_knots(chain, corner, self._tolerance, self._carried)
-        spline = fitted(chain, knots, self._state, self._tolerance)
+        knots = first_knots(chain, corner, tolerance, self._carried)
+        states = np.stack(
+            (self._state, np.full_like(self._state, math.nan) if end is None else end)
+        )
+        if not len(self._carried):
+            knots = with_short_ends(chain, knots, ~np.isnan(states[:, 0, 0]))
+        spline = fitted(chain, knots, states, tolerance)
         spans = len(spline.knots) - 1
+        if end is not None:
+            spline.knots["ends"][-1] = False
         last = self._final_spans(spline) if open_end else spans
         yield from self._write(chain, spline, moves, last)
         if last == spans:
@@ -185,7 +283,7 @@ class Fitter:
         span = 0
         most = len(spline.knots) + len(chain.x)
         while span < last:
-            writer = new_writer(np.empty(numbers), chain.metric, here, self._accuracy)
+            writer = new_writer(np.empty(numbers), chain.metric, here, self._frame.accuracy)
             out = Written(
                 np.empty(most, np.int64),
                 np.empty(most, np.int64),

@@ -25,27 +25,31 @@ ALLOWED = 0.999
 """Part of the tolerance that is proved."""
 NEAR = 8
 """Control points on either side that move again with those of a span that was cut."""
+MOVES_AT_END = 4
+"""Most moves of a span at an end whose derivatives are given,"""
+SPANS_AT_END = 6
+"""and the number of such spans."""
 ROUNDS = 16
 """Rounds after which spans that still fail are left to the polyline."""
 NONE = np.empty((0, ORDER, ORDER))
 """No extractions."""
 
 
-def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Spline:
+def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spline:
     """Return the spline of a window, all of it within the tolerance.
 
     Args:
         chain: the chain.
         knots: its first knots.
-        state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+        states: (2, 5, n): position and derivatives 1 to 4 by t at start and end, or NaN.
         tolerance: mm.
     """
     feet = chain.along.copy()
     speck = np.diff(knots["t"]) <= 0.0
     knots["polyline"][:-1] |= speck
     knots["ends"][:-1] |= speck
-    spline = new_spline(chain, knots, state, np.empty(0), np.empty(0, np.int64), NONE)
-    spline = _with_knots(chain, spline, ~spline.fixed, state, tolerance)
+    spline = new_spline(chain, knots, states, np.empty(0), np.empty(0, np.int64), NONE)
+    spline = _with_knots(chain, spline, ~spline.fixed, states, tolerance)
     free = ~spline.fixed
     turn = 0
     while True:
@@ -57,10 +61,28 @@ def fitted(chain: Chain, knots: Knots, state: Floats, tolerance: float) -> Splin
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
         left = wrong if turn > ROUNDS else short
         if left.any():
-            spline, free = _broken(chain, spline, left, wrong, state, tolerance)
+            spline, free = _broken(chain, spline, left, wrong, states, tolerance)
         else:
-            spline, free = _cut(chain, spline, wrong, state)
+            spline, free = _cut(chain, spline, wrong, states)
             least_squares(chain, spline, ~free)
+
+
+def with_short_ends(chain: Chain, knots: Knots, ends: Flags) -> Knots:
+    """Return knots with short spans at the ends where derivatives are given (2,).
+
+    These determine five control points, so as many spans must be there beside others.
+    """
+    while ends.any():
+        moves = np.diff(knots["vertex"])
+        wide = (moves > MOVES_AT_END) & ~knots["straight"][:-1]
+        near = np.zeros(len(moves), np.bool_)
+        near[:SPANS_AT_END] = ends[0]
+        near[-SPANS_AT_END:] |= ends[1]
+        wide &= near
+        if not wide.any():
+            break
+        knots = with_cuts(chain, knots, wide)
+    return knots
 
 
 def _touched(spline: Spline, free: Flags) -> Flags:
@@ -80,14 +102,14 @@ def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
     return near
 
 
-def _cut(chain: Chain, spline: Spline, cut: Flags, state: Floats) -> tuple[Spline, Flags]:
+def _cut(chain: Chain, spline: Spline, cut: Flags, states: Floats) -> tuple[Spline, Flags]:
     """Cut spans.
 
     Returns:
         The spline, and the control points near the cuts, which are to be placed.
     """
     knots = with_cuts(chain, spline.knots, cut)
-    finer = new_spline(chain, knots, state, spline.t, spline.first, spline.extract)
+    finer = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
     transfer(spline, finer)
     spans = np.flatnonzero(cut)
     spans += np.arange(len(spans))
@@ -95,7 +117,7 @@ def _cut(chain: Chain, spline: Spline, cut: Flags, state: Floats) -> tuple[Splin
 
 
 def _with_knots(
-    chain: Chain, spline: Spline, free: Flags, state: Floats, tolerance: float
+    chain: Chain, spline: Spline, free: Flags, states: Floats, tolerance: float
 ) -> Spline:
     """Return a spline whose free control points pass the vertices closely; it has more knots."""
     while True:
@@ -103,11 +125,11 @@ def _with_knots(
         wide = too_wide(chain, spline, _touched(spline, free), tolerance)
         if not wide.any():
             return spline
-        spline, free = _cut(chain, spline, wide, state)
+        spline, free = _cut(chain, spline, wide, states)
 
 
 def _broken(
-    chain: Chain, spline: Spline, left: Flags, wrong: Flags, state: Floats, tolerance: float
+    chain: Chain, spline: Spline, left: Flags, wrong: Flags, states: Floats, tolerance: float
 ) -> tuple[Spline, Flags]:
     """Leave spans to the polyline, and lay the parts with spans that are wrong anew.
 
@@ -120,10 +142,10 @@ def _broken(
     knots["polyline"][:-1] |= left
     knots["ends"][:-1] |= left
     knots["ends"][1:] |= left
-    following = new_spline(chain, knots, state, spline.t, spline.first, spline.extract)
+    following = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
     transfer(spline, following)
     free = _near(following, np.flatnonzero(anew), 0)
-    following = _with_knots(chain, following, free, state, tolerance)
+    following = _with_knots(chain, following, free, states, tolerance)
     before = np.searchsorted(knots["t"], following.knots["t"][:-1], "right") - 1
     # A last span of no length begins at the last knot.
     before = np.minimum(before, len(anew) - 1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cnc.model.blocks import Block
 from cnc.model.motion_commands import Commands, command_array, places_of
 from cnc.path.chunk import PathChunk
-from cnc.path.fit import Pieces
+from cnc.path.fit_pieces import Pieces
 from cnc.path.records import Floats, Records
 
 MOST_PIECES = 4096

@@ -148,7 +148,7 @@ def arc_records(
         if moving(start, end[None])[0]:
             yield line_records(start, end[None], classes)
         return
-    sweep, theta = _sweep_and_angle((x0, y0), (x1, y1), turns)
+    sweep, theta = sweep_and_angle((x0, y0), (x1, y1), turns)
     ex, ey = (x0 / r0, y0 / r0) if r0 > 0.0 else (math.cos(theta), math.sin(theta))
     grown = r1 - r0
     if abs(grown) <= 4e-15 * (r0 + abs(center[0]) + abs(center[1])):
@@ -209,7 +209,7 @@ def arc_records(
         here = there
 
 
-def _sweep_and_angle(
+def sweep_and_angle(
     start: tuple[float, float], end: tuple[float, float], turns: float
 ) -> tuple[float, float]:
     """Return the sweep of an arc and the angle of its start, in rad.

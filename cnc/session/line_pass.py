@@ -8,14 +8,16 @@ answers decide how the program continues.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from cnc.boards.protocols import LineSink
 from cnc.executor.lines import Step, steps, stream
+from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
+from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
@@ -111,9 +113,7 @@ class LinePass:
             report.played_s = board.now() - began
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
-    def _steps(
-        self, on_lines: Callable[[Sequence[GcodeLine]], None] | None = None
-    ) -> Iterator[Step]:
+    def _steps(self, on_lines: Callable[[PackedLines], None] | None = None) -> Iterator[Step]:
         """Yield the program as lines."""
         path = self._motion.path(for_lines=True)
         if self._context.options.pauses == "skip":
@@ -140,7 +140,7 @@ class LinePass:
             axes={
                 letter: {"velocity": velocity, "acceleration": acceleration, "jerk": None}
                 for letter, velocity, acceleration in zip(
-                    "xyz", found.velocities, found.accelerations, strict=True
+                    BOARD_LETTERS.lower(), found.velocities, found.accelerations, strict=False
                 )
                 if letter in self._context.reader.machine.axes
             },
@@ -150,7 +150,9 @@ class LinePass:
         """Return the limits in the report, those of the axes as the board keeps them."""
         limits, own = self._context.report.limits, self.timing.limits
         axes = dict(limits.axes)
-        for letter, velocity, acceleration in zip("xyz", own.rates, own.accelerations, strict=True):
+        for letter, velocity, acceleration in zip(
+            BOARD_LETTERS.lower(), own.rates, own.accelerations, strict=False
+        ):
             if letter in axes:
                 known = {"velocity": velocity, "acceleration": acceleration}
                 axes[letter] = axes[letter] | {
@@ -163,11 +165,7 @@ class LinePass:
         kept: list[Step] | None = None if self._depends_on_answers else []
         capacity, timing = KEPT_BYTES, self.timing
 
-        def add(lines: Sequence[GcodeLine]) -> None:
-            for line in lines:
-                timing.add(line)
-
-        for step in self._steps(add):
+        for step in self._steps(lambda lines: timing.add_rows(lines.rows)):
             capacity -= step.lines.size
             if capacity < 0:
                 kept = None

@@ -125,6 +125,15 @@ class ProgramReader:
         )
         return blocks if self.restart is None else self.restart.passed(blocks, self.start)
 
+    def simulated_blocks(self) -> Iterator[Block]:
+        """Yield the canonical blocks of the whole program with its tool offsets.
+
+        The state that a reading leaves (:attr:`state`) is not touched.
+        """
+        rules = self.rules()
+        text, state = Text.of_file(self.path, self.name), self._saved_state(rules)
+        return self._interpreted(rules, text, state, mark_tool_offsets=True)
+
     def rules(self) -> dialects.Dialect:
         """Return the dialect of the program; under ``auto`` the one that is recognised.
 
@@ -231,6 +240,7 @@ class ProgramReader:
         start: Floats | None = None,
         *,
         mark_calls: bool = False,
+        mark_tool_offsets: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name in WITHOUT_FILE else Path(self.name)
@@ -250,6 +260,7 @@ class ProgramReader:
                 policy=self.policy,
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
+                mark_tool_offsets=mark_tool_offsets,
                 wraps={
                     letter: axis.wrap
                     for letter, axis in self.machine.axes.items()

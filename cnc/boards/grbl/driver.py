@@ -97,14 +97,16 @@ class GrblBoard:
         # connection.
         self.restarted = self.link.greeted_unasked and not any(self.stream.position)
         axes = len(self.stream.position)
+        letters = (self.info.letters or "".join(AXIS_LETTERS).upper())[:axes]
         missing = [
             letter.upper()
             for letter, column in zip(self._machine.axes, self._columns, strict=True)
-            if column >= axes
+            if letters[column : column + 1] != letter.upper()
         ]
         if missing:
-            message = f"the machine file has an axis {missing[0]}; the board has {axes} axes"
-            hint = "remove the axis from the machine file"
+            names = ", ".join(letters)
+            message = f"the machine file has an axis {missing[0]}; the board has {names}"
+            hint = "give the axis the name that the board has for it, or remove it from the file"
             raise board_error("board-axes", message, hint=hint)
         if self.info.tool_length and self.status.state == "Idle":
             self.link.ask("G49")

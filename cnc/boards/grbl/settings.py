@@ -69,6 +69,7 @@ class BoardInfo:
         fluid: Whether it is FluidNC.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
+        letters: Names of the axes in the order of their settings; "" where they are not reported.
         blocks: Blocks of the planner; 0 where it is not reported.
         rx_bytes: Bytes of the receive buffer.
         settings: Value of each setting as text, by number.
@@ -81,6 +82,7 @@ class BoardInfo:
     fluid: bool = False
     build: str = ""
     options: str = ""
+    letters: str = ""
     blocks: int = 0
     rx_bytes: int = RX_BYTES
     settings: dict[int, str] = field(default_factory=dict)
@@ -102,6 +104,8 @@ class BoardInfo:
                 self.build = each.text.rstrip(":")
             elif each.kind == "OPT":
                 self._options(each.text)
+            elif each.kind == "AXS":
+                self.letters = each.text.partition(":")[2].upper()
             elif each.kind == "FIRMWARE":
                 self.hal = self.hal or "grblhal" in each.text.lower()
             elif each.kind in PLACES:

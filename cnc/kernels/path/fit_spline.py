@@ -129,26 +129,36 @@ def add_energy(extract: Floats, h: float, weight: float, first: int, band: Float
 
 
 @njit
-def _start_points(t: Floats, state: Floats, points: Floats, fixed: Flags) -> None:
-    """Place and fix the control points that position and derivatives at the start determine.
+def _end_points(t: Floats, state: Floats, way: int, points: Floats, fixed: Flags) -> None:
+    """Place and fix the control points that position and derivatives at an end determine.
 
-    state: (5, n): position and derivatives 1 to 4 by t. The polar form at (t0, .., t0 + x_1, ..,
-    t0 + x_i) is the sum of e_k(x) r^(k) (5 - k)! / 5!, with e_k the symmetric polynomials.
+    The polar form at (t0, .., t0 + x_1, .., t0 + x_i) is the sum of e_k(x) r^(k) (5 - k)! / 5!,
+    with e_k the symmetric polynomials.
+
+    Args:
+        t: parameters of the knots.
+        state: (5, n): position and derivatives 1 to 4 by t at the end.
+        way: 1 at the start, -1 at the end.
+        points: (N, n): control points.
+        fixed: (N,): see Spline.
     """
+    size = points.shape[0]
+    begin = DEGREE if way > 0 else size
     e = np.zeros(DEGREE)
     e[0] = 1.0
     for i in range(DEGREE):
         if i > 0:
-            x = t[DEGREE + i] - t[DEGREE]
+            x = t[begin + way * i] - t[begin]
             for k in range(i, 0, -1):
                 e[k] += x * e[k - 1]
+        at = i if way > 0 else size - 1 - i
         for c in range(state.shape[1]):
-            points[i, c] = 0.0
+            points[at, c] = 0.0
             factor = 1.0
             for k in range(i + 1):
-                points[i, c] += e[k] * factor * state[k, c]
+                points[at, c] += e[k] * factor * state[k, c]
                 factor /= DEGREE - k
-        fixed[i] = True
+        fixed[at] = True
 
 
 @njit
@@ -169,23 +179,23 @@ def set_bezier(spline: Spline, k: int) -> None:
 
 @njit
 def new_spline(
-    chain: Chain, knots: Knots, state: Floats, old_t: Floats, old_first: Ints, old_extract: Floats
+    chain: Chain, knots: Knots, states: Floats, old_t: Floats, old_first: Ints, old_extract: Floats
 ) -> Spline:
     """Return a spline whose control points are not placed but for those that are fixed.
 
     These are the ends of parts, those of straight spans and of spans left to the polyline, and
-    those that the state at the start determines.
+    those that the states at start and end determine.
 
     Args:
         chain: the chain.
         knots: the knots.
-        state: (5, n): position and derivatives 1 to 4 by t at the start, or NaN.
+        states: (2, 5, n): position and derivatives 1 to 4 by t at start and end, or NaN.
         old_t: parameters of the knots of a spline whose extractions may be used again.
         old_first: (S,): its first control point of each span; none without such a spline.
         old_extract: (S, 6, 6): its extractions.
     """
     spans = knots.shape[0] - 1
-    n = state.shape[1]
+    n = states.shape[2]
     breaks = 2
     for k in range(spans + 1):
         breaks += int(knots[k]["ends"])
@@ -239,8 +249,10 @@ def new_spline(
             for c in range(n):
                 points[at + DEGREE, c] = p[k + 1, c]
             fixed[at + DEGREE] = True
-    if not np.isnan(state[0, 0]) and not knots[0]["polyline"]:
-        _start_points(t, state, points, fixed)
+    if not np.isnan(states[0, 0, 0]) and not knots[0]["polyline"]:
+        _end_points(t, states[0], 1, points, fixed)
+    if not np.isnan(states[1, 0, 0]) and not knots[spans - 1]["polyline"]:
+        _end_points(t, states[1], -1, points, fixed)
     spline = Spline(knots, t[:to], first, p, extract, points, fixed, np.empty((spans, ORDER, n)))
     for k in range(spans):
         set_bezier(spline, k)
