@@ -10,8 +10,9 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import CycloptsError, Parameter
 
+from cnc.cli.application import Application
 from cnc.cli.board_commands import boards, home
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
@@ -39,7 +40,7 @@ from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, 
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.version import __version__
 
-app = App(
+app = Application(
     name="cncrun",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
@@ -312,6 +313,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    asks = not {"--help", "-h"}.isdisjoint(arguments)
+    Application.collections = {} if asks else None
     try:
         result = app(
             [HYPHEN if each == "-" else each for each in arguments],

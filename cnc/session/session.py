@@ -158,7 +158,7 @@ class Session:
                 report.dialect = reader.dialect_in_use
                 if reader.recognition is not None:
                     report.recognition = reader.recognition.described()
-                report.assumed = reader.assumed
+                report.assumed = context.observer.assumed(reader.assumed)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),
