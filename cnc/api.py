@@ -28,6 +28,7 @@ from cnc.checks.selection import Selection
 from cnc.executor import homing
 from cnc.executor.homing_cycles import AxisHoming
 from cnc.executor.run import Progress
+from cnc.executor.squaring import Squared
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
@@ -237,6 +238,7 @@ def home(
     callbacks: Callbacks | None = None,
     control: Control | None = None,
     on_axis: Callable[[AxisHoming], None] | None = None,
+    on_squared: Callable[[Squared], None] | None = None,
 ) -> dict[str, float | None]:
     """Home the machine on the limit switches of its axes.
 
@@ -251,6 +253,7 @@ def home(
         callbacks: Functions that follow the motion.
         control: The operator's requests.
         on_axis: Called before each axis moves.
+        on_squared: Called with the difference between the motors of a gantry that was removed.
 
     Returns:
         Position of each axis, mm (degrees for rotary axes); None where it is unknown.
@@ -287,6 +290,7 @@ def home(
             control=control,
             on_progress=on_progress,
             on_axis=on_axis,
+            on_squared=on_squared,
         )
     finally:
         if owned:

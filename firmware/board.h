@@ -9,7 +9,7 @@
    microsecond of their time.
 
    Step pins D2 D3 D4 (and D12 for a fourth axis), direction pins D5 D6 D7 (D13), enable D8 (low: on). Limits D9 D10 D12, with four axes
-   D9 D10 A4. Spindle PWM D11, its direction D13 (three axes). Flood A3, mist A4 (three axes). E-stop A0, hold A1, resume A2, probe A5.
+   D9 D10 A4. Spindle PWM D11, its direction D13 (three axes). Flood A3, mist A4 (three axes). E-stop A0, hold A1, resume A2 (or the limit of a fourth motor), probe A5.
    Inputs have pull-ups and are active when low. The host can invert them: then an open switch, or a broken wire, is active. */
 
 #ifndef BOARD_H
@@ -73,8 +73,13 @@
 enum { IDLE, RUNNING, RAMPING, ALARM, TOUCHED };
 enum { NO_ALARM, UNDERRUN, SILENCE, EMERGENCY_STOP, LIMIT, STOPPED_BY_HOST, BAD_STREAM };
 
-/* Inputs, one bit each, 1 if active. The fourth axis has no limit switch. */
+/* Inputs, one bit each, 1 if active. The fourth output has a limit switch if the host makes A2 its input. */
+#if AXES == 4
+#define INPUT_LIMITS 0x0F
+#else
 #define INPUT_LIMITS 0x07
+#endif
+#define INPUT_FOURTH 0x08
 #define INPUT_PROBE 0x10
 #define INPUT_EMERGENCY_STOP 0x20
 #define INPUT_HOLD 0x40
@@ -86,7 +91,7 @@ struct config {
     uint8_t ramp_ms;    /* duration of an emergency ramp */
     uint8_t limits;     /* limit inputs that stop the motion */
     uint8_t inverted;   /* inputs that are active when high */
-    uint8_t drivers;    /* bit 0: on when their pin is high */
+    uint8_t drivers;    /* bit 0: on when their pin is high; bit 1: A2 is the limit of the fourth output, not the button */
 };
 
 /* A pulse begins at any point of a tick. */
@@ -121,6 +126,7 @@ void set_polarity(uint8_t drivers);
 
 /* link.c */
 #define STORE 928
+#define LIMIT_AT_A2 0x02                /* of config.drivers */
 #define ROOM_KEPT 4                     /* for the CRC after the payload, and because a full store must differ from an empty one */
 extern uint8_t store[STORE];
 extern uint16_t store_head, store_tail;

@@ -296,6 +296,7 @@ void transmit(void)
         say_word(LEAST_INTERVAL);
         say(state);
         say(known_position);
+        say(AXES == 4);                     /* A2 can be the limit of the fourth output */
     } else if (want_nak) {
         want_nak = false;
         begin_saying(NAK, expected);

@@ -48,7 +48,11 @@ uint8_t inputs(void)
     if (c & 0x02)
         active |= INPUT_HOLD;
     if (c & 0x04)
+#if AXES == 4
+        active |= config.drivers & LIMIT_AT_A2 ? INPUT_FOURTH : INPUT_RESUME;
+#else
         active |= INPUT_RESUME;
+#endif
     return active ^ config.inverted;
 }
 
@@ -199,7 +203,7 @@ int main(void)
     /* no variable has an initial value, so that the queue starts at a page of the memory */
     config.pulse = config.rest = 10;
     config.ramp_ms = 100;
-    config.limits = INPUT_LIMITS;
+    config.limits = INPUT_LIMITS & ~INPUT_FOURTH;
     EICRA = 0x05;                       /* edges: in level mode, a simulator polls INT0 and INT1 all the time */
     PORTB = 0x01 | 0x02 | 0x04;         /* drivers off, pull-ups */
     DDRB = 0x01 | 0x08 | 0x20;
@@ -237,7 +241,7 @@ int main(void)
     port_set(PORT_ALWAYS, PORT_ALWAYS);
 #if AXES == 4
     PCMSK0 = 0x06;
-    PCMSK1 = 0x31;
+    PCMSK1 = 0x35;
 #else
     PCMSK0 = 0x16;
     PCMSK1 = 0x21;

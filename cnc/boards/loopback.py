@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,17 +34,31 @@ class Loopback:
         axes: Number of columns of a chunk.
         min_pulse_ns: Least time between two pulses of one axis, ns.
         fail_after: Rows after which the board reports a fault, for tests.
+        motors: Number of motors of each axis, by default one.
+
+    Attributes:
+        motor_steps: Steps forward less steps backward of each motor of each axis since the board
+            was opened.
     """
 
     traits = BoardTraits(has_port=False, simulated=True)
 
-    def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
+    def __init__(
+        self,
+        axes: int,
+        min_pulse_ns: float = 0.0,
+        fail_after: int | None = None,
+        motors: Sequence[int] = (),
+    ) -> None:
         self.axes = axes
         self.min_pulse_ns = min_pulse_ns
         self.fail_after = fail_after
         self.state = "idle"
         self.commands: list[tuple[int, Block]] = []
         self.rows = 0
+        self.motor_steps = [[0] * count for count in (motors or [1] * axes)]
+        self._next_alone: tuple[int, int] | None = None
+        self._alone: tuple[int, int] | None = None
         self._position = np.zeros(axes, dtype=np.int64)
         self._forward = np.zeros(axes, dtype=np.int64)
         self._backward = np.zeros(axes, dtype=np.int64)
@@ -54,7 +69,8 @@ class Loopback:
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Loopback:
         """Open a board with the axes and the step rate of the machine."""
-        return cls(len(machine.axes), 1e9 / machine.board.max_step_rate)
+        motors = [len(axis.motors) for axis in machine.axes.values()]
+        return cls(len(machine.axes), 1e9 / machine.board.max_step_rate, motors=motors)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -84,6 +100,10 @@ class Loopback:
         """Number of steps (2, axes): forward, backward."""
         return np.stack((self._forward, self._backward))
 
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+        self._next_alone = column, motor
+
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Begin at a grid point, time 0, with every counter at 0."""
         self._refuse_if_stopped()
@@ -100,6 +120,7 @@ class Loopback:
         self._last_pulse_ns = [None] * self.axes
         self.rows = 0
         self.commands.clear()
+        self._alone, self._next_alone = self._next_alone, None
         self.state = "running"
 
     def send(self, chunk: PulseChunk) -> None:
@@ -229,5 +250,9 @@ class Loopback:
                 forward = int(np.count_nonzero(column > 0))
                 self._forward[axis] += forward
                 self._backward[axis] += len(moved) - forward
-                self._position[axis] += 2 * forward - len(moved)
+                change = 2 * forward - len(moved)
+                self._position[axis] += change
+                for motor in range(len(self.motor_steps[axis])):
+                    if self._alone in (None, (axis, motor)):
+                        self.motor_steps[axis][motor] += change
                 self._last_pulse_ns[axis] = int(chunk.time_ns[moved[-1]])

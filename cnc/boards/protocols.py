@@ -194,6 +194,18 @@ class HasLimitSwitches(RemembersPosition, Protocol):
 
 
 @runtime_checkable
+class SquaresGantries(HasLimitSwitches, Protocol):
+    """A board on which each motor of an axis can have a limit switch of its own."""
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis that has one is closed now, in the order of motors."""
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+
+
+@runtime_checkable
 class ProbesByMotion(Protocol):
     """A board that has the answer to a probe only after the motion, not from ``execute``."""
 
@@ -301,6 +313,10 @@ class LineSink(Board, Protocol):
         """Number and value of each setting (``$$``)."""
 
     @property
+    def planner_blocks(self) -> int:
+        """Moves that the planner of the board holds, 0 where it is not known."""
+
+    @property
     def mist(self) -> bool:
         """Whether the board supports M7."""
 
@@ -315,6 +331,10 @@ class LineSink(Board, Protocol):
     @property
     def rapid_override(self) -> int:
         """Override of traverses, per cent, as last reported."""
+
+    @property
+    def rested_at(self) -> float:
+        """Time of the report that last showed the machine at rest with nothing to do, s."""
 
     def now(self) -> float:
         """Return the time of the board's clock, s."""

@@ -1,4 +1,4 @@
-"""Warnings and notes about a program, found in its canonical blocks and its path.
+"""Warnings and notes about a program, found in its canonical blocks.
 
 The blocks pass once, runs of moves as arrays. A finding that may concern thousands of moves is
 reported once, at the first of them, with their number.
@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.checks.arcs import ArcCheck
-from cnc.checks.stock_collision import StockCheck
 from cnc.machine.models import Machine
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, Spindle, SpindleSync
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.units import per_minute
-from cnc.path.chunk import PathChunk
 from cnc.report.result import Report
 
 ROUNDING = 1e-6
@@ -60,7 +58,7 @@ class Hints:
     """Collects the findings of a program.
 
     Args:
-        machine: gives limits, steps per mm and the stock.
+        machine: gives limits and steps per mm.
         start: (axes,) position at which the first move starts, mm.
     """
 
@@ -74,8 +72,6 @@ class Hints:
         ]
         self._unreachable, self._short = _Moves(), _Moves()
         self._arcs = ArcCheck(machine)
-        self._stock = None if machine.stock is None else StockCheck(machine, machine.stock)
-        self._stock_findings: list[Diagnostic] = []
         self._synchronized = False
         self._spindle_on = self._spindle_used = False
         self._spindle_off_noted = False
@@ -86,11 +82,6 @@ class Hints:
         for block in blocks:
             self._add(block)
             yield block
-
-    def add_path(self, chunk: PathChunk) -> None:
-        """Check the path that is made of the blocks, in its order."""
-        if self._stock is not None:
-            self._stock_findings += self._stock.add(chunk)
 
     def findings(self) -> Iterator[Diagnostic]:
         """Yield the findings after the last block."""
@@ -120,7 +111,6 @@ class Hints:
                 "move-below-step", message, moves.file, moves.line, hint=hint, severity="note"
             )
         yield from self._arcs.findings()
-        yield from self._stock_findings
 
     def _add(self, block: Block) -> None:
         if isinstance(block, Polyline):

@@ -79,6 +79,7 @@ def home(
             callbacks=display.callbacks(),
             control=control,
             on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
+            on_squared=None if terminal.quiet else lambda it: print(it.description, flush=True),
         )
     if not terminal.quiet:
         from cnc.report.number_format import position

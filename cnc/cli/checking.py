@@ -48,8 +48,8 @@ def check_listed(
     from cnc.batch.pool import check_many
     from cnc.report.summary import one_line
 
-    if common.has_program_outputs:
-        message = "--blocks, --trace, --pulses and --lines take one program"
+    if common.has_program_outputs or options.stl is not None:
+        message = "--blocks, --trace, --pulses, --lines and --stl take one program"
         hint = "check that program alone to get them"
         raise UsageError(Diagnostic("one-program-only", message, hint=hint))
     if options.scheduler is not None and options.jobs is not None:

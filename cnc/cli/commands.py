@@ -10,8 +10,9 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import CycloptsError, Parameter
 
+from cnc.cli.application import Application
 from cnc.cli.board_commands import boards, home
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
@@ -31,6 +32,7 @@ from cnc.cli.options import (
     output,
 )
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
@@ -38,7 +40,7 @@ from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, 
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.version import __version__
 
-app = App(
+app = Application(
     name="cncrun",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
@@ -52,6 +54,7 @@ ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
 app.command(boards)
 app.command(home)
+app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
@@ -126,7 +129,7 @@ def check(
 
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
-    common.prepare(*names, baseline, to_standard_output=prints_results)
+    common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     stream = common.summary_file if format == "text" else sys.stderr
@@ -210,7 +213,7 @@ def view(
     common: CommonOptions = COMMON,
 ) -> int:
     """Draw a program: path, feed, acceleration and jerk over time, and its text."""
-    common.prepare(program, picture=output)
+    common.prepare(program, further=output)
     report = check_one(program, common, CheckOptions(stock=stock), output)
     if common.json is not None:
         write_summary(common.json, report)
@@ -310,6 +313,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    asks = not {"--help", "-h"}.isdisjoint(arguments)
+    Application.collections = {} if asks else None
     try:
         result = app(
             [HYPHEN if each == "-" else each for each in arguments],

@@ -160,20 +160,20 @@ class CommonOptions:
     terminal: TerminalOptions = field(default_factory=TerminalOptions)
 
     def prepare(
-        self, *inputs: str | None, to_standard_output: bool = False, picture: str | None = None
+        self, *inputs: str | None, to_standard_output: bool = False, further: str | None = None
     ) -> None:
         """Check the names of files, and begin to log.
 
         Args:
             *inputs: Files that are read, beside the machine file.
             to_standard_output: Whether the command prints results to standard output.
-            picture: A further output.
+            further: A further output.
 
         Raises:
             UsageError: If two outputs are the same file, or an output is also an input.
         """
         inputs = (self.machine, *inputs)
-        outputs = (*self._outputs, self.json, picture, self.terminal.log)
+        outputs = (*self._outputs, self.json, further, self.terminal.log)
         check_files(outputs, inputs, standard_output_taken=to_standard_output)
         self.terminal.open_log(*inputs)
 
@@ -181,7 +181,7 @@ class CommonOptions:
         """Return the options of a run; ``others``: further fields of RunOptions."""
         from cnc.session.options import Outputs, RunOptions
 
-        picture = others.pop("picture", None)
+        picture, stl = others.pop("picture", None), others.pop("stl", None)
         return RunOptions(
             dialect=self.dialect,
             interpolator=self.interpolator,
@@ -191,7 +191,7 @@ class CommonOptions:
             unknown_codes=self.unknown_codes,
             default_feed=self.default_feed,
             block_delete=frozenset(self.block_delete),
-            outputs=Outputs(*self._outputs, picture=picture),  # type: ignore[arg-type]
+            outputs=Outputs(*self._outputs, picture=picture, stl=stl),  # type: ignore[arg-type]
             **others,  # type: ignore[arg-type]
         )
 
@@ -283,10 +283,21 @@ class CheckOptions:
     stock: Annotated[
         str | None,
         option(
-            "The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates); a G0 into it is "
-            "reported."
+            "The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates of the tool tip); "
+            "the cut is simulated, and a G0, a shank or a holder in material is reported."
         ),
     ] = None
+    stock_resolution: Annotated[
+        float | None,
+        Parameter(
+            help="Width of a cell of the simulated stock, mm; by default 0.1, and more for a stock "
+            "of more than 4 million cells.",
+            validator=validators.Number(gt=0),
+        ),
+    ] = None
+    stl: Annotated[str | None, output("Write the part that is cut from the stock to FILE.stl.")] = (
+        None
+    )
     portable: Annotated[
         tuple[str, ...],
         option("Dialects that must read the program in the same way, such as grbl,linuxcnc."),
@@ -312,6 +323,8 @@ class CheckOptions:
             selection=Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
             portable=tuple(_split(self.portable)),
             picture=picture,
+            stl=self.stl,
+            stock_resolution=self.stock_resolution,
         )
 
 

@@ -12,6 +12,8 @@ The closing of a switch ends a move at once, as a probe does. No move is longer 
 its axis. The switches of all other axes end the motion with an alarm, except switches that are
 closed already: their axes do not move.
 
+Several motors of an axis are squared at each approach (:mod:`cnc.executor.squaring`).
+
 Where the joints are a linear function of the tip (CoreXY), the switches belong to the axes, and
 both motors move one axis at a time. Where they are another function (a delta), each joint has a
 switch and homes alone, so a joint needs a travel.
@@ -24,9 +26,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, board_error
+from cnc.boards.protocols import (
+    HasLimitSwitches,
+    LineSink,
+    PulseSink,
+    SquaresGantries,
+    board_error,
+)
 from cnc.executor.homing_cycles import AxisHoming, homed_steps, homing_sequence, on_grid
 from cnc.executor.run import Progress, execute
+from cnc.executor.squaring import Squared, align, square
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Polyline, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
@@ -61,7 +70,9 @@ class _Homing:
         control: Control,
         on_progress: Callable[[Progress], None] | None,
         start: NDArray[np.float64],
+        on_squared: Callable[[Squared], None] | None = None,
     ) -> None:
+        self.on_squared = on_squared
         self.board = board
         self.switched = switched
         self.machine = machine
@@ -75,8 +86,21 @@ class _Homing:
         self.steps = homed_steps(machine, (), standing, start)
         """Grid point of the joints."""
 
+    def motor_switches(self, cycle: AxisHoming) -> Sequence[bool]:
+        """Return whether the switch of each motor of an axis is closed."""
+        # The motors of linear joints move several axes, which have the switches.
+        own = not self.machine.kinematics.joints
+        if own and isinstance(self.switched, SquaresGantries):
+            return self.switched.motor_switches[cycle.column]
+        return (self.switched.switches[cycle.column],)
+
     def closed(self, cycle: AxisHoming) -> bool:
-        return self.switched.switches[cycle.column]
+        """Return whether a switch of an axis is closed."""
+        return any(self.motor_switches(cycle))
+
+    def coordinate(self, cycle: AxisHoming) -> float:
+        """Return the coordinate of an axis, mm."""
+        return float(self.tip()[cycle.column])
 
     def home(self, cycle: AxisHoming) -> None:
         """Home one axis.
@@ -85,16 +109,14 @@ class _Homing:
             BoardError: ``homing-switch``, where its switch does not open or close as it must.
         """
         settings, letter = cycle.settings, cycle.letter.upper()
-        if self.closed(cycle):
-            self.known[cycle.column] = False
-            if not self.go(cycle, -STUCK * settings.pull_off, settings.seek, until=False):
-                distance = STUCK * settings.pull_off
-                raise self.failed(
-                    f"the switch of {letter} is still closed after a move of {distance:g} mm",
-                    "check its wire and its switch, and whether the axis is at its other end",
-                )
+        closed = self.motor_switches(cycle)
+        for motor in range(len(closed)):
+            if self.motor_switches(cycle)[motor]:
+                self.open(cycle, motor if len(closed) > 1 else None)
+        if any(closed):
             self.off(cycle)
         self.known[cycle.column] = False
+        began = self.coordinate(cycle)
         if not self.go(cycle, cycle.longest, settings.seek, until=True):
             end = "high" if cycle.towards > 0 else "low"
             hint = (
@@ -103,18 +125,39 @@ class _Homing:
             raise self.failed(
                 f"the switch of {letter} did not close within {cycle.longest:g} mm", hint
             )
+        squared = square(self, cycle, began)
+        if squared is not None and self.on_squared is not None:
+            self.on_squared(squared)
         self.off(cycle)
+        began = self.coordinate(cycle)
         if not self.go(cycle, LATCHES * settings.pull_off, settings.latch, until=True):
             raise self.failed(
                 f"the switch of {letter} did not close a second time", "check that it is not loose"
             )
+        square(self, cycle, began)
         tip = self.tip()
         tip[cycle.column] = on_grid(self.machine, cycle, cycle.rest) + cycle.towards * on_grid(
             self.machine, cycle, settings.pull_off
         )
         self.steps = np.rint(self.joints.at(tip) * self.steps_per_mm).astype(np.int64)
-        self.known[cycle.column] = True
+        self.known[cycle.column] = len(closed) == 1
         self.off(cycle)
+        if len(closed) > 1:
+            align(self, cycle)
+            self.known[cycle.column] = True
+            self.run(cycle)  # The board takes over the position of all motors.
+
+    def open(self, cycle: AxisHoming, motor: int | None) -> None:
+        """Move off a switch that is closed at the start; all motors of the axis move."""
+        settings, letter = cycle.settings, cycle.letter.upper()
+        self.known[cycle.column] = False
+        if not self.go(cycle, -STUCK * settings.pull_off, settings.seek, False, motor):
+            distance = STUCK * settings.pull_off
+            owner = letter if motor is None else f"motor {motor + 1} of {letter}"
+            raise self.failed(
+                f"the switch of {owner} is still closed after a move of {distance:g} mm",
+                "check its wire and its switch, and whether the axis is at its other end",
+            )
 
     def tip(self) -> NDArray[np.float64]:
         """Return the position of the axes (axes,), mm."""
@@ -147,7 +190,14 @@ class _Homing:
             )
 
     def go(
-        self, cycle: AxisHoming, distance: float, feed: float, until: bool | None = None
+        self,
+        cycle: AxisHoming,
+        distance: float,
+        feed: float,
+        until: bool | None = None,
+        motor: int | None = None,
+        *,
+        alone: bool = False,
     ) -> bool:
         """Move towards the switch.
 
@@ -156,6 +206,8 @@ class _Homing:
             distance: Distance, mm; negative off the switch.
             feed: Speed, mm/s.
             until: State of the switch that ends the move, None for none.
+            motor: Motor of the axis whose switch is meant, None for any.
+            alone: Whether only this motor moves.
 
         Returns:
             Whether the switch reached that state.
@@ -166,7 +218,9 @@ class _Homing:
         if until is None:
             block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
         else:
-            block = SwitchMove(FILE, 0, end, feed, until, False, switch=cycle.column)
+            block = SwitchMove(FILE, 0, end, feed, until, False, switch=cycle.column, motor=motor)
+        if alone and motor is not None and isinstance(self.switched, SquaresGantries):
+            self.switched.move_alone(cycle.column, motor)
         self.run(cycle, block)
         if not isinstance(block, SwitchMove):
             return True
@@ -203,8 +257,8 @@ class _Homing:
         if not outcome.finished:
             raise HomingStopped
 
-    def failed(self, message: str, hint: str) -> BoardError:
-        return board_error("homing-switch", message, hint=hint)
+    def failed(self, message: str, hint: str, code: str = "homing-switch") -> BoardError:
+        return board_error(code, message, hint=hint)
 
 
 def home(
@@ -216,6 +270,7 @@ def home(
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_axis: Callable[[AxisHoming], None] | None = None,
+    on_squared: Callable[[Squared], None] | None = None,
 ) -> tuple[int | None, ...]:
     """Home axes one after the other.
 
@@ -227,6 +282,7 @@ def home(
         control: Requests of the operator.
         on_progress: Called with the progress.
         on_axis: Called with the cycle of each axis before it begins.
+        on_squared: Called with the difference that was found between the motors of an axis.
 
     Returns:
         Grid point of each joint, None where it is not known.
@@ -247,7 +303,7 @@ def home(
     switches, joints = len(board.switches), Joints(machine)
     if not joints.linear:
         machine, start = joints.machine, joints.at(start)
-    homing = _Homing(board, board, machine, control or Control(), on_progress, start)
+    homing = _Homing(board, board, machine, control or Control(), on_progress, start, on_squared)
     for cycle in homing_sequence(machine, axes, switches):
         if on_axis is not None:
             on_axis(cycle)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.machine.models import Homing, Machine
+from cnc.machine.models import Homing, Machine, switch_end
 from cnc.model.blocks import AxisLetter
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.planner.joints import Joints
@@ -25,6 +25,7 @@ class AxisHoming:
         rest: Coordinate at the end of the cycle, mm.
         longest: Longest distance of the search for the switch, mm.
         settings: Settings of the machine file.
+        offsets: Coordinate of each motor's switch less that of the first motor's, mm.
     """
 
     column: int
@@ -33,6 +34,7 @@ class AxisHoming:
     rest: float
     longest: float
     settings: Homing
+    offsets: tuple[float, ...] = (0.0,)
 
     @property
     def description(self) -> str:
@@ -43,6 +45,7 @@ class AxisHoming:
             f"{letter}: {direction} to its switch, at most {self.longest:g} mm at "
             f"{settings.seek:g} mm/s, then once more at {settings.latch:g} mm/s; "
             f"{settings.pull_off:g} mm off it is {letter}{self.rest:g}"
+            + (f"; {len(self.offsets)} motors are squared" if len(self.offsets) > 1 else "")
         )
 
     @classmethod
@@ -54,6 +57,9 @@ class AxisHoming:
         """
         axis = machine.axes[letter]
         settings = axis.homing or Homing()
+        if machine.is_sensorless(letter):
+            # A slow motor does not tell that it stalls.
+            settings = settings.model_copy(update={"latch": settings.seek})
         if axis.travel is None:
             hint = f"write axes.{letter}.travel = [lowest, highest] into the machine file"
             raise UsageError(
@@ -63,12 +69,18 @@ class AxisHoming:
                     hint=hint,
                 )
             )
-        high = (settings.end or ("high" if letter == "z" else "low")) == "high"
-        near, far = (axis.travel[1], axis.travel[0]) if high else axis.travel
+        towards = switch_end(letter, settings)
+        near, far = (axis.travel[1], axis.travel[0]) if towards > 0 else axis.travel
         rest = near if settings.position is None else settings.position
         longest = abs(rest - far) + 2.0 * settings.pull_off
         return cls(
-            tuple(machine.axes).index(letter), letter, 1 if high else -1, rest, longest, settings
+            tuple(machine.axes).index(letter),
+            letter,
+            towards,
+            rest,
+            longest,
+            settings,
+            tuple(motor.offset for motor in axis.motors),
         )
 
 

@@ -13,7 +13,7 @@ resume and override act on the current motion.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -38,8 +38,8 @@ class LineTranslator(Protocol):
     """A translator of paths, such as :class:`cnc.grbl_lines.translator.Translator`."""
 
     @property
-    def position(self) -> Sequence[float] | None:
-        """End point of the lines so far, x y z in mm (machine coordinates); None if not known."""
+    def position(self) -> Mapping[str, float] | None:
+        """End point of the lines so far by axis, mm (machine coordinates); None if not known."""
 
     def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
         """Yield lines for the next item of the path, as far as they are final."""
@@ -56,19 +56,19 @@ class Step:
         file: The program.
         lines: Lines for the board.
         block: Block after the lines at which the board rests, or None.
-        position: End point of the lines so far, x y z in mm; None if not known.
+        position: End point of the lines so far for each axis of the machine, mm; None if not known.
     """
 
     file: str
     lines: PackedLines
     block: Block | None
-    position: tuple[float, ...] | None
+    position: Mapping[str, float] | None
 
 
 def steps(
     path: Iterable[PathChunk | Block],
     translator: LineTranslator,
-    on_lines: Callable[[Sequence[GcodeLine]], None] | None = None,
+    on_lines: Callable[[PackedLines], None] | None = None,
 ) -> Iterator[Step]:
     """Yield the steps of a path, each as soon as its lines are final.
 
@@ -82,11 +82,10 @@ def steps(
     file = ""
 
     def step(lines: Sequence[GcodeLine], block: Block | None) -> Step:
+        packed = PackedLines.of(lines)
         if on_lines is not None:
-            on_lines(lines)
-        position = translator.position
-        end = None if position is None else tuple(position)
-        return Step(file, PackedLines.of(lines), block, end)
+            on_lines(packed)
+        return Step(file, packed, block, translator.position)
 
     for item in path:
         file = item.file
@@ -136,7 +135,7 @@ class _Stream:
         self.text: tuple[Block | None, str] = (None, "")
         self.sent = 0
         self.file = ""
-        self.wanted: tuple[float, ...] | None = None
+        self.wanted: Mapping[str, float] | None = None
 
     def report(self) -> None:
         """Pass on a report of the board."""
@@ -219,10 +218,9 @@ class _Stream:
     def differing(self) -> list[tuple[str, float, float]]:
         """Return letter, planned and reported position of the axes that are not where they end."""
         return [
-            (letter, planned, reported)
-            for letter, planned, reported, step in zip(
-                "XYZ",
-                self.wanted or (),
+            (letter.upper(), planned, reported)
+            for (letter, planned), reported, step in zip(
+                (self.wanted or {}).items(),
                 self.board.position,
                 self.board.resolution,
                 strict=False,

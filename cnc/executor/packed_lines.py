@@ -8,26 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import LineEffect, LineKind
+from cnc.model.line_effects import effects_of, rows_of
 from cnc.model.streams import GcodeLine
-
-UNKNOWN = -1
-"""In place of a kind: the line carries no effect."""
-NO_EFFECT = (UNKNOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-ROW = np.dtype(
-    [
-        ("line", np.int32),
-        ("kind", np.int8),
-        ("plane", np.int8),
-        ("x", np.float64),
-        ("y", np.float64),
-        ("z", np.float64),
-        ("feed", np.float64),
-        ("center_first", np.float64),
-        ("center_second", np.float64),
-        ("seconds", np.float64),
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +18,8 @@ class PackedLines:
 
     Attributes:
         text: The lines, each with its line end.
-        rows: Source line and effect of each line (n,), of type ROW.
+        rows: Source line and effect of each line (n,), see
+            :func:`~cnc.model.line_effects.row_type`.
     """
 
     text: str
@@ -45,8 +28,9 @@ class PackedLines:
     @classmethod
     def of(cls, lines: Sequence[GcodeLine]) -> PackedLines:
         """Pack lines."""
-        text = "".join(line.text + "\n" for line in lines)
-        return cls(text, np.array([_row(line) for line in lines], ROW))
+        text = "".join([line.text + "\n" for line in lines])
+        rows = rows_of([line.line for line in lines], [line.effect for line in lines])
+        return cls(text, rows)
 
     @property
     def size(self) -> int:
@@ -57,26 +41,5 @@ class PackedLines:
         return len(self.rows)
 
     def __iter__(self) -> Iterator[GcodeLine]:
-        for text, row in zip(self.text.split("\n"), self.rows.tolist(), strict=False):
-            line, kind, plane, x, y, z, feed, first, second, seconds = row
-            effect = (
-                None
-                if kind == UNKNOWN
-                else LineEffect(LineKind(kind), (x, y, z), feed, plane, (first, second), seconds)
-            )
+        for text, (line, effect) in zip(self.text.split("\n"), effects_of(self.rows), strict=False):
             yield GcodeLine(text, line, effect)
-
-
-def _row(line: GcodeLine) -> tuple[float, ...]:
-    effect = line.effect
-    if effect is None:
-        return (line.line, *NO_EFFECT)
-    return (
-        line.line,
-        effect.kind,
-        effect.plane,
-        *effect.target,
-        effect.feed,
-        *effect.center,
-        effect.seconds,
-    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.moves import Move, PlaneArc
-from cnc.grbl_lines.number_format import PLANE_COLUMNS
+from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
 from cnc.grbl_lines.path_samples import NO_ARC, PathSamples
 from cnc.grbl_lines.speed_limits import NOTHING, SpeedLimits, corner_speeds
 from cnc.grbl_lines.travel_margin import TravelMargin
@@ -63,21 +63,24 @@ def fit_moves(samples: PathSamples, fit: Fit) -> Iterator[Move]:
     """
     k = len(samples)
     end, plane, arc = np.empty(k, np.int64), np.empty(k, np.int64), np.empty((k, 3))
-    may_turn = (samples.arc == NO_ARC) & ~np.isnan(samples.feed)
+    may_turn = (samples.arc == NO_ARC) & ~np.isnan(samples.feed) & ~samples.rotates
     speeds = _own_speeds(samples, fit)
-    own = samples.straight & ~_starving(samples, speeds, fit.line_time)
+    own = samples.rotates | (samples.straight & ~_starving(samples, speeds, fit.line_time))
     cuts = samples.cuts()
     cuts[:-1] |= own
     cuts[1:] |= own
-    limits = FitLimits(fit.tolerance, fit.chord, fit.travel.low, fit.travel.high)
-    count = fit_fewest(samples.points, cuts, may_turn, limits, end, plane, arc)
+    first_three = slice(len(LETTERS))
+    low, high = fit.travel.low[first_three], fit.travel.high[first_three]
+    limits = FitLimits(fit.tolerance, fit.chord, low, high)
+    points = np.ascontiguousarray(samples.points[:, first_three])
+    count = fit_fewest(points, cuts, may_turn, limits, end, plane, arc)
     end, plane, arc = _without_slow_arcs(
         samples, fit, speeds, (end[:count], plane[:count], arc[:count])
     )
     first = np.concatenate(([0], end[:-1]))
     straight = (plane == STRAIGHT) & (samples.arc[end - 1] == NO_ARC)
     columns = (
-        samples.points[end].tolist(),
+        map(tuple, samples.points[end].tolist()),
         first.tolist(),
         _speeds(samples, first, end, straight).tolist(),
         samples.feed[end - 1].tolist(),
@@ -88,7 +91,7 @@ def fit_moves(samples: PathSamples, fit: Fit) -> Iterator[Move]:
         arc.tolist(),
     )
     commands = samples.commands
-    for (x, y, z), begin, speed, feed, line, rests, programmed, kind, (cx, cy, sweep) in zip(
+    for place, begin, speed, feed, line, rests, programmed, kind, (cx, cy, sweep) in zip(
         *columns, strict=True
     ):
         if programmed != NO_ARC:
@@ -96,7 +99,7 @@ def fit_moves(samples: PathSamples, fit: Fit) -> Iterator[Move]:
         else:
             used = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
         carried = () if commands is None else commands[begin] or ()
-        yield Move((x, y, z), used, begin, speed, feed, line, rests, carried)
+        yield Move(place, used, begin, speed, feed, line, rests, carried)
 
 
 def _own_speeds(samples: PathSamples, fit: Fit) -> Floats:

@@ -6,13 +6,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from cnc.grbl_lines.number_format import board_axes
 from cnc.machine.models import Machine
 from cnc.model.units import per_second
 
-BLOCKS_AHEAD = 15
+BLOCKS_AHEAD = 14
+"""Moves that a planner of 15 knows on average when it begins one: the last place is free while the
+next line is read.
+"""
 JUNCTION_DEVIATION, ARC_TOLERANCE = 11, 12
-MAX_RATE, ACCELERATION = 110, 120
-"""Numbers of GRBL's settings; the last two are those of the X axis."""
+STEPS, MAX_RATE, ACCELERATION = 100, 110, 120
+"""Numbers of GRBL's settings; the last three are those of the X axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,50 +24,57 @@ class BoardLimits:
     """The limits of a board.
 
     Attributes:
-        rates: Highest rate of x, y, z, mm/s ($110 to $112).
-        accelerations: Acceleration of x, y, z, mm/s^2 ($120 to $122).
+        rates: Highest rate of each axis of the board, mm/s ($110..).
+        accelerations: Acceleration of each axis, mm/s^2 ($120..).
         junction_deviation: $11, mm.
         arc_tolerance: $12, mm.
-        blocks: Moves that the planner holds.
+        blocks: Moves that the planner looks ahead.
+        steps: Steps/mm of each axis ($100..), 0 where they are not known. A board plans with whole
+            steps: these turn short moves a little, and it slows down at every turn.
     """
 
-    rates: tuple[float, float, float]
-    accelerations: tuple[float, float, float]
+    rates: tuple[float, ...]
+    accelerations: tuple[float, ...]
     junction_deviation: float = 0.01
     arc_tolerance: float = 0.002
     blocks: int = BLOCKS_AHEAD
+    steps: tuple[float, ...] = ()
 
     @classmethod
     def of_machine(cls, machine: Machine) -> BoardLimits:
         """Return the limits in a machine file; GRBL's defaults for the others."""
         along = machine.path.max_tangential_acceleration or math.inf
-        axes = [machine.axes.get(letter) for letter in ("x", "y", "z")]
+        axes = [machine.axes.get(letter) for letter in board_axes(machine.axes)]
         rates = [math.inf if axis is None else axis.max_velocity for axis in axes]
         accelerations = [
             math.inf if axis is None else axis.max_acceleration or along for axis in axes
         ]
-        return cls(
-            (rates[0], rates[1], rates[2]),
-            (accelerations[0], accelerations[1], accelerations[2]),
-        )
+        steps = tuple(0.0 if axis is None else axis.steps_per_mm for axis in axes)
+        return cls(tuple(rates), tuple(accelerations), steps=steps)
 
     @classmethod
-    def of_board(cls, machine: Machine, settings: Mapping[int, float]) -> BoardLimits:
+    def of_board(
+        cls, machine: Machine, settings: Mapping[int, float], places: int = 0
+    ) -> BoardLimits:
         """Return the limits that a board reports.
 
         Args:
             machine: The machine file; its limits replace those that the board does not report.
             settings: The answer to ``$$``: number and value of each setting.
+            places: Moves that its planner holds; 0 where it is not known.
         """
         own = cls.of_machine(machine)
-        x, y, z = (
-            per_second(settings[MAX_RATE + k]) if settings.get(MAX_RATE + k) else own.rates[k]
-            for k in range(3)
-        )
-        a, b, c = (settings.get(ACCELERATION + k) or own.accelerations[k] for k in range(3))
         return cls(
-            (x, y, z),
-            (a, b, c),
+            tuple(
+                per_second(settings[MAX_RATE + k]) if settings.get(MAX_RATE + k) else rate
+                for k, rate in enumerate(own.rates)
+            ),
+            tuple(
+                settings.get(ACCELERATION + k) or acceleration
+                for k, acceleration in enumerate(own.accelerations)
+            ),
             settings.get(JUNCTION_DEVIATION, own.junction_deviation),
             settings.get(ARC_TOLERANCE) or own.arc_tolerance,
+            places - 1 if places > 1 else own.blocks,
+            steps=tuple(settings.get(STEPS + k) or known for k, known in enumerate(own.steps)),
         )

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,15 @@ from numpy.typing import NDArray
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.moves import Point
 from cnc.grbl_lines.number_format import PLANE_COLUMNS
-from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind
+from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind, effects_of
 from cnc.model.streams import GcodeLine
 
 Floats = NDArray[np.float64]
 
 BATCH = 8192
 """Blocks that are computed at once."""
+WORTH_ARRAYS = 16
+"""Straight moves in a row from which on they are added as arrays."""
 MOST_MARKS = 4096
 """Lines of the program for which the time is kept."""
 FEEDS = (0.1, 0.5, 1.0, 2.0)
@@ -63,17 +65,22 @@ class Largest:
     Attributes:
         speed: Along the path, mm/s.
         acceleration: Along the path, mm/s^2.
-        velocities: Of x, y, z (3,), mm/s.
-        accelerations: Of x, y, z (3,), mm/s^2, along the path.
+        velocities: Of each axis (n,), mm/s.
+        accelerations: Of each axis (n,), mm/s^2, along the path.
     """
 
+    velocities: list[float]
+    accelerations: list[float]
     speed: float = 0.0
     acceleration: float = 0.0
-    velocities: list[float] = field(default_factory=lambda: [0.0] * 3)
-    accelerations: list[float] = field(default_factory=lambda: [0.0] * 3)
+
+    @classmethod
+    def of_axes(cls, axes: int) -> Largest:
+        """Return zeros."""
+        return cls([0.0] * axes, [0.0] * axes)
 
     def add(self, units: Floats, speeds: Floats, accelerations: Floats) -> None:
-        """Add moves: directions (k, 3), highest speeds (k,), accelerations (k,), 0 without one."""
+        """Add moves: directions (k, n), highest speeds (k,), accelerations (k,), 0 without one."""
         self.speed = max(self.speed, float(speeds.max()))
         self.acceleration = max(self.acceleration, float(accelerations.max()))
         sizes = np.abs(units)
@@ -93,13 +100,17 @@ class BoardTime:
 
     Args:
         limits: The limits of the board.
-        start: Position of the board, x y z in mm (coordinates of the lines).
+        start: Position of each axis, mm (coordinates of the lines); None for zero.
     """
 
-    def __init__(self, limits: BoardLimits, start: Point = (0.0, 0.0, 0.0)) -> None:
-        self.largest = Largest()
+    def __init__(self, limits: BoardLimits, start: Point | None = None) -> None:
+        self.largest = Largest.of_axes(len(limits.rates))
         self.limits = limits
+        start = start or (0.0,) * len(limits.rates)
         self._at = start
+        # The board stands on a whole step.
+        self._origin = np.array(start)
+        self._steps = np.array(limits.steps or (0.0,) * len(start))
         self._lines = 0
         self._points: list[Point] = [start]
         self._feeds: list[float] = []
@@ -172,12 +183,39 @@ class BoardTime:
         elif len(self._feeds) >= BATCH + self.limits.blocks:
             self._flush(rests=False)
 
+    def add_rows(self, rows: NDArray[np.void]) -> None:
+        """Add lines in the form of :func:`~cnc.model.line_effects.row_type`."""
+        kinds = rows["kind"]
+        others = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
+        first = 0
+        for place in [*others, len(rows)]:
+            if place - first >= WORTH_ARRAYS:
+                for begin in range(first, place, BATCH):
+                    self._add_straights(rows[begin : min(begin + BATCH, place)])
+                first = place
+            for line, effect in effects_of(rows[first : place + 1]):
+                self.add(GcodeLine("", line, effect))
+            first = place + 1
+
+    def _add_straights(self, rows: NDArray[np.void]) -> None:
+        """Add straight moves."""
+        ends = np.concatenate(([self._at], rows["target"]))
+        # An axis that a line does not name stays where the line before has left it.
+        named = np.where(np.isnan(ends), 0, np.arange(len(ends))[:, None])
+        ends = np.take_along_axis(ends, np.maximum.accumulate(named), axis=0)
+        self._points += map(tuple, ends[1:].tolist())
+        self._feeds += np.where(rows["kind"] == LineKind.RAPID, math.nan, rows["feed"]).tolist()
+        self._owners += range(self._lines + 1, self._lines + len(rows) + 1)
+        self._lines += len(rows)
+        self._at = self._points[-1]
+        if len(self._feeds) >= BATCH + self.limits.blocks:
+            self._flush(rests=False)
+
     def _add_move(self, effect: LineEffect) -> None:
-        x, y, z = (
+        end = tuple(
             here if math.isnan(target) else target
             for target, here in zip(effect.target, self._at, strict=True)
         )
-        end = x, y, z
         points = self._chords(effect, end) if effect.kind in ARCS else [end]
         feed = math.nan if effect.kind is LineKind.RAPID else effect.feed
         self._points += points
@@ -203,12 +241,13 @@ class BoardTime:
         count = max(1, math.floor(0.5 * abs(sweep) * radius / half))
         part = np.arange(1, count) / count
         cos, sin = np.cos(part * sweep), np.sin(part * sweep)
-        rows = np.empty((count, 3))
+        rows = np.empty((count, len(end)))
+        rows[:] = begin
         rows[:-1, i] = cx + cos * x - sin * y
         rows[:-1, j] = cy + sin * x + cos * y
         rows[:-1, across] = begin[across] + (end[across] - begin[across]) * part
         rows[-1] = end
-        return [(a, b, c) for a, b, c in rows.tolist()]
+        return [tuple(row) for row in rows.tolist()]
 
     def _flush(self, *, rests: bool) -> None:
         """Add up the blocks so far.
@@ -217,7 +256,7 @@ class BoardTime:
         others.
         """
         points = np.array(self._points)
-        steps = np.diff(points, axis=0)
+        steps = np.diff(self._whole_steps(points), axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         real = lengths > 1e-9
         steps, lengths = steps[real], lengths[real]
@@ -239,7 +278,7 @@ class BoardTime:
             )
             self._mark(owners[:done], times)
         if rests:
-            self._points, self._feeds, self._owners = [points[-1].tolist()], [], []
+            self._points, self._feeds, self._owners = [tuple(points[-1].tolist())], [], []
             self._before = None
             self._entry[:] = 0.0
         elif done:
@@ -251,6 +290,12 @@ class BoardTime:
                 self._owners[behind:],
             )
             self._before = units[done - 1]
+
+    def _whole_steps(self, points: Floats) -> Floats:
+        """Return the nearest points that whole steps reach."""
+        known = np.where(self._steps > 0.0, self._steps, 1.0)
+        on_grid = np.rint((points - self._origin) * known) / known + self._origin
+        return np.where(self._steps > 0.0, on_grid, points)
 
     def _times(
         self, case: int, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int

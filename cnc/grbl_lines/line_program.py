@@ -19,10 +19,10 @@ from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.exact_path import exact_path
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
-from cnc.grbl_lines.number_format import LETTERS
+from cnc.grbl_lines.number_format import board_axes
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.models import Machine
-from cnc.model.blocks import AXIS_LETTERS, Block
+from cnc.model.blocks import AXIS_LETTERS, AxisLetter, Block
 from cnc.model.parameter_numbers import G54_ORIGIN
 from cnc.model.streams import GcodeLine
 
@@ -50,7 +50,7 @@ class LineProgram:
         machine = self.machine
         moving = "".join(
             letter
-            for letter in LETTERS.lower()
+            for letter in self._letters
             if letter in self.extent and self.extent[letter][0] < self.extent[letter][1]
         )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
@@ -61,11 +61,15 @@ class LineProgram:
 
     @property
     def work_offset(self) -> list[float]:
-        """Origin of G54, x y z in mm."""
+        """Origin of G54 for each axis of the board, mm."""
         return [
             self.parameters.get(G54_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
-            for letter in LETTERS.lower()
+            for letter in self._letters
         ]
+
+    @property
+    def _letters(self) -> tuple[AxisLetter, ...]:
+        return board_axes(self.machine.axes)
 
     def write(self, blocks: Iterable[Block], write: Callable[[str], None] | None) -> BoardTime:
         """Write the lines and return their time.
@@ -75,11 +79,11 @@ class LineProgram:
             write: Takes text; None to compute the time only.
         """
         places = dict(zip(self.machine.axis_names, self.start.tolist(), strict=True))
-        x, y, z = (
+        start = tuple(
             places.get(letter, 0.0) - offset
-            for letter, offset in zip(LETTERS.lower(), self.work_offset, strict=True)
+            for letter, offset in zip(self._letters, self.work_offset, strict=True)
         )
-        clock = BoardTime(BoardLimits.of_machine(self.machine), (x, y, z))
+        clock = BoardTime(BoardLimits.of_machine(self.machine), start)
         for line in self.lines(blocks):
             clock.add(line)
             if write is not None:

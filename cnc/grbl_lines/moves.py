@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 from cnc.model.blocks import Block
 
-Point = tuple[float, float, float]
+Point = tuple[float, ...]
+"""Position of each axis of the board: x, y, z, and the rotary axes that the machine has; mm or
+degrees.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +35,11 @@ class Move(NamedTuple):
     """A line or an arc to ``end``.
 
     Attributes:
-        end: End point x, y, z, mm (machine coordinates).
+        end: End point (machine coordinates).
         arc: The arc; None for a straight move.
         first: Index of the interval of the path samples where the move begins.
-        speed: Highest speed along the move, mm/s.
-        feed: Programmed feed, mm/s; NaN for a traverse.
+        speed: Highest speed along the move, mm/s, by its length in all axes.
+        feed: Programmed feed by the same length, mm/s; NaN for a traverse.
         line: Source line of the end.
         rests: Whether the motion comes to rest at the end.
         commands: Commands that take effect at the begin of the move, in motion.

@@ -9,7 +9,9 @@ Commands"). Text of a program must not contain them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+
+from cnc.model.blocks import AXIS_LETTERS, AxisLetter
 
 LONGEST = 79
 """Characters of a line without its end: GRBL's line buffer holds 80 with the end of the string
@@ -17,6 +19,8 @@ LONGEST = 79
 """
 
 LETTERS = "XYZ"
+BOARD_LETTERS = "XYZABC"
+"""Axes of a board in the order of its settings and reports. GRBL 1.1 has the first three."""
 PLANE_WORDS = ("G17", "G18", "G19")
 """By the number of the plane: XY, ZX, YZ."""
 PLANE_COLUMNS = ((0, 1, 2), (2, 0, 1), (1, 2, 0))
@@ -29,6 +33,17 @@ FEED_STEP = 0.05
 """Relative difference between planned speed and feed in effect below which no F word is sent."""
 
 _REPLACED = str.maketrans({"!": ".", "?": ".", "~": "-", "(": "[", ")": "]", ";": ",", "%": " "})
+
+
+def board_letters(axes: Iterable[str]) -> str:
+    """Return the axes of a board that can move a machine with these axes: XYZ at least."""
+    last = max((BOARD_LETTERS.find(letter.upper()) for letter in axes), default=-1)
+    return BOARD_LETTERS[: max(last + 1, len(LETTERS))]
+
+
+def board_axes(axes: Iterable[str]) -> tuple[AxisLetter, ...]:
+    """Return the same axes in small letters."""
+    return AXIS_LETTERS[: len(board_letters(axes))]
 
 
 def number(value: float, digits: int) -> str:

@@ -22,7 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.moves import PlaneArc
-from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
+from cnc.grbl_lines.number_format import (
+    BOARD_LETTERS,
+    LETTERS,
+    PLANE_COLUMNS,
+    board_letters,
+)
 from cnc.grbl_lines.speed_limits import SpeedLimits
 from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, U0, U1, curve_eval
@@ -46,12 +51,15 @@ class PathSamples:
     """Points of a path and the intervals between them.
 
     Attributes:
-        points: x, y, z of each point (k + 1, 3), mm; 0 for an axis that the machine lacks.
+        points: Position of each axis of the board at each point (k + 1, n), mm or degrees; 0 for
+            an axis that the machine lacks.
         rest: Whether the motion comes to rest at each point (k + 1,).
         speed: Highest speed in each interval (k,), mm/s, at most its feed.
-        feed: Programmed feed of each interval (k,), mm/s; NaN for a traverse.
+        feed: Programmed feed of each interval (k,), mm/s; NaN for a traverse. Both are by the
+            length in all axes, as the board reads them.
         line: Source line of each interval (k,).
         straight: Whether an interval is a straight move of the program (k,).
+        rotates: Whether an axis beside x, y, z moves (k,). Such an interval becomes one line.
         arc: Index in ``arcs`` of the programmed arc of each interval (k,), or NO_ARC.
         arcs: The programmed arcs.
         commands: Commands that take effect at the start of an interval (k,); None without any.
@@ -63,6 +71,7 @@ class PathSamples:
     feed: Floats
     line: NDArray[np.int32]
     straight: Flags
+    rotates: Flags
     arc: NDArray[np.int64]
     arcs: tuple[PlaneArc, ...]
     commands: Commands | None = None
@@ -95,6 +104,7 @@ class PathSamples:
             np.concatenate((before.feed, after.feed)),
             np.concatenate((before.line, after.line)),
             np.concatenate((before.straight, after.straight)),
+            np.concatenate((before.rotates, after.rotates)),
             np.concatenate((before.arc, arc)),
             before.arcs + after.arcs,
             joined(((before.commands, len(before)), (after.commands, len(after)))),
@@ -123,6 +133,7 @@ class PathSampler:
     Args:
         axes: Letters of the machine's axes.
         chord_error: Largest distance of chords between the samples from the path, mm.
+        line_error: The same where a rotary axis moves, and the chords are sent as lines, mm.
         travel: Limits of the travel; an arc that leaves them is sampled as a curve.
         limits: Limits of the speed.
     """
@@ -131,12 +142,15 @@ class PathSampler:
         self,
         axes: tuple[str, ...],
         chord_error: float,
+        line_error: float,
         travel: TravelMargin,
         limits: SpeedLimits,
     ) -> None:
-        self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
-        self._other_axes = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
+        letters = board_letters(axes).lower()
+        self._columns = [axes.index(letter) if letter in axes else -1 for letter in letters]
+        self._other_axes = [k for k, axis in enumerate(axes) if axis not in letters]
         self._chord_error = chord_error
+        self._line_error = line_error
         self._travel = travel
         self._limits = limits
 
@@ -146,7 +160,7 @@ class PathSampler:
         kinds, n = path.kind, len(path.axes)
         borders = np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1
         head = int(path.at[0]) + START
-        points = [self._xyz(path.data[head : head + n][None])]
+        points = [self._places(path.data[head : head + n][None])]
         speeds: list[Floats] = []
         counts: list[int] = []
         arcs: list[PlaneArc] = []
@@ -156,7 +170,7 @@ class PathSampler:
             programmed = None
             if kinds[begin] == LINE:
                 ends = path.at[begin:end, None] + (START + n + np.arange(n))
-                rows = self._xyz(path.data[ends])
+                rows = self._places(path.data[ends])
                 speeds.append(self._limits.straight(np.diff(rows, axis=0, prepend=before)))
                 counts += [1] * (end - begin)
             elif (programmed := self._programmed_arc(path, begin)) is not None:
@@ -175,17 +189,45 @@ class PathSampler:
         rest[np.cumsum(counts)] = path.stop_after
         feed = path.feed[each]
         most = np.fmin(np.where(np.isnan(feed), np.inf, self._limits.feed), feed)
+        joined_points = np.concatenate(points)
+        rotates, ratio = self._rotation(path, each, joined_points)
+        feed = feed * ratio
         return PathSamples(
-            points=self._travel.inside(np.concatenate(points)),
+            points=self._travel.inside(joined_points),
             rest=rest,
-            speed=np.minimum(np.concatenate(speeds), most),
+            speed=np.minimum(np.concatenate(speeds), most * ratio),
             feed=feed,
             line=path.line[each],
             straight=kinds[each] == LINE,
+            rotates=rotates,
             arc=np.repeat(np.array(arc), counts),
             arcs=tuple(arcs),
             commands=self._commands(path, counts),
         )
+
+    def _rotation(
+        self, path: PathChunk, each: NDArray[np.int64], points: Floats
+    ) -> tuple[Flags, Floats]:
+        """Return where a rotary axis moves, and how much longer the move is in all axes.
+
+        The feed of the path is along x, y, z (degrees for a move of rotary axes alone). A board
+        takes it along all axes together.
+
+        Args:
+            path: The pieces.
+            each: Piece of each interval (k,).
+            points: Ends of the intervals (k + 1, n).
+        """
+        if points.shape[1] == len(LETTERS):
+            return np.zeros(len(each), np.bool_), np.ones(len(each))
+        steps = np.diff(points, axis=0)
+        rotates = (steps[:, len(LETTERS) :] != 0.0).any(axis=1)
+        whole = np.linalg.norm(steps, axis=1)
+        linear = np.linalg.norm(steps[:, : len(LETTERS)], axis=1)
+        along = np.where(path.kind[each] == LINE, path.length[each], linear)
+        known = rotates & (along > 0.0)
+        ratio = np.where(known, whole / np.where(known, along, 1.0), 1.0)
+        return rotates, ratio
 
     def _arc_speed(self, arc: PlaneArc, start: Floats, end: Floats) -> float:
         """Return the highest speed along an arc of the program, mm/s."""
@@ -204,12 +246,12 @@ class PathSampler:
         )
 
     def _ends(self, path: PathChunk, k: int) -> Floats:
-        """Return both ends of a piece (2, 3)."""
+        """Return both ends of a piece (2, n)."""
         n, at = len(path.axes), int(path.at[k]) + START
-        return self._xyz(path.data[at : at + 2 * n].reshape(2, n))
+        return self._places(path.data[at : at + 2 * n].reshape(2, n))
 
     def _curve(self, path: PathChunk, k: int) -> Floats:
-        """Return samples of a curve after its start (m, 3)."""
+        """Return samples of a curve after its start (m, n)."""
         kind, at, data = int(path.kind[k]), int(path.at[k]), path.data
         n = len(path.axes)
         body = at + START + 2 * n
@@ -225,14 +267,14 @@ class PathSampler:
                     curve_eval(kind, data, at, u0 + (u1 - u0) * float(u[i]), out)
                     rows[i] = out[0]
             rows[-1] = data[at + START + n : body]
-            points = np.concatenate((self._ends(path, k)[:1], self._xyz(rows)))
+            points = np.concatenate((self._ends(path, k)[:1], self._places(rows)))
             # a chord deviates by an eighth of the second difference
             bend = float(np.abs(np.diff(points, 2, axis=0)).max()) * math.sqrt(3.0) / 8.0
-            if bend <= self._chord_error or count >= MOST_CHORDS:
+            rotates = bool((points[1:, len(LETTERS) :] != points[0, len(LETTERS) :]).any())
+            error = self._line_error if rotates else self._chord_error
+            if bend <= error or count >= MOST_CHORDS:
                 break
-            count = min(
-                MOST_CHORDS, max(2 * count, math.ceil(count * math.sqrt(bend / self._chord_error)))
-            )
+            count = min(MOST_CHORDS, max(2 * count, math.ceil(count * math.sqrt(bend / error))))
         return points[1:]
 
     def _programmed_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
@@ -246,14 +288,17 @@ class PathSampler:
         columns = self._columns.index(int(i)), self._columns.index(int(j))
         if abs(growth) > self._chord_error or columns not in PLANE_OF_COLUMNS:
             return None
+        begin, end = self._ends(path, k)
+        if (begin[len(LETTERS) :] != end[len(LETTERS) :]).any():
+            return None
         center = path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey
-        if not self._travel.holds_arc(columns, center, self._ends(path, k)[0], sweep):
+        if not self._travel.holds_arc(columns, center, begin, sweep):
             return None
         return PlaneArc(PLANE_OF_COLUMNS[columns], center, sweep)
 
-    def _xyz(self, rows: Floats) -> Floats:
-        """Return x, y, z (k, 3) of positions of all axes (k, n)."""
-        out = np.zeros((len(rows), 3))
+    def _places(self, rows: Floats) -> Floats:
+        """Return positions of the board's axes from those of the machine's (k, axes)."""
+        out = np.zeros((len(rows), len(self._columns)))
         for to, column in enumerate(self._columns):
             if column >= 0:
                 out[:, to] = rows[:, column]
@@ -268,7 +313,8 @@ class PathSampler:
             if len(moves):
                 line = int(path.line[moves[0]])
                 axis = path.axes[column].upper()
-                message = f"a GRBL board moves X, Y and Z only; this line moves {axis}"
+                names = ", ".join(BOARD_LETTERS)
+                message = f"a GRBL board has the axes {names} at most; this line moves {axis}"
                 raise GcodeError(
                     Diagnostic(
                         "axis-not-on-board",

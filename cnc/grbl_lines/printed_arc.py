@@ -56,13 +56,13 @@ that is fitted to a path.
 
 
 class Printed(NamedTuple):
-    """A point as a line gives it: numbers x, y, z in mm, and their text.
+    """A point as a line gives it: a number for each axis of the board, and its text.
 
     The text of an axis is None where its position is known only roughly.
     """
 
     values: Point
-    texts: tuple[str | None, str | None, str | None]
+    texts: tuple[str | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +106,11 @@ class ArcPrinter:
 
     def printed(self, point: Point) -> Printed:
         """Return the coordinates of a line for a point in machine coordinates."""
-        x, y, z = (self.text(value, axis) for axis, value in enumerate(point))
-        return Printed((float(x), float(y), float(z)), (x, y, z))
+        texts = tuple(self.text(value, axis) for axis, value in enumerate(point))
+        return Printed(tuple(map(float, texts)), texts)
 
     def text(self, value: float, axis: int) -> str:
-        """Return the number of a line for a machine coordinate of an axis, 0 to 2."""
+        """Return the number of a line for a machine coordinate of an axis, from 0."""
         return number(value - self.offset[axis], self.digits)
 
     def chords_of(self, printed: PrintedArc, arc: PlaneArc) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.moves import PlaneArc
-from cnc.grbl_lines.number_format import PLANE_COLUMNS
+from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS, board_axes
 from cnc.machine.models import Machine
 
 Floats = NDArray[np.float64]
@@ -33,9 +33,9 @@ class SpeedLimits(NamedTuple):
 
     Attributes:
         feed: Highest feed, mm/s.
-        rates: Highest speed of x, y, z (3,), mm/s.
-        accelerations: Of x, y, z (3,), mm/s^2.
-        jerks: Of x, y, z (3,), mm/s^3.
+        rates: Highest speed of each axis of the board (n,), mm/s.
+        accelerations: Of each axis (n,), mm/s^2.
+        jerks: Of each axis (n,), mm/s^3.
         normal: Highest acceleration across the path, mm/s^2.
     """
 
@@ -48,7 +48,7 @@ class SpeedLimits(NamedTuple):
     @classmethod
     def of(cls, machine: Machine) -> SpeedLimits:
         """Return the limits of a machine file."""
-        axes = [machine.axes.get(letter) for letter in ("x", "y", "z")]
+        axes = [machine.axes.get(letter) for letter in board_axes(machine.axes)]
 
         def each(name: str) -> Floats:
             return np.array([getattr(axis, name, None) or math.inf for axis in axes])
@@ -62,7 +62,7 @@ class SpeedLimits(NamedTuple):
         )
 
     def straight(self, steps: Floats) -> Floats:
-        """Return the highest speed along each of the steps (k, 3), (k,) in mm/s."""
+        """Return the highest speed along each of the steps (k, n), (k,) in mm/s."""
         lengths = np.linalg.norm(steps, axis=1)
         parts = np.abs(steps) / np.maximum(lengths, NOTHING)[:, None]
         speeds: Floats = (self.rates / np.maximum(parts, NOTHING)).min(axis=1)
@@ -72,7 +72,7 @@ class SpeedLimits(NamedTuple):
         """Return the highest speed in each interval between the samples of a curve.
 
         Args:
-            points: Samples from the start of the curve to its end (k + 1, 3), mm, k >= 2.
+            points: Samples from the start of the curve to its end (k + 1, n), mm, k >= 2.
 
         Returns:
             The larger one of the limits at both ends of each interval (k,), mm/s.
@@ -85,7 +85,8 @@ class SpeedLimits(NamedTuple):
         bends = np.concatenate((bends[:1], bends, bends[-1:]))
         sizes = np.abs(bends)
         by_axis = (self.accelerations / np.maximum(sizes, NOTHING)).min(axis=1)
-        by_path = self.normal / np.maximum(np.linalg.norm(bends, axis=1), NOTHING)
+        across = np.linalg.norm(bends[:, : len(LETTERS)], axis=1)
+        by_path = self.normal / np.maximum(across, NOTHING)
         at_samples = np.sqrt(np.minimum(by_axis, by_path))
         changes = np.abs(np.diff(bends, axis=0)) / lengths[:, None]
         by_jerk = np.cbrt((self.jerks / np.maximum(changes, NOTHING)).min(axis=1))
@@ -120,8 +121,8 @@ def corner_speeds(points: Floats, accelerations: Floats, deviation: float) -> Fl
     """Return the speed at which the board passes each inner point (k - 1,), mm/s.
 
     Args:
-        points: Ends of straight moves (k + 1, 3), mm.
-        accelerations: Of x, y, z (3,), mm/s^2.
+        points: Ends of straight moves (k + 1, n), mm.
+        accelerations: Of each axis (n,), mm/s^2.
         deviation: The board's $11, mm; see :mod:`cnc.grbl_lines.grbl_timing`.
     """
     steps = np.diff(points, axis=0)

@@ -9,8 +9,8 @@ Arcs stay arcs. All other motion becomes lines and arcs within a tolerance.
 holds for one line and not for arcs), so lines are in work coordinates with G54 selected. The
 Translator must know the offset that the board adds to them:
 
-    work_offset = G54 + G92 + tool length, x y z in mm: the ``WCO`` of a status report while G54 is
-    selected.
+    work_offset = G54 + G92 + tool length of each axis of the board, mm: the ``WCO`` of a status
+    report while G54 is selected.
 
 The first line selects G54, and no line changes an offset, so that WCO stays. A driver asks the
 board for these numbers (``$#``, or ``?`` after G54) and has the program read with the same offsets.
@@ -34,6 +34,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -41,7 +42,7 @@ from cnc.grbl_lines.arc_fit import Fit, fit_moves
 from cnc.grbl_lines.commands import CommandLines, probe_word
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
-from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
+from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS, board_letters
 from cnc.grbl_lines.path_samples import PathSampler, PathSamples
 from cnc.grbl_lines.speed_limits import SpeedLimits
 from cnc.grbl_lines.travel_margin import TravelMargin
@@ -67,6 +68,8 @@ JUNCTION_DEVIATION = 0.01
 """mm: GRBL's default for $11."""
 SHORT_LINE = 17
 """Characters of a line with two axes."""
+SAME_ANGLE = 1e-6
+"""Degrees within which a rotary axis stays during a probing move."""
 MIN_TOLERANCE = 1e-3
 """mm. The board computes with 32-bit floats, at 300 mm accurate to a hundredth of this."""
 
@@ -81,13 +84,13 @@ class Translator:
         machine: The machine file.
         tolerance: Largest distance of the lines from the program, mm; None for ``path.tolerance``
             of the machine. The path is that of :func:`~cnc.grbl_lines.exact_path.exact_path`.
-        work_offset: See the head of this module.
+        work_offset: See the head of this module; None for none.
         arc_tolerance: The board's $12, mm: largest distance of its chords from an arc.
         junction_deviation: The board's $11, mm.
         mist: Whether the board has M7.
         margin: Distance of lines from the ends of the travel, mm
             (:mod:`cnc.grbl_lines.travel_margin`).
-        moving: For a program that may start anywhere: the axes, of "xyz", that move in it. A
+        moving: For a program that may start anywhere: the axes that move in it. A
             traverse names each of them before the first feed move. None for a board that stands at
             the start of the path.
     """
@@ -97,7 +100,7 @@ class Translator:
         machine: Machine,
         tolerance: float | None = None,
         *,
-        work_offset: Sequence[float] = (0.0, 0.0, 0.0),
+        work_offset: Sequence[float] | None = None,
         arc_tolerance: float = ARC_TOLERANCE,
         junction_deviation: float = JUNCTION_DEVIATION,
         mist: bool = False,
@@ -108,8 +111,10 @@ class Translator:
         self.tolerance = max(
             machine.path.tolerance if tolerance is None else tolerance, MIN_TOLERANCE
         )
-        letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
+        letters = board_letters(axes)
+        named = "".join(letter for letter in letters if letter.lower() in axes)
         self._axes = axes
+        self._letters = letters
         self._commands = CommandLines(mist=mist)
         travel = TravelMargin.of(machine, margin)
         self._travel = travel
@@ -122,9 +127,16 @@ class Translator:
             travel,
             self._limits,
         )
-        self._sampler = PathSampler(axes, SAMPLING * self.tolerance, travel, self._limits)
+        self._sampler = PathSampler(
+            axes, SAMPLING * self.tolerance, FITTING * self.tolerance, travel, self._limits
+        )
         self._writer = LineWriter(
-            work_offset, self.tolerance, machine.board.baud, letters, arc_tolerance
+            work_offset or (0.0,) * len(letters),
+            self.tolerance,
+            machine.board.baud,
+            letters,
+            named,
+            arc_tolerance,
         )
         self._to_name = "" if moving is None else moving.upper()
         self._pending: PathSamples | None = None
@@ -134,6 +146,7 @@ class Translator:
         self._assumed: Probe | None = None
         """A probe without an answer, as in a dry run."""
         self._position: Point | None = None
+        self._before_probe: dict[str, float] = {}
 
     @property
     def lowered(self) -> LoweredFeeds:
@@ -141,12 +154,15 @@ class Translator:
         return self._writer.lowered
 
     @property
-    def position(self) -> Point | None:
-        """The end of the lines so far, x y z in mm (machine coordinates).
+    def position(self) -> dict[str, float] | None:
+        """The end of the lines so far for each axis that they move (machine coordinates).
 
         None where it is not known: before the first move, and after a probe.
         """
-        return self._position
+        if self._position is None:
+            return None
+        known = dict(zip(self._letters.lower(), self._position, strict=True))
+        return {letter: known[letter] for letter in self._axes if letter in known}
 
     def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
         """Yield the lines that the next item of the path makes certain.
@@ -210,20 +226,27 @@ class Translator:
             # The board stands here when nothing has moved; after a probe it may stand a little
             # farther.
             known = self._position is None and not self._commands.moved
-            self._position = _point(samples.points[0].tolist())
+            self._position = tuple(samples.points[0].tolist())
             if known:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
-        last: Move | None = None
-        for move in fit_moves(samples, self._fit):
-            if last is not None:
-                yield from self._move(last)
-            last = move
-        if last is not None and whole:
-            yield from self._move(last)
-        elif last is not None:
+        moves = list(fit_moves(samples, self._fit))
+        if moves and not whole:
             # later samples may continue this move
-            self._pending = samples.from_interval(last.first)
+            self._pending = samples.from_interval(moves.pop().first)
+        for plain, run in groupby(moves, self._is_plain):
+            if plain and not self._rests and not self._to_name:
+                run_moves = list(run)
+                yield from self._writer.straights(run_moves)
+                self._position = run_moves[-1].end
+            else:
+                for move in run:
+                    yield from self._move(move)
+
+    @staticmethod
+    def _is_plain(move: Move) -> bool:
+        """Return whether a move is straight, without a command or a rest."""
+        return move.arc is None and not move.rests and not move.commands
 
     def _move(self, move: Move) -> Iterator[GcodeLine]:
         """Yield the lines of one move."""
@@ -259,19 +282,15 @@ class Translator:
         return self._limits.arc(arc, radius, climb)
 
     def _probe(self, probe: Probe) -> GcodeLine:
+        before = self.position or self._before_probe
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):
-            if axis.upper() not in LETTERS and end:
+            if axis.upper() not in LETTERS and abs(end - before.get(axis, 0.0)) > SAME_ANGLE:
                 message = f"a GRBL board probes along X, Y and Z only, not along {axis.upper()}"
                 raise GcodeError(Diagnostic("axis-not-on-board", message, probe.file, probe.line))
         ends = dict(zip(self._axes, probe.end.tolist(), strict=True))
-        wanted = np.array([[ends.get(letter.lower(), 0.0) for letter in LETTERS]])
-        end = _point(self._travel.inside(wanted)[0].tolist())
+        wanted = np.array([[ends.get(letter, 0.0) for letter in self._letters.lower()]])
+        end = tuple(self._travel.inside(wanted)[0].tolist())
         self._probing = probe
         self._commands.moved = True
-        self._position = None
+        self._before_probe, self._position = before, None
         return self._writer.probe(probe_word(probe), end, probe.feed, probe.line)
-
-
-def _point(row: Sequence[float]) -> Point:
-    x, y, z = row
-    return x, y, z

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.grbl_lines.number_format import board_axes
 from cnc.kernels.grbl_lines.arc_fit import arc_stays_inside
 from cnc.machine.models import Machine
 
@@ -35,10 +36,10 @@ class TravelMargin:
     """The travel of a machine and the limits of lines and arcs in it.
 
     Attributes:
-        bottom: Lowest position of x, y, z (3,), mm; minus infinity without travel.
-        top: Highest position (3,), mm.
-        low: Lowest position at which an arc may turn back (3,), mm.
-        high: Highest position at which an arc may turn back (3,), mm.
+        bottom: Lowest position of each axis of the board (n,), mm; minus infinity without travel.
+        top: Highest position (n,), mm.
+        low: Lowest position at which an arc may turn back (n,), mm.
+        high: Highest position at which an arc may turn back (n,), mm.
         margin: Distance of lines from the ends of the travel, mm.
     """
 
@@ -51,7 +52,8 @@ class TravelMargin:
     @classmethod
     def of(cls, machine: Machine, margin: float) -> TravelMargin:
         """Return the travel of a machine with a margin in mm."""
-        axes = [machine.axes.get(letter) for letter in ("x", "y", "z")]
+        letters = board_axes(machine.axes)
+        axes = [machine.axes.get(letter) for letter in letters]
         spans = [
             (-np.inf, np.inf) if axis is None or axis.travel is None else axis.travel
             for axis in axes
@@ -61,7 +63,7 @@ class TravelMargin:
         return cls(bottom, top, bottom + away, top - away, margin)
 
     def inside(self, points: Floats) -> Floats:
-        """Return points (k, 3) with those in the margin moved out of it.
+        """Return points (k, n) with those in the margin moved out of it.
 
         Points beyond the travel stay, because no place is right for them.
         """
@@ -79,7 +81,7 @@ class TravelMargin:
         Args:
             plane: Columns of the two axes of its plane.
             center: Centre along these axes, mm.
-            start: Start point (3,), mm.
+            start: Start point (n,), mm.
             sweep: Angle in rad, positive for counter-clockwise.
         """
         i, j = plane

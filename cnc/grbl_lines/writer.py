@@ -7,7 +7,7 @@ moves.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
@@ -16,6 +16,7 @@ from cnc.grbl_lines.number_format import (
     CENTER_LETTERS,
     FEED_STEP,
     LETTERS,
+    LONGEST,
     PLANE_COLUMNS,
     PLANE_WORDS,
     feed_word,
@@ -34,6 +35,8 @@ LINE_END = 2
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
+MOST_AHEAD = BLOCKS_AHEAD * LINE_TIME
+"""Seconds by which motion may be ahead of the line rate."""
 
 MOTION_WORDS = {
     LineKind.RAPID: "G0",
@@ -55,7 +58,8 @@ class LineWriter:
         offset: Work offset that the board adds to the coordinates of a line, mm.
         tolerance: Largest distance of lines from the program, mm.
         baud: Speed of the link, bit/s.
-        letters: The axes of XYZ that the machine has.
+        letters: The axes of the board.
+        named: Those of them that the machine has.
         chord: Largest distance of the board's own chords from an arc, mm.
 
     Attributes:
@@ -63,13 +67,20 @@ class LineWriter:
     """
 
     def __init__(
-        self, offset: Sequence[float], tolerance: float, baud: int, letters: str, chord: float
+        self,
+        offset: Sequence[float],
+        tolerance: float,
+        baud: int,
+        letters: str,
+        named: str,
+        chord: float,
     ) -> None:
         self._arcs = ArcPrinter(offset, tolerance, chord)
-        self._baud = baud
+        self._line_times = [line_time(characters, baud) for characters in range(LONGEST + 1)]
         self._letters = letters
-        self._axes = [(k, letter) for k, letter in enumerate(LETTERS) if letter in letters]
-        self._at = Printed((0.0, 0.0, 0.0), (None, None, None))
+        self._axes = [(k, letter) for k, letter in enumerate(letters) if letter in named]
+        self._unknown = (None,) * len(letters)
+        self._at = Printed((0.0,) * len(letters), self._unknown)
         self._point: Point | None = None
         self._motion = self._feed_text = ""
         self._plane = 0
@@ -82,7 +93,7 @@ class LineWriter:
     @property
     def position_known(self) -> bool:
         """Whether the position of the board is known exactly."""
-        return None not in self._at.texts
+        return all(self._at.texts[k] is not None for k, _ in self._axes)
 
     def stands_at(self, point: Point) -> None:
         """Set the position of the board, mm (machine coordinates)."""
@@ -91,7 +102,7 @@ class LineWriter:
 
     def position_lost(self) -> None:
         """The board is near its last position only: the next line names all axes."""
-        self._at, self._point = Printed(self._at.values, (None, None, None)), None
+        self._at, self._point = Printed(self._at.values, self._unknown), None
 
     def program_ended(self) -> None:
         """M2 sets the modes back: G1, G17, and others that never change."""
@@ -115,13 +126,13 @@ class LineWriter:
         itself are left out.
 
         Args:
-            letters: The axes, of "XYZ".
+            letters: The axes.
             move: The move to come.
         """
         coming = self._at.texts if move.arc is not None else self._arcs.printed(move.end).texts
         missing = [
             letter
-            for letter, here, there in zip(LETTERS, self._at.texts, coming, strict=True)
+            for letter, here, there in zip(self._letters, self._at.texts, coming, strict=True)
             if letter in letters
             and letter not in self._named
             and here is not None
@@ -138,7 +149,7 @@ class LineWriter:
     def move(self, move: Move) -> Iterator[GcodeLine]:
         """Yield the lines of a move: one, or several for an arc."""
         if move.arc is None:
-            yield from self._straight(move)
+            yield from self.straights((move,))
         else:
             yield from self._arc(move, move.arc)
 
@@ -152,63 +163,63 @@ class LineWriter:
             line: Source line.
         """
         printed = self._arcs.printed(end)
-        letters = self._changed(printed) or [each for each in LETTERS if each in self._letters]
+        named = [letter for _, letter in self._axes if letter in LETTERS]
+        letters = self._changed(printed) or named
         self._set_feed(feed, feed_word(per_minute(feed)))
         self._motion = ""
         self.position_lost()
-        words = [letter + _text(printed, letter) for letter in letters]
+        words = [letter + self._text(printed, letter) for letter in letters]
         return GcodeLine(
             " ".join((word, *words, self._feed_text)),
             line,
-            LineEffect(LineKind.PROBE, _target(printed, letters), self._printed_feed),
+            LineEffect(LineKind.PROBE, self._target(printed, letters), self._printed_feed),
         )
 
-    def _straight(self, move: Move) -> Iterator[GcodeLine]:
-        at, printed = self._at, self._printed(move.end)
-        words: list[str] = []
-        target = [math.nan, math.nan, math.nan]
-        for k, letter in self._axes:
-            text = printed.texts[k]
-            if text != at.texts[k]:
-                words.append(f"{letter}{text}")
-                target[k] = printed.values[k]
-        if not words:
-            return
-        if len(self._named) < len(self._axes):
-            self._named.update(word[0] for word in words)
-        length = math.dist(printed.values, at.values)
-        if math.isnan(move.feed):
-            kind = LineKind.RAPID
-            seconds = length / max(move.speed, 1e-6)
-            self._ahead = min(self._ahead + seconds, BLOCKS_AHEAD * LINE_TIME)
-        else:
+    def straights(self, moves: Iterable[Move]) -> list[GcodeLine]:
+        """Return the lines of straight moves: most lines of most programs are made here."""
+        lines: list[GcodeLine] = []
+        offset, places = self._arcs.offset, f"%.{self._arcs.digits}f"
+        values, texts = self._at
+        before = self._point
+        for move in moves:
+            point = move.end
+            words: list[str] = []
+            target = [math.nan] * len(values)
+            new_values, new_texts = list(values), list(texts)
+            for k, letter in self._axes:
+                if before is None or texts[k] is None or point[k] != before[k]:
+                    text = places % (point[k] - offset[k])
+                    if text[-1] == "0":
+                        text = text.rstrip("0").rstrip(".")
+                        text = "0" if text == "-0" else text
+                    if text != texts[k]:
+                        words.append(letter + text)
+                        new_texts[k] = text
+                        new_values[k] = target[k] = float(text)
+            before = point
+            if not words:
+                continue
+            if len(self._named) < len(self._axes):
+                self._named.update(word[0] for word in words)
+            length = math.dist(new_values, values)
             kind = LineKind.FEED
-            characters = sum(map(len, words)) + len(words) - 1
-            if feed := self._feed_word(length, characters, move):
+            if math.isnan(move.feed):
+                kind = LineKind.RAPID
+                seconds = length / max(move.speed, 1e-6)
+                self._ahead = min(self._ahead + seconds, MOST_AHEAD)
+            elif feed := self._feed_word(length, sum(map(len, words)) + len(words) - 1, move):
                 words.append(feed)
-        if MOTION_WORDS[kind] != self._motion:
-            self._motion = MOTION_WORDS[kind]
-            words.insert(0, self._motion)
-        if self._power:
-            words.append(self._power)
-            self._power = ""
-        self._at = printed
-        x, y, z = target
-        effect = LineEffect(kind, (x, y, z), self._printed_feed, self._plane)
-        yield GcodeLine(" ".join(words), move.line, effect)
-
-    def _printed(self, point: Point) -> Printed:
-        """Return the coordinates of a line for a point; most points keep one of them."""
-        before, self._point = self._point, point
-        if before is None or None in self._at.texts:
-            return self._arcs.printed(point)
-        texts, values = list(self._at.texts), list(self._at.values)
-        for k in range(3):
-            if point[k] != before[k]:
-                text = self._arcs.text(point[k], k)
-                texts[k], values[k] = text, float(text)
-        x, y, z = values
-        return Printed((x, y, z), (texts[0], texts[1], texts[2]))
+            if MOTION_WORDS[kind] != self._motion:
+                self._motion = MOTION_WORDS[kind]
+                words.insert(0, self._motion)
+            if self._power:
+                words.append(self._power)
+                self._power = ""
+            values, texts = tuple(new_values), tuple(new_texts)
+            effect = LineEffect(kind, tuple(target), self._printed_feed, self._plane)
+            lines.append(GcodeLine(" ".join(words), move.line, effect))
+        self._at, self._point = Printed(values, texts), before
+        return lines
 
     def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:
         end = self._arcs.printed(move.end)
@@ -231,7 +242,7 @@ class LineWriter:
         length = math.hypot(
             printed.radius * arc.sweep, end.values[across] - self._at.values[across]
         )
-        words = [letter + _text(end, letter) for letter in letters] + centers
+        words = [letter + self._text(end, letter) for letter in letters] + centers
         feed = self._feed_word(length, len(" ".join(words)), move)
         kind = LineKind.COUNTERCLOCKWISE if arc.sweep > 0.0 else LineKind.CLOCKWISE
         yield self._line(
@@ -255,15 +266,15 @@ class LineWriter:
             to = list(begin)
             to[i], to[j] = arc.center[0] + cos * x - sin * y, arc.center[1] + sin * x + cos * y
             to[across] += (move.end[across] - begin[across]) * k / parts
-            end = move.end if k == parts else (to[0], to[1], to[2])
+            end = move.end if k == parts else tuple(to)
             yield from self.move(move._replace(end=end, arc=part))
 
     def _changed(self, printed: Printed) -> list[str]:
-        """Return the letters of the axes that a line to a point has to name."""
+        """Return those of X, Y, Z that a line to a point has to name."""
         return [
             letter
-            for letter, text, before in zip(LETTERS, printed.texts, self._at.texts, strict=True)
-            if text != before and letter in self._letters
+            for k, letter in self._axes
+            if letter in LETTERS and printed.texts[k] != self._at.texts[k]
         ]
 
     def _feed_word(self, length: float, characters: int, move: Move) -> str:
@@ -278,14 +289,15 @@ class LineWriter:
         """
         feed = move.feed
         characters += LINE_END + len(self._power)
-        needed = line_time(characters, self._baud)
-        speed = max(min(move.speed, feed), 1e-6)
+        needed = self._line_times[min(characters, LONGEST)]
+        speed = max(move.speed if move.speed < feed else feed, 1e-6)
         if length / speed + self._ahead < needed:
             speed = length / (needed - self._ahead)
             self.lowered.lowered("short lines", move.line, length, speed, feed)
         if length < math.inf:
             self.lowered.moved(length, speed)
-        self._ahead = min(self._ahead + length / speed - needed, BLOCKS_AHEAD * LINE_TIME)
+        ahead = self._ahead + length / speed - needed
+        self._ahead = ahead if ahead < MOST_AHEAD else MOST_AHEAD
         wanted = feed if speed >= (1.0 - FEED_STEP) * feed else speed
         if (
             abs(self._feed - wanted) <= FEED_STEP * wanted
@@ -331,24 +343,21 @@ class LineWriter:
         if MOTION_WORDS[kind] != self._motion:
             self._motion = MOTION_WORDS[kind]
             words.append(self._motion)
-        words += [letter + _text(end, letter) for letter in letters]
+        words += [letter + self._text(end, letter) for letter in letters]
         words += centers
         if feed:
             words.append(feed)
         if self._power:
             words.append(self._power)
             self._power = ""
-        effect = LineEffect(kind, _target(end, letters), self._printed_feed, plane, center)
+        effect = LineEffect(kind, self._target(end, letters), self._printed_feed, plane, center)
         return GcodeLine(" ".join(words), move.line, effect)
 
+    def _text(self, printed: Printed, letter: str) -> str:
+        return str(printed.texts[self._letters.index(letter)])
 
-def _text(printed: Printed, letter: str) -> str:
-    return str(printed.texts[LETTERS.index(letter)])
-
-
-def _target(printed: Printed, letters: list[str]) -> tuple[float, float, float]:
-    x, y, z = (
-        value if letter in letters else math.nan
-        for letter, value in zip(LETTERS, printed.values, strict=True)
-    )
-    return x, y, z
+    def _target(self, printed: Printed, letters: list[str]) -> tuple[float, ...]:
+        return tuple(
+            value if letter in letters else math.nan
+            for letter, value in zip(self._letters, printed.values, strict=True)
+        )

@@ -179,6 +179,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
 
     def __init__(self, kernel: Kernel) -> None:
         super().__init__(kernel.py_func, targetoptions=OPTIONS, pipeline_class=KernelCompiler)
+        self._releases_gil = kernel.releases_gil
         self._kernel = kernel
         self._cache = NullCache()
         self._files: dict[Types, str] = {}
@@ -312,7 +313,9 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         descriptor.env_name += ".wrapper"
         environment = Environment.from_fndesc(descriptor)
         with context.push_code_library(library):
-            context.create_cpython_wrapper(library, descriptor, environment, None)
+            context.create_cpython_wrapper(
+                library, descriptor, environment, None, release_gil=self._releases_gil
+            )
         library.finalize()
         rest = dumps((descriptor.env_name, environment.consts))
         needs = [self._files[arguments]]

@@ -34,12 +34,14 @@ class Kernel:
     Attributes:
         py_func: the Python function.
         name: its name in its module.
+        releases_gil: whether other threads run Python while it runs.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, releases_gil: bool = False) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
         self.name = function.__qualname__
+        self.releases_gil = releases_gil
         self._entries: dict[Any, Callable[..., Any]] = {}
         kernels[function.__module__, function.__qualname__] = self
 
@@ -119,6 +121,13 @@ def njit(function: Function) -> Function:
     if not compiling():
         return function
     return cast(Function, Kernel(function))
+
+
+def njit_for_threads(function: Function) -> Function:
+    """Compile ``function`` as :func:`njit` does, for calls from several threads at once."""
+    if not compiling():
+        return function
+    return cast(Function, Kernel(function, releases_gil=True))
 
 
 def interpreted(kernel: Function) -> Function:

@@ -7,7 +7,7 @@ names are those of the firmware, such as PA3 or gpio11.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -55,19 +55,17 @@ def _output(text: str) -> str:
 
 InputPin = Annotated[str, AfterValidator(_pin)]
 OutputPin = Annotated[str, AfterValidator(_pin), AfterValidator(_output)]
-OutputPins = Annotated[
-    tuple[OutputPin, ...],
-    BeforeValidator(_pins),
-    Field(min_length=1, max_length=4),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "string"},
-                {"type": "array", "items": {"type": "string"}, "minItems": 1, "maxItems": 4},
-            ]
-        }
-    ),
-]
+_PINS = WithJsonSchema(
+    {
+        "anyOf": [
+            {"type": "string"},
+            {"type": "array", "items": {"type": "string"}, "minItems": 1, "maxItems": 4},
+        ]
+    }
+)
+_ONE_TO_FOUR = Field(min_length=1, max_length=4)
+OutputPins = Annotated[tuple[OutputPin, ...], BeforeValidator(_pins), _ONE_TO_FOUR, _PINS]
+InputPins = Annotated[tuple[InputPin, ...], BeforeValidator(_pins), _ONE_TO_FOUR, _PINS]
 
 
 class TrinamicDriver(Section):
@@ -77,6 +75,10 @@ class TrinamicDriver(Section):
         description="Driver: tmc2208 and tmc2209 have a UART, tmc2130 and tmc5160 have SPI."
     )
     uart: InputPin | None = Field(default=None, description="Pin of the UART.")
+    transmit: OutputPin | None = Field(
+        default=None,
+        description="Pin on which the board sends to the UART; by default the pin of the UART.",
+    )
     address: Annotated[int, Field(ge=0, le=3)] = Field(
         default=0, description="Address on a UART that several tmc2209 share."
     )
@@ -116,6 +118,35 @@ class TrinamicDriver(Section):
         return usual if self.sense_resistor is None else self.sense_resistor
 
 
+def _drivers(value: Any) -> Any:
+    """Return one table of a driver, or a list of tables, as a tuple."""
+    return (value,) if isinstance(value, dict | TrinamicDriver) else as_tuple(value)
+
+
+_DRIVER_SCHEMA = {
+    "type": "object",
+    "properties": {
+        name: {"description": field.description}
+        for name, field in TrinamicDriver.model_fields.items()
+    },
+    "required": ["kind", "run_current"],
+    "additionalProperties": False,
+}
+Drivers = Annotated[
+    tuple[TrinamicDriver, ...],
+    BeforeValidator(_drivers),
+    _ONE_TO_FOUR,
+    WithJsonSchema(
+        {
+            "anyOf": [
+                _DRIVER_SCHEMA,
+                {"type": "array", "items": _DRIVER_SCHEMA, "minItems": 1, "maxItems": 4},
+            ]
+        }
+    ),
+]
+
+
 class KlipperAxis(Section):
     """Pins of the motors of an axis. An axis with several motors has lists of pins."""
 
@@ -124,11 +155,16 @@ class KlipperAxis(Section):
     enable: OutputPins | None = Field(
         default=None, description="Enable pin; motors may share one. Without it: always on."
     )
-    endstop: InputPin | None = Field(
-        default=None, description="Pin of the limit switch, which is high when it is pressed."
+    endstop: InputPins | None = Field(
+        default=None,
+        description=(
+            "Pin of the limit switch, which is high when it is pressed. A list has the switch of "
+            "each motor, by which homing squares the gantry."
+        ),
     )
-    driver: TrinamicDriver | None = Field(
-        default=None, description="Motor driver that the board configures."
+    driver: Drivers | None = Field(
+        default=None,
+        description="Motor driver that the board configures; a list for several motors.",
     )
 
 
@@ -191,16 +227,14 @@ class KlipperBoard(Section):
             axis = self.axis(letter)
             if axis is None:
                 continue
-            for name in ("step", "direction", "enable"):
+            for name in ("step", "direction", "enable", "endstop"):
                 for pin in getattr(axis, name) or ():
                     yield (letter, name), name, pin
-            if axis.endstop is not None:
-                yield (letter, "endstop"), "endstop", axis.endstop
-            if axis.driver is not None:
-                for name in ("uart", "select"):
-                    pin = getattr(axis.driver, name)
+            for driver in axis.driver or ():
+                for name in ("uart", "transmit", "select"):
+                    pin = getattr(driver, name)
                     if pin is not None:
-                        use = f"uart {axis.driver.address}" if name == "uart" else name
+                        use = name if name == "select" else f"{name} {driver.address}"
                         yield (letter, "driver", name), use, pin
         if self.spindle is not None:
             yield ("spindle", "pin"), "spindle", self.spindle.pin
@@ -211,8 +245,12 @@ class KlipperBoard(Section):
             if pin is not None:
                 yield (name,), name, pin
 
-    def inconsistencies(self, axes: tuple[str, ...]) -> Iterator[Inconsistency]:
-        """Yield the contradictions between keys, for a machine with these axes (joints)."""
+    def inconsistencies(self, axes: Mapping[str, int]) -> Iterator[Inconsistency]:
+        """Yield the contradictions between keys.
+
+        Args:
+            axes: Number of motors of each axis (joint) of the machine; 1 where none is given.
+        """
         for letter in AXIS_LETTERS:
             axis, key = self.axis(letter), ("board", "klipper", letter)
             if axis is None:
@@ -228,6 +266,7 @@ class KlipperBoard(Section):
                     key, f"the machine has no axis {letter}", f"its axes are {', '.join(axes)}"
                 )
             yield from _counts(axis, key)
+            yield from _motors(axis, letter, axes.get(letter, 1))
         for name in axes:
             if name not in AXIS_LETTERS:
                 yield Inconsistency(
@@ -247,7 +286,7 @@ class KlipperBoard(Section):
                 continue
             owner, owner_use, owner_text = claimed[name]
             shared_enable = use == owner_use == "enable" and text == owner_text
-            both_uart = use.startswith("uart") and owner_use.startswith("uart")
+            both_uart = use.split()[0] == owner_use.split()[0] in ("uart", "transmit")
             if shared_enable or (both_uart and use != owner_use):
                 continue
             yield Inconsistency(
@@ -272,9 +311,42 @@ def _counts(axis: KlipperAxis, key: tuple[str, ...]) -> Iterator[Inconsistency]:
             f"{motors} motors have {len(axis.enable)} enable pins",
             "give one pin for all motors, or one for each",
         )
-    driver = axis.driver
-    if driver is None:
-        return
+    if axis.endstop is not None and len(axis.endstop) not in (1, motors):
+        yield Inconsistency(
+            (*key, "endstop"),
+            f"{motors} motors have {len(axis.endstop)} limit switches",
+            "give one pin for all motors, or one for each",
+        )
+    if axis.driver is not None and len(axis.driver) != motors:
+        yield Inconsistency(
+            (*key, "driver"),
+            f"{motors} motors have {len(axis.driver)} drivers",
+            "give a list with one table for each motor",
+        )
+    for driver in axis.driver or ():
+        yield from _driver(driver, axis, key)
+
+
+def _motors(axis: KlipperAxis, letter: str, motors: int) -> Iterator[Inconsistency]:
+    """Compare the pins with the motors of the machine's axis."""
+    if motors > 1 and len(axis.step) != motors:
+        yield Inconsistency(
+            ("board", "klipper", letter, "step"),
+            f"the axis {letter} has {motors} motors, but {len(axis.step)} step pins",
+            "give one pin for each motor",
+        )
+    if motors == 1 and axis.endstop is not None and len(axis.endstop) > 1:
+        yield Inconsistency(
+            ("board", "klipper", letter, "endstop"),
+            f"the axis {letter} has {len(axis.endstop)} limit switches, but one motor",
+            f"write motors = {len(axis.endstop)} into the table of the axis",
+        )
+
+
+def _driver(
+    driver: TrinamicDriver, axis: KlipperAxis, key: tuple[str, ...]
+) -> Iterator[Inconsistency]:
+    """Yield the contradictions of a motor driver."""
     wanted, other = ("uart", "select") if driver.has_uart else ("select", "uart")
     if getattr(driver, wanted) is None:
         yield Inconsistency(
@@ -283,6 +355,10 @@ def _counts(axis: KlipperAxis, key: tuple[str, ...]) -> Iterator[Inconsistency]:
     if getattr(driver, other) is not None:
         yield Inconsistency(
             (*key, "driver", other), f"a {driver.kind} has no {other}", f"remove {other}"
+        )
+    if driver.transmit is not None and not driver.has_uart:
+        yield Inconsistency(
+            (*key, "driver", "transmit"), f"a {driver.kind} has no transmit", "remove transmit"
         )
     if driver.stallguard is not None:
         least, most = (0, 255) if driver.has_uart else (-64, 63)

@@ -25,6 +25,7 @@ from cnc.machine.models import (
     PathLimits,
     Stock,
 )
+from cnc.machine.motors import Motor
 from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
 from cnc.machine.section import Section
@@ -285,7 +286,7 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
         known = fields
     elif key[0] in ("axes", "joints"):
         if len(key) > 3:
-            known = list(Homing.model_fields)
+            known = list((Motor if key[2] == "motors" else Homing).model_fields)
         else:
             known = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
     else:

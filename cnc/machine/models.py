@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, FiveAxis, KinematicsTable, OfJoints
+from cnc.machine.motors import Motor, Motors, gantry_inconsistencies
 from cnc.machine.program import Program
 from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
 from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
@@ -66,6 +67,13 @@ class Homing(Section):
             "Machine coordinate of that position of rest, mm. Without it: the end of the travel."
         ),
     )
+    squaring_limit: Positive = Field(
+        default=2.5,
+        description=(
+            "Largest difference between the motors of an axis that homing squares, mm. A larger "
+            "one is an error."
+        ),
+    )
 
 
 class Axis(Section):
@@ -103,11 +111,24 @@ class Axis(Section):
         default=None,
         description="How the axis finds its limit switch. Without it, the defaults hold.",
     )
+    motors: Motors = Field(
+        default=(Motor(),),
+        description=(
+            "Number of motors that move the axis together, as in a gantry, or a table for each. "
+            "Each has a limit switch of its own, by which homing squares the gantry."
+        ),
+    )
 
     @property
     def step_rate(self) -> float:
         """Steps per second at ``max_velocity``."""
         return self.max_velocity * self.steps_per_mm
+
+
+def switch_end(letter: str, homing: Homing | None) -> int:
+    """Return the end of the travel at which an axis has its switch, +1 or -1."""
+    end = None if homing is None else homing.end
+    return 1 if (end or ("high" if letter == "z" else "low")) == "high" else -1
 
 
 class PathLimits(Section):
@@ -210,6 +231,12 @@ class Machine(Section):
             axis.homing is not None for axis in self.axes.values()
         )
 
+    def is_sensorless(self, letter: str) -> bool:
+        """Whether an axis homes without a switch: its motor driver tells that the motor stalls."""
+        axis = None if self.board.klipper is None else self.board.klipper.axis(letter)
+        drivers = () if axis is None else axis.driver or ()
+        return any(driver.stallguard is not None for driver in drivers)
+
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Letters of the axes, one for each column of a position."""
@@ -262,6 +289,9 @@ class Machine(Section):
         yield from self._joint_names()
         for table, name, joint in self._motors():
             yield from self._axis_limits(table, name, joint)
+            pull_off = (joint.homing or Homing()).pull_off
+            towards = switch_end(name, joint.homing)
+            yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
         for letter, axis in self.axes.items():
             yield from self._homing_position(letter)
             if axis.wrap is not None and letter not in ROTARY_LETTERS:
@@ -276,7 +306,8 @@ class Machine(Section):
                     f"its axes are {', '.join(self.axes)}",
                 )
         if self.board.klipper is not None:
-            yield from self.board.klipper.inconsistencies(tuple(self.joint_tables))
+            motors = {name: len(joint.motors) for name, joint in self.joint_tables.items()}
+            yield from self.board.klipper.inconsistencies(motors)
         elif self.board.kind == "klipper":
             yield Inconsistency(
                 ("board", "kind"),

@@ -11,11 +11,8 @@ straight moves as arrays.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
-from itertools import repeat
-from typing import Literal, TypeVar, get_args
+from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +110,19 @@ class CallBoundary(Block):
     """
 
     inside: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ToolOffset(Block):
+    """The tool offset from here on: position of the axes less ``offset`` is that of the tool tip.
+
+    Only readers that ask for these blocks get them.
+
+    Attributes:
+        offset: Offset of each axis (axes,), mm.
+    """
+
+    offset: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,9 +344,14 @@ class SwitchMove(Probe):
     """A homing move, which ends when the limit switch of column ``switch`` closes or opens.
 
     Programs do not contain this block.
+
+    Attributes:
+        switch: Column of the axis.
+        motor: Motor of the axis whose own switch is meant; None for any switch of the axis.
     """
 
     switch: int = 0
+    motor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,25 +385,3 @@ class Held(Block):
     """
 
     reason: str = ""
-
-
-AnyBlock = TypeVar("AnyBlock", bound=Block)
-
-
-def blocks_of(
-    kind: type[AnyBlock], files: Iterable[str], lines: list[int], *columns: Iterable[object]
-) -> list[AnyBlock]:
-    """Return many blocks of one kind in a third of the time that the initialiser takes.
-
-    Args:
-        kind: The kind.
-        files: File of each block.
-        lines: Line of each block; their number is that of the blocks.
-        columns: Values of the other attributes, in their order, all given. ``repeat`` may be one.
-    """
-    new = object.__new__
-    found = list(map(new, repeat(kind, len(lines))))
-    for each, values in zip(fields(kind), (files, lines, *columns), strict=True):
-        # The classes are frozen, but their slots can be set.
-        deque(map(getattr(kind, each.name).__set__, found, values), maxlen=0)
-    return found

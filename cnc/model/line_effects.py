@@ -6,8 +6,12 @@ Whoever writes a line knows its motion. The line carries it, so that no receiver
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 NOT_NAMED = (math.nan, math.nan, math.nan)
 """The target of a line that names no axis."""
@@ -47,8 +51,8 @@ class LineEffect(NamedTuple):
 
     Attributes:
         kind: What the line does.
-        target: X, Y and Z in mm, in the coordinates of the line; NaN for an axis that it does not
-            name.
+        target: X, Y, Z in mm, and the rotary axes of the board in degrees, in the coordinates of
+            the line; NaN for an axis that it does not name.
         feed: The feed in effect, mm/s; 0 before the first F word.
         plane: The plane of an arc: 0 for XY, 1 for ZX, 2 for YZ.
         center: The centre of an arc from its start, mm, along the two axes of its plane.
@@ -56,7 +60,7 @@ class LineEffect(NamedTuple):
     """
 
     kind: LineKind
-    target: tuple[float, float, float] = NOT_NAMED
+    target: tuple[float, ...] = NOT_NAMED
     feed: float = 0.0
     plane: int = 0
     center: tuple[float, float] = (0.0, 0.0)
@@ -65,3 +69,52 @@ class LineEffect(NamedTuple):
 
 MODES = LineEffect(LineKind.MODES)
 REST = LineEffect(LineKind.REST)
+
+
+UNKNOWN = -1
+"""In place of a kind: the line carries no effect."""
+
+
+def row_type(axes: int) -> np.dtype[np.void]:
+    """Return the type of a row with a source line and an effect, for a board with these axes."""
+    return np.dtype(
+        [
+            ("line", np.int32),
+            ("kind", np.int8),
+            ("plane", np.int8),
+            ("target", np.float64, (axes,)),
+            ("feed", np.float64),
+            ("center", np.float64, (2,)),
+            ("seconds", np.float64),
+        ]
+    )
+
+
+def rows_of(lines: Sequence[int], effects: Sequence[LineEffect | None]) -> NDArray[np.void]:
+    """Return the rows of lines with these source lines and effects."""
+    known = [effect or MODES for effect in effects]
+    axes = max((len(effect.target) for effect in known), default=len(NOT_NAMED))
+    rows = np.empty(len(known), row_type(axes))
+    rows["line"] = lines
+    rows["kind"] = [UNKNOWN if effect is None else effect.kind for effect in effects]
+    rows["plane"] = [effect.plane for effect in known]
+    missing = (math.nan,) * axes
+    rows["target"] = [
+        effect.target if len(effect.target) == axes else (*effect.target, *missing)[:axes]
+        for effect in known
+    ] or np.empty((0, axes))
+    rows["feed"] = [effect.feed for effect in known]
+    rows["center"] = [effect.center for effect in known] or np.empty((0, 2))
+    rows["seconds"] = [effect.seconds for effect in known]
+    return rows
+
+
+def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]]:
+    """Yield source line and effect of rows."""
+    columns = (rows[name].tolist() for name in rows.dtype.names or ())
+    for line, kind, plane, target, feed, (first, second), seconds in zip(*columns, strict=True):
+        if kind == UNKNOWN:
+            yield line, None
+        else:
+            whole = LineKind(kind), tuple(target), feed, plane, (first, second), seconds
+            yield line, LineEffect(*whole)

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.protocols import LineSink, PulseSink
 from cnc.executor.run import Progress
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate import jogging, program_runs
 from cnc.operate.events import (
-    Activity,
     ConsoleLine,
     Event,
     JobEnded,
@@ -29,6 +27,7 @@ from cnc.operate.line_machine import LineMachine
 from cnc.operate.live_boards import open_live, operated
 from cnc.operate.modal_memory import ModalMemory
 from cnc.operate.program_runs import RunWatch
+from cnc.operate.settings import BoardSetting, change_setting, read_settings
 from cnc.operate.worker import KEEP_ALIVE, Jog, Worker, not_connected
 from cnc.session.options import RunOptions
 from cnc.session.session import Session
@@ -82,6 +81,18 @@ class OperatorSession(Worker):
     def dialog(self) -> Event | None:
         """The open question to the operator."""
         return self._dialogs.open
+
+    @property
+    def offsets(self) -> dict[str, dict[str, float]]:
+        """Offsets by name and axis, mm; empty without a board."""
+        return self._view.offsets
+
+    @property
+    def limited_machine(self) -> Machine:
+        """The machine with the travel of the board, and the kind of the board."""
+        known = self.machine if self._operated is None else self._operated.machine
+        board = known.board.model_copy(update={"kind": self._view.board or known.board.kind})
+        return known.model_copy(update={"board": board})
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
@@ -233,9 +244,15 @@ class OperatorSession(Worker):
         """
         self._view.select(system)
 
+    def probe(self, line: str) -> Future[JobEnded]:
+        """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""
+        system = self._view.system
+        text = f"{system}\n{line}\nM2\n".encode()
+        program = InlineProgram(MDI_NAME, text)
+        return self._begin("probe", lambda: self._run(program, line, RunOptions(), 1))
+
     def mdi(self, line: str) -> Future[JobEnded]:
         """Run a line, with the modal state of the lines before it."""
-        self.history.append(line)
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
         skipped = 1 if before else 0
@@ -280,11 +297,20 @@ class OperatorSession(Worker):
         chosen = options or RunOptions()
         return self._begin("program", lambda: self._run(program, name or program.name, chosen, 0))
 
-    def with_board(
-        self, activity: Activity, action: Callable[[PulseSink | LineSink], T]
-    ) -> Future[T]:
-        """Do something with the board at rest, such as the change of a setting."""
-        return self._begin(activity, lambda: action(self._machine.board))
+    def settings(self) -> Future[list[BoardSetting]]:
+        """Return the settings of a GRBL board. UsageError ``no-settings``."""
+        return self._begin("none", lambda: read_settings(self._machine.board, self.machine))
+
+    def change_setting(self, number: int, value: str) -> Future[None]:
+        """Write a setting of a GRBL board, and read it back."""
+
+        def change() -> None:
+            change_setting(self._machine.board, number, value)
+            # Travel, rates and homing may be others now.
+            self._operated = operated(self._machine.board, self.machine)
+            self._offsets_changed()
+
+        return self._begin("none", change)
 
     # Requests
 

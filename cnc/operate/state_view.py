@@ -24,6 +24,7 @@ class StateView:
         board: Name of the board; "" without one.
         readings: The last readings.
         offsets: Offsets by name and axis, mm.
+        system: Coordinate system of the work position.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -33,7 +34,7 @@ class StateView:
         self._machine = machine
         self._program = ""
         self._progress: Progress | None = None
-        self._system = "G54"
+        self.system = "G54"
 
     def connected(self, board: str, machine: OperatedMachine) -> None:
         """Show a board."""
@@ -77,7 +78,7 @@ class StateView:
             raise UsageError(
                 Diagnostic("no-such-system", f"there is no coordinate system {system}", hint=hint)
             )
-        self._system = system
+        self.system = system
 
     def work_position(self, system: str) -> dict[str, float]:
         """Return the position by axis in a coordinate system, mm; G92 belongs to G54."""
@@ -107,8 +108,8 @@ class StateView:
             state=_state(readings.state, activity),
             activity=activity,
             machine=readings.position,
-            work=self.work_position(self._system),
-            system=self._system,
+            work=self.work_position(self.system),
+            system=self.system,
             homed=readings.homed,
             feed=readings.feed,
             spindle=readings.spindle,

@@ -104,6 +104,20 @@ class Worker:
         """The present state."""
         return self._view.state(self._activity, self._overrides)
 
+    def release_jog(self) -> None:
+        """End the jog that waits for its release, if there is one."""
+        jog = self._jog
+        if jog is not None:
+            jog.release()
+
+    def keep_jog(self, number: int) -> bool:
+        """Give the sign of life of a jog; return whether it moves."""
+        jog = self._jog
+        if jog is None or jog.id != number:
+            return False
+        jog.keep_alive()
+        return True
+
     def stop(self) -> None:
         """Come to rest on the path, and end the activity."""
         control = self._control

@@ -21,6 +21,7 @@ STANDARD_OUTPUT = "-"
 TRACE_SUFFIXES = (".npz", ".csv")
 PULSE_SUFFIXES = (".npz", ".vcd")
 LINE_SUFFIXES = (".nc", ".gcode")
+STL_SUFFIXES = (".stl",)
 
 
 class Output(Protocol):

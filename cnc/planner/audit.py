@@ -7,7 +7,7 @@ sent on.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from copy import copy
 from math import ceil, inf
 
 import numpy as np
@@ -137,19 +137,14 @@ class Audit:
         """Largest relative difference of a period's chord from its arc."""
         return float(self._largest[STEP_DEVIATION])
 
+    @property
+    def judges(self) -> bool:
+        """Whether a plan that breaks a limit is a fault."""
+        return self._judges
+
     def jump(self) -> None:
         """Note that the next plan begins at rest at another place: a probe made contact there."""
         self._known = 0
-
-    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
-        """Yield each plan that is legal.
-
-        Raises:
-            MotionLimitError: ``plan-illegal``, with the limit and the source lines of the plan.
-        """
-        for chunk in plans:
-            self.check(chunk)
-            yield chunk
 
     def check(self, chunk: PlanChunk) -> None:
         """Check one plan.
@@ -157,24 +152,51 @@ class Audit:
         Raises:
             MotionLimitError: ``plan-illegal`` if it breaks a limit and this audit judges.
         """
+        if broken := self.broken(chunk):
+            raise self.refusal(chunk, broken)
+
+    def broken(self, chunk: PlanChunk) -> list[tuple[str, str]]:
+        """Return name and description of each limit that a plan breaks; none if it does not judge.
+
+        A plan that breaks a limit leaves the audit as it was.
+        """
+        before = self.copy()
         broken = self._continuity(chunk) + self._values(chunk)
         if not self._judges:
-            return
+            return []
+        if broken:
+            self.adopt(before)
+        return broken
+
+    def refusal(self, chunk: PlanChunk, broken: list[tuple[str, str]]) -> MotionLimitError:
+        """Count the violations of a plan, and return the error that reports them."""
         for name, _ in broken:
             self.violations[name] = self.violations.get(name, 0) + 1
-        if broken:
-            first, last = int(chunk.path.line[0]), int(chunk.path.line[-1])
-            raise MotionLimitError(
-                Diagnostic(
-                    "plan-illegal",
-                    f"the planned motion of lines {first} to {last} breaks a limit: "
-                    + "; ".join(text for _, text in broken),
-                    chunk.path.file,
-                    first,
-                    hint="nothing of it was sent to the board; "
-                    "please report the program and the machine file",
-                )
+        first, last = int(chunk.path.line[0]), int(chunk.path.line[-1])
+        return MotionLimitError(
+            Diagnostic(
+                "plan-illegal",
+                f"the planned motion of lines {first} to {last} breaks a limit: "
+                + "; ".join(text for _, text in broken),
+                chunk.path.file,
+                first,
+                hint="nothing of it was sent to the board; "
+                "please report the program and the machine file",
             )
+        )
+
+    def copy(self) -> Audit:
+        """Return an audit that goes on independently from the same state."""
+        other = copy(self)
+        other.violations = dict(self.violations)
+        other._last = self._last.copy()
+        return other
+
+    def adopt(self, other: Audit) -> None:
+        """Go on from the state of another audit of the same machine."""
+        self.violations = dict(other.violations)
+        self._largest, self._legal = other._largest, other._legal
+        self._index, self._known, self._last = other._index, other._known, other._last.copy()
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Compare the end of each phase with the start of the next."""

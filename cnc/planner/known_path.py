@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from copy import copy
 from math import inf
 
 import numpy as np
@@ -39,6 +40,13 @@ class KnownPath:
         other.sections.extend(
             Section(each.stretch, limits, each.base, each.travelled) for each in self.sections
         )
+        other._travelled = self._travelled
+        return other
+
+    def copy(self) -> KnownPath:
+        """Return the same path, for another window."""
+        other = KnownPath(self.limits)
+        other.sections.extend(copy(each) for each in self.sections)
         other._travelled = self._travelled
         return other
 

@@ -6,7 +6,7 @@ Limits are along the path (tangential acceleration and jerk, normal acceleration
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, sqrt
 
 import numpy as np
@@ -114,6 +114,26 @@ class Limits:
         )
         return np.where(
             np.isnan(path.feed), inf if self.feed_factor > 0.0 else self.slowing_from, feeds
+        )
+
+    def slower(self, part: float) -> Limits:
+        """Return the limits with which a motion has at most ``part`` of the speed.
+
+        The motion that these limits allow is one within the limits themselves, with a slower clock.
+        """
+        squared, cubed = part**2, part**3
+        return replace(
+            self,
+            max_feed=self.max_feed * part,
+            feed_factor=self.feed_factor * part,
+            tangential_acceleration=self.tangential_acceleration * squared,
+            tangential_jerk=self.tangential_jerk * cubed,
+            normal_acceleration=self.normal_acceleration * squared,
+            chord_error=self.chord_error * squared,
+            step_deviation=self.step_deviation * squared,
+            axis_velocity=self.axis_velocity * part,
+            axis_acceleration=self.axis_acceleration * squared,
+            axis_jerk=self.axis_jerk * cubed,
         )
 
     def stopping_distance(self, v: float, *, any_direction: bool = False) -> float:

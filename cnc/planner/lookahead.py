@@ -1,7 +1,7 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
-    path ──► blends ──► window ──► overlaps ──► audit ──► plans
-           (corners.py)   ^      (overlaps.py) (audit.py)
+    path ──► blends ──► window ──► overlaps, audit ──► plans
+           (corners.py)   ^      (overlaps.py, audit.py)
                           |
                        control: hold, override, between two slices
 
@@ -9,6 +9,8 @@
   bounds that are constant on short intervals of the path (intervals.py, phases.py).
 - Where limits for each axis bind on a curve, :mod:`cnc.kernels.planner.refine` makes them faster.
 - For a hold or a lower feed it replaces its plan by one that slows (slowing.py).
+- Where the audit refuses what the window has settled, the planner returns to the state before. It
+  makes the plan again more slowly, or follows the plan before for longer.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from collections.abc import Iterable, Iterator
 
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Probe, SpindleSync
+from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
@@ -26,6 +29,9 @@ from cnc.planner.limits import Limits
 from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
+
+MOST_CAUTION = 12
+"""Number of times that a plan is made again more slowly."""
 
 
 class LookAhead:
@@ -60,7 +66,7 @@ class LookAhead:
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
         self._blending = CornerBlending(self.limits)
-        self._overlaps = Overlaps(self.limits)
+        self._overlaps = Overlaps(self.limits, self.audit)
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished: deque[PlanChunk] = deque()
@@ -79,14 +85,13 @@ class LookAhead:
         Raises:
             MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not yielded.
         """
-        window = self._window
         previous: PathChunk | None = None
         pending: PathChunk | None = None
         probe: Probe | None = None
         for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 if pending is not None:
-                    window.add(pending, previous, item)
+                    self._window.add(pending, previous, item)
                     yield from self._motion()
                     previous = pending
                 pending = item
@@ -100,7 +105,7 @@ class LookAhead:
             if pending is not None and not isinstance(item, Message):
                 yield from self._motion_to_rest(pending, previous)
                 previous = pending = None
-            window.clock.add(item)
+            self._window.clock.add(item)
             if isinstance(item, Overrides):
                 self._allowed = item
             elif isinstance(item, SpindleSync):
@@ -115,11 +120,14 @@ class LookAhead:
     def ramp_down(self) -> Iterator[PlanChunk]:
         """Yield plans that come to rest soon after the last plan; then nothing can be planned."""
         yield from self._taken()
-        window = self._window
-        if window.moving:
-            window.stop()
-            while window.moving:
-                self._finish(window.take(LONG))
+        if self._window.moving:
+            before = self._window.copy()
+            self._window.stop()
+            if self._refusal() is not None:
+                self._window = before
+                before.follow_to_rest()
+            while self._window.moving:
+                self._finish(self._window.take(LONG))
         self._finish_at_rest()
         yield from self._taken()
 
@@ -134,24 +142,89 @@ class LookAhead:
 
     def _motion(self) -> Iterator[PlanChunk | Block]:
         """Yield the plans that are settled, as the operator requests the motion."""
-        window = self._window
+        waits = False
         while True:
             factor = self._requested_factor()
-            if factor > 0.0:
-                window.override(factor)
-            else:
-                window.stop(resumes=True)
-            if not window.prepared():
+            if not waits and not self._requested(factor):
+                # The request has to wait for another slice.
+                waits = True
+            if not self._prepared():
                 return
+            window = self._window
             if factor == 0.0 and not window.moving and not window.passes_corner:
                 window.rest()
                 self._finish_at_rest()
                 yield from self._taken()
                 yield Held(*window.place)
+                waits = False
                 continue
             # At a corner that the motion passes before a hold, take no more than its ramp.
-            self._finish(window.take(0.0 if factor == 0.0 and not window.moving else self._slice_s))
+            if window.settled:
+                least = factor == 0.0 and not window.moving
+                self._finish(window.take(0.0 if least else self._slice_s))
             yield from self._taken()
+            waits = False
+
+    def _requested(self, factor: float) -> bool:
+        """Plan for a factor of the feeds; return False if the audit refuses that plan."""
+        window = self._window
+        if window.runs_at(factor):
+            return True
+        before = window.copy()
+        if factor > 0.0:
+            window.override(factor)
+        else:
+            window.stop(resumes=True)
+        if self._refusal() is None:
+            return True
+        self._window = before
+        return False
+
+    def _prepared(self) -> bool:
+        """Return whether there is something to send on, which the audit accepts.
+
+        Raises:
+            MotionLimitError: ``plan-illegal`` where it refuses the slowest plan too.
+        """
+        while True:
+            if self._window.settled and not self._window.unproved:
+                return True
+            before = self._window.copy()
+            if not self._window.prepared():
+                return False
+            refusal = self._refusal()
+            if refusal is None:
+                self._window.caution = 0
+                return True
+            if before.caution == MOST_CAUTION:
+                raise refusal
+            self._window = before
+            before.caution += 1
+
+    def _refusal(self) -> MotionLimitError | None:
+        """Return the error of the audit for what the window has settled; None if it accepts.
+
+        Where nobody may change the motion, what is accepted is taken at once.
+        """
+        window = self._window
+        if not (window.unproved and window.settled and self.audit.judges):
+            return None
+        audit, trial = self.audit.copy(), window.copy()
+        overlaps = self._overlaps.copy(audit)
+        plans: list[PlanChunk] = []
+        try:
+            while trial.settled:
+                plans.extend(overlaps.passed(trial.take(LONG)))
+            # What is held back may become the end of the motion.
+            deque(overlaps.copy(audit.copy()).flush(), maxlen=0)
+        except MotionLimitError as error:
+            return error
+        window.unproved = trial.unproved = False
+        if self._control is None:
+            self._window, self._overlaps = trial, overlaps.copy(self.audit)
+            self.audit.adopt(audit)
+            self._finished.extend(plans)
+        return None
 
     def _requested_factor(self) -> float:
         """Return the factor of the programmed feeds that is requested and allowed; 0 for a hold.
@@ -168,11 +241,11 @@ class LookAhead:
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Let corners overlap in plans of the window, and audit them."""
-        self._finished.extend(self.audit.passed(self._overlaps.passed(plans)))
+        self._finished.extend(self._overlaps.passed(plans))
 
     def _finish_at_rest(self) -> None:
         """Finish the part of a plan that is held back; the motion rests at its end."""
-        self._finished.extend(self.audit.passed(self._overlaps.flush()))
+        self._finished.extend(self._overlaps.flush())
 
     def _taken(self) -> Iterator[PlanChunk]:
         """Yield the finished plans."""

@@ -13,6 +13,7 @@ phase before a stop and the first behind it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,7 @@ from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined
 from cnc.path.chunk import PathChunk
+from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -50,17 +52,30 @@ SAME = 1e-9
 class Overlaps:
     """Lets the ramps at stops on corners overlap, in plans in the order in which they run.
 
-    All plans behind an overlap begin earlier.
+    All plans behind an overlap begin earlier. Every plan is audited. Where the audit refuses a plan
+    with overlaps, the plan without them counts.
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: Limits, audit: Audit) -> None:
+        """Create the stage behind the window; ``audit`` checks its results."""
         self._limits = limits
+        self._audit = audit
         self._held: PlanChunk | None = None
         self._earlier = 0.0
         self._shorter = 0.0
 
+    def copy(self, audit: Audit) -> Overlaps:
+        """Return a stage that goes on independently from the same state, with another audit."""
+        other = copy(self)
+        other._audit = audit
+        return other
+
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
-        """Yield the parts of the plans that no later plan can change."""
+        """Yield the parts of the plans that no later plan can change.
+
+        Raises:
+            MotionLimitError: ``plan-illegal`` where a plan breaks a limit without overlaps too.
+        """
         for plan in plans:
             held = self._held
             if held is not None and (
@@ -69,7 +84,7 @@ class Overlaps:
                 yield from self.flush()
                 held = None
             if held is None and not plan.path.tolerance.any():
-                yield self._moved(plan)
+                yield self._audited(self._moved(plan))
                 continue
             self._held = None
             whole = plan if held is None else _joined(held, plan)
@@ -91,8 +106,22 @@ class Overlaps:
             return plan
         return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
 
+    def _audited(self, plan: PlanChunk) -> PlanChunk:
+        """Return the plan, if it is legal."""
+        self._audit.check(plan)
+        return plan
+
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan with overlaps at its corners."""
+        """Return the plan with overlaps at its corners, if that is legal, or without."""
+        cut = self._with_overlaps(plan)
+        if cut is None or self._audit.broken(cut):
+            return self._audited(self._moved(plan))
+        self._earlier += plan.duration - cut.duration
+        self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
+        return cut
+
+    def _with_overlaps(self, plan: PlanChunk) -> PlanChunk | None:
+        """Return the plan with overlaps at its corners; None if there are none."""
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
         changed, past = self._with_overshoots(plan, path)
@@ -102,27 +131,25 @@ class Overlaps:
             changed = plan.arrays
             past[:] = 0.0
             found, cuts = find_cuts(path, changed, past, limits.arrays)
-        cut = self._moved(plan)
-        if found:
-            most = (1 + PIECES_OF_CORNER) * pieces + 1
-            phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
-            out = empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
-            out_plan = _empty_plan(most, phases)
-            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
-            cut = PlanChunk(
-                path=new_chunk(plan.path, out, count, numbers),
-                piece_s=out_plan.piece_s[: count + 1],
-                t0=cut.t0,
-                s0=cut.s0,
-                phase_t=out_plan.t[: spans + 1],
-                phase_s=out_plan.s[: spans + 1],
-                phase_v=out_plan.v[: spans + 1],
-                phase_a=out_plan.a[: spans + 1],
-                phase_j=out_plan.j[:spans],
-            )
-            self._earlier += plan.duration - cut.duration
-            self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-        return cut
+        if not found:
+            return None
+        most = (1 + PIECES_OF_CORNER) * pieces + 1
+        phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
+        out = empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
+        out_plan = _empty_plan(most, phases)
+        count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
+        moved = self._moved(plan)
+        return PlanChunk(
+            path=new_chunk(plan.path, out, count, numbers),
+            piece_s=out_plan.piece_s[: count + 1],
+            t0=moved.t0,
+            s0=moved.s0,
+            phase_t=out_plan.t[: spans + 1],
+            phase_s=out_plan.s[: spans + 1],
+            phase_v=out_plan.v[: spans + 1],
+            phase_a=out_plan.a[: spans + 1],
+            phase_j=out_plan.j[:spans],
+        )
 
     def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
         """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""

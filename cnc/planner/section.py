@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.phases import Phases
 from cnc.path.chunk import PathChunk
 from cnc.planner.intervals import REFINED, STANDSTILL, intervals_of, junction_between
 from cnc.planner.limits import Limits
+from cnc.planner.plan import PlanChunk
 
 FINER = 4.0
 """Factor of the speed for which the intervals are cut again, where a plan exceeds a limit."""
@@ -79,3 +81,36 @@ class Section:
     def end(self) -> float:
         """The window's arc length at its end, mm."""
         return self.base + float(self.piece_s[-1])
+
+    def plan_chunk(
+        self, phases: Phases, end: tuple[float, float, float], limits: Limits, t0: float
+    ) -> PlanChunk:
+        """Return phases over this section as a plan, with the feeds in effect.
+
+        Args:
+            phases: the phases.
+            end: the window's arc length at their end, mm, speed and acceleration there.
+            limits: those in effect.
+            t0: time at their start, s.
+        """
+        piece_s, path = self.piece_s, self.stretch.path
+        local = phases["s"] - self.base
+        local_end = min(end[0] - self.base, float(piece_s[-1]))
+        first = int(np.searchsorted(piece_s, local[0], side="right")) - 1
+        first = min(max(first, 0), len(path) - 1)
+        last = max(int(np.searchsorted(piece_s, local_end, side="left")), first + 1)
+        zero = float(piece_s[first])
+        part = path.part(first, last)
+        if limits.feed_factor != 1.0 or limits.slowing_from > 0.0:
+            part = replace(part, feed=np.where(np.isnan(part.feed), part.feed, limits.feeds(part)))
+        return PlanChunk(
+            path=part,
+            piece_s=piece_s[first : last + 1] - zero,
+            t0=t0,
+            s0=self.travelled + zero,
+            phase_t=np.concatenate(([0.0], np.cumsum(phases["duration"]))),
+            phase_s=np.append(local, local_end) - zero,
+            phase_v=np.append(phases["v"], end[1]),
+            phase_a=np.append(phases["a"], end[2]),
+            phase_j=phases["j"].copy(),
+        )

@@ -27,7 +27,7 @@ from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
-from cnc.planner.phases import end_of, first_steady, plan_to_rest, release
+from cnc.planner.phases import NO_PHASES, end_of, first_steady, plan_to_rest, release
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -129,8 +129,15 @@ class _Search:
         horizon = min(goal, s + self.far_off)
         self.near = path.intervals(self.slowing, s, horizon)
         self.before = []
+        self.kept = NO_PHASES
         if len(lead):
-            self.before = [path.intervals(self.before_limits, request.at, s)]
+            before = path.intervals(self.before_limits, request.at, s)
+            if before.flat.any():
+                # At the raised feeds a junction needs a constant speed, but not at the speed of the
+                # lead. The lead is legal as it is.
+                self.kept, self.lead = lead, NO_PHASES
+            else:
+                self.before = [before]
         stops = self.near.end[self.near.flat & (self.near.speed == 0.0)]
         self.stop_ahead = len(stops) > 0
         self.horizon = float(stops[0]) if self.stop_ahead else horizon
@@ -157,7 +164,7 @@ class _Search:
             goal=works if request.stops else request.goal,
             rests=request.stops or request.rests,
             known=self.near if self.far is None else self.far,
-            lead=first_steady(phases) if len(self.lead) else 0,
+            lead=first_steady(phases) if len(self.lead) + len(self.kept) else 0,
             slow_from=works,
             limits=self.before_limits,
         )
@@ -178,8 +185,8 @@ class _Search:
             if status != PLANNED:
                 return None
             if not exceeding_sections(self.request.path, phases, known):
-                return phases
-        return phases
+                break
+        return np.concatenate((self.kept, phases))
 
     def _first(self) -> tuple[float, float, Phases] | None:
         """Return a length that is too short, a longer one that is enough, and the plan for it."""

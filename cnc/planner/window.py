@@ -43,7 +43,6 @@ from cnc.planner.phases import (
 )
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
-from cnc.planner.section import Section
 from cnc.planner.slowing import Request, slowed
 
 STOPS_KEPT = 2.0
@@ -73,6 +72,9 @@ exact to less than 1e-14 s.
 SLICE_LENGTH = 0.01
 """mm; slices of slow motion are not shorter."""
 
+MORE_SLOWLY = 0.9
+"""Part of its speed at which a plan is made again that the audit refused."""
+
 SAME_RAMP = 1e-6
 """Relative: two ramps from rest that differ by less are the same but for rounding."""
 
@@ -82,11 +84,15 @@ class Window:
 
     Attributes:
         clock: of the run, up to where the next slice begins.
+        unproved: whether phases were settled since the last copy that the audit accepted.
+        caution: number of times that the next plan is made slower, because a plan was refused.
     """
 
     def __init__(self, limits: Limits, stops_known: float = STOPS_KNOWN) -> None:
         """Create an empty window; ``stops_known``: see STOPS_KNOWN."""
         self.clock = RunClock()
+        self.unproved = False
+        self.caution = 0
         self._stops_known = stops_known
         self._path = KnownPath(limits)
         self._at = 0.0
@@ -114,6 +120,20 @@ class Window:
     def place(self) -> tuple[str, int]:
         """File and line of the motion that begins where the next slice does."""
         return self._path.place(self._at)
+
+    def copy(self) -> Window:
+        """Return a window that goes on independently from the same state."""
+        other = copy(self)
+        other.clock = copy(self.clock)
+        other._path = self._path.copy()
+        other._plan = copy(self._plan)
+        other._plan.phases = self._plan.phases.copy()
+        return other
+
+    @property
+    def settled(self) -> bool:
+        """Whether some of the plan may be sent on."""
+        return self._plan.settled > 0
 
     def add(self, path: PathChunk, previous: PathChunk | None, following: PathChunk | None) -> None:
         """Append a chunk of path; None for a neighbour at which the motion rests."""
@@ -145,24 +165,28 @@ class Window:
         ):
             return False
         self._rebase()
-        goal, _ = self._path.goal(self._at)
+        path = self._path
+        if self.caution:
+            path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
+        goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases, known = accepted_plan(self._path, self._at, goal, v)
+        status, phases, known = accepted_plan(path, self._at, goal, v)
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.
             plan.settled = min(plan.follow, len(plan.phases)) - 1
             plan.settled += first_steady(plan.phases[plan.settled :])
             plan.follow *= 2
+            self.unproved = True
             return True
         if status != PLANNED:
-            path = self._path.sections[0].stretch.path
+            first = self._path.sections[0].stretch.path
             raise MotionLimitError(
                 Diagnostic(
                     "plan-failed",
                     "no motion within the machine's limits was found from here on",
-                    path.file,
-                    int(path.line[0]),
+                    first.file,
+                    int(first.line[0]),
                 )
             )
         self._accept(phases, goal, known, rests=rests)
@@ -194,12 +218,20 @@ class Window:
             goal = end if inside else section.end
             if len(here):
                 v_end, a_end = (float(head[0]["v"]), float(head[0]["a"])) if len(head) else (v, a)
-                chunks.append(self._plan_chunk(section, here, goal, v_end, a_end))
+                slows = float(here[0]["s"]) < plan.slow_from
+                limits = plan.slowing if slows else self.limits
+                chunk = section.plan_chunk(here, (goal, v_end, a_end), limits, self.clock.seconds)
+                self.clock.add(chunk)
+                chunks.append(chunk)
             if goal >= section.end - rounding_of(goal) and (
                 not len(tail) or plan.rest_at > section.end + rounding_of(goal)
             ):
                 sections.popleft()
         return chunks
+
+    def runs_at(self, feed_factor: float) -> bool:
+        """Return whether the motion is planned with this factor of the feeds already."""
+        return feed_factor == self.limits.feed_factor and not self._stopping
 
     def override(self, feed_factor: float) -> bool:
         """Continue at another factor of the programmed feeds, from the next slice on.
@@ -208,7 +240,7 @@ class Window:
             False if that is not possible before a further slice.
         """
         self._round_first = None
-        if feed_factor == self.limits.feed_factor and not self._stopping:
+        if self.runs_at(feed_factor):
             return True
         self._rebase()
         before = self._path
@@ -241,11 +273,7 @@ class Window:
         if self._stops_late:
             # No rest is earlier than that of the plan: at the next stop of the path, or at the end
             # of the known path.
-            plan = self._plan
-            plan.settled = first_rest(plan.phases)
-            if plan.settled < len(plan.phases):
-                plan.rest_at = float(plan.phases[plan.settled]["s"])
-                plan.phases = plan.phases[: plan.settled]
+            self.follow_to_rest()
         if resumes and self._round_first is None:
             self._round_first = self._corner_changed(as_planned.phases)
             if self._round_first is not None:
@@ -253,6 +281,15 @@ class Window:
                 self._plan = as_planned
                 return
         self._stopping = True
+
+    def follow_to_rest(self) -> None:
+        """Settle the current plan up to its first rest, and leave out what is behind."""
+        plan = self._plan
+        plan.settled = first_rest(plan.phases)
+        if plan.settled < len(plan.phases):
+            plan.rest_at = float(plan.phases[plan.settled]["s"])
+            plan.phases = plan.phases[: plan.settled]
+        self.unproved = True
 
     @property
     def passes_corner(self) -> bool:
@@ -325,6 +362,7 @@ class Window:
         plan = self._plan
         plan.phases, plan.rest_at, plan.settled = phases, goal, max(count, lead)
         plan.arrived, plan.follow = 0, 1
+        self.unproved = True
         open_from = float(phases[plan.settled]["s"]) if plan.settled < len(phases) else goal
         plan.unsettled = len(known.end) - int(np.searchsorted(known.end, open_from))
 
@@ -358,42 +396,3 @@ class Window:
         self._plan.slow_from -= shift
         if self._round_first is not None:
             self._round_first -= shift
-
-    def _plan_chunk(
-        self, section: Section, phases: Phases, end: float, v_end: float, a_end: float
-    ) -> PlanChunk:
-        """Return phases over one section as a plan, with the feeds in effect.
-
-        Args:
-            section: the section, from whose start the plan measures arc length.
-            phases: the phases.
-            end: arc length at their end, mm.
-            v_end: speed there, mm/s.
-            a_end: acceleration there, mm/s^2.
-        """
-        piece_s, path = section.piece_s, section.stretch.path
-        local = phases["s"] - section.base
-        local_end = min(end - section.base, float(piece_s[-1]))
-        first = int(np.searchsorted(piece_s, local[0], side="right")) - 1
-        first = min(max(first, 0), len(path) - 1)
-        last = max(int(np.searchsorted(piece_s, local_end, side="left")), first + 1)
-        zero = float(piece_s[first])
-        part = path.part(first, last)
-        slows = float(phases[0]["s"]) < self._plan.slow_from
-        limits = self._plan.slowing if slows else self.limits
-        if limits.feed_factor != 1.0 or limits.slowing_from > 0.0:
-            part = replace(part, feed=np.where(np.isnan(part.feed), part.feed, limits.feeds(part)))
-        t = np.concatenate(([0.0], np.cumsum(phases["duration"])))
-        chunk = PlanChunk(
-            path=part,
-            piece_s=piece_s[first : last + 1] - zero,
-            t0=self.clock.seconds,
-            s0=section.travelled + zero,
-            phase_t=t,
-            phase_s=np.append(local, local_end) - zero,
-            phase_v=np.append(phases["v"], v_end),
-            phase_a=np.append(phases["a"], a_end),
-            phase_j=phases["j"].copy(),
-        )
-        self.clock.add(chunk)
-        return chunk

@@ -79,6 +79,13 @@ class Timing(_Part):
     total_s: Amount = Field(description="Everything, with checks and output, s")
 
 
+class Stock(_Part):
+    """The simulated cut of the stock."""
+
+    resolution_mm: Amount = Field(description="Width of a cell of the stock, mm")
+    removed_mm3: Amount = Field(description="Volume that the program removes from the stock, mm^3")
+
+
 class Changes(_Part):
     """Differences to the baseline; pairs are [then, now]."""
 
@@ -107,7 +114,7 @@ class Summary(BaseModel):
         "the program could not be read"
     )
     assumed: str = _optional(
-        "What the reading of a lathe's program assumes, such as diameters; absent for others"
+        "What the reading of the program assumes, such as millimetres; absent for nothing"
     )
     ok: bool = Field(description="Whether there is no error")
     lines: Count = Field(description="Source lines that were read")
@@ -115,6 +122,7 @@ class Summary(BaseModel):
     errors: list[Finding] = Field(description="Errors, then warnings and notes")
     duration_s: Amount = Field(description="Machine time with dwells, s")
     played_s: Amount = _optional("Measured time of a run on a board that plans its motion, s")
+    stock: Stock = _optional("The simulated cut of the stock; absent without a stock")
     path_length_mm: Amount = Field(description="Length of the path, mm")
     bounding_box: dict[AxisLetter, Span] = Field(
         description="[smallest, largest] position of each axis, mm"

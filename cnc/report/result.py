@@ -103,6 +103,19 @@ class AssumedOffset:
     g54: dict[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The simulated cut of a check.
+
+    Attributes:
+        resolution_mm: width of a cell of the stock, mm.
+        removed_mm3: volume that the program removes from the stock, mm^3.
+    """
+
+    resolution_mm: float
+    removed_mm3: float
+
+
 @dataclass(slots=True)
 class Report:
     """The result for one program.
@@ -117,13 +130,14 @@ class Report:
         board: name of the board; None after a check.
         dialect: dialect that the program was read in.
         recognition: the dialect with the evidence for it; empty if the user chose it.
-        assumed: what the reading of a lathe's program assumes; empty for other programs.
+        assumed: what the reading of the program assumes; empty for nothing.
         lines: source lines that were read.
         blocks: canonical blocks; each move of a run of lines counts.
         check_only: whether the board has only read the program.
         planned_by_board: whether the board plans its motion, so that the values along the path are
             those of a model of its planner.
         offset: the work offset of a check for a GRBL board; None otherwise.
+        cut: the simulated cut; None without a stock.
         duration_s: machine time with dwells, as computed.
         played_s: measured time of a run on a board that plans its motion; None without one.
         path_length_mm: length of the path.
@@ -156,6 +170,7 @@ class Report:
     check_only: bool = False
     planned_by_board: bool = False
     offset: AssumedOffset | None = None
+    cut: Cut | None = None
     duration_s: float = 0.0
     played_s: float | None = None
     path_length_mm: float = 0.0
@@ -231,6 +246,9 @@ class Report:
         )
         assumed: dict[str, Any] = {"assumed": self.assumed} if self.assumed else {}
         played: dict[str, Any] = {} if self.played_s is None else {"played_s": self.played_s}
+        cut: dict[str, Any] = {}
+        if self.cut is not None:
+            cut["stock"] = models.Stock.model_construct(**asdict(self.cut))
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
@@ -242,6 +260,7 @@ class Report:
             errors=[finding_model(each, with_hint=True) for each in self.findings],
             duration_s=self.duration_s,
             **played,
+            **cut,
             path_length_mm=self.path_length_mm,
             bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
             end_position=self.end_position,

@@ -85,6 +85,12 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
             f"{spaced(report.pulse_rows)} grid moves, "
             f"at most {report.pulse_error_blu:.4f} BLU from the path",
         )
+    if report.cut is not None:
+        facts.add_row(
+            "stock",
+            f"{number(report.cut.removed_mm3 / 1000.0)} cm³ removed, "
+            f"simulated in cells of {number(report.cut.resolution_mm)} mm",
+        )
     exceeded = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
     facts.add_row("violations", exceeded or "none")
     console.print(facts)

@@ -8,6 +8,7 @@ from typing import cast
 from cnc.boards.protocols import LineSink, board_error
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
+from cnc.grbl_lines.number_format import BOARD_LETTERS, board_axes
 from cnc.grbl_lines.translator import ARC_TOLERANCE, JUNCTION_DEVIATION, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine
@@ -74,7 +75,7 @@ def offset_lines(
         machine: The machine.
         values: Parameters at the end of the program, by number.
     """
-    letters = [letter for letter in machine.axes if letter in "xyz"]
+    letters = [letter for letter in machine.axes if letter.upper() in BOARD_LETTERS]
     for number, name in enumerate(SYSTEMS, start=1):
         place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
         new = {
@@ -109,7 +110,7 @@ def line_translator(board: LineSink, machine: Machine) -> Translator:
         raise board_error(
             "board-axes", "the board reports no offsets", hint="is it GRBL 1.1 or grblHAL?"
         )
-    work_offset = [offsets.get(letter, 0.0) for letter in ("x", "y", "z")]
+    work_offset = [offsets.get(letter, 0.0) for letter in board_axes(machine.axes)]
     settings = board.settings
     return Translator(
         machine,
@@ -125,5 +126,8 @@ def board_timing(board: LineSink, machine: Machine) -> BoardTime:
     """Return the timing of lines on this board, from its present position."""
     offsets = dict(zip(machine.axes, board.work_offset, strict=False))
     places = dict(zip(machine.axes, board.position, strict=False))
-    x, y, z = (places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in ("x", "y", "z"))
-    return BoardTime(BoardLimits.of_board(machine, board.settings), (x, y, z))
+    start = tuple(
+        places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in board_axes(machine.axes)
+    )
+    limits = BoardLimits.of_board(machine, board.settings, board.planner_blocks)
+    return BoardTime(limits, start)

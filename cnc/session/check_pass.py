@@ -84,8 +84,6 @@ class CheckPass:
                 self._kernels.see_path(item)
                 capacity -= len(item.data) + 8 * len(item)
                 self._check_commands(item)
-                if hints is not None:
-                    hints.add_path(item)
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)

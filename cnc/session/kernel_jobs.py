@@ -124,6 +124,19 @@ def write_lines() -> None:
         pass
 
 
+def cut_stock() -> None:
+    """Cut a stock."""
+    from cnc.kernels.stock.cutter import FLAT, Cutter
+    from cnc.kernels.stock.sweep import Assembly
+    from cnc.machine.models import Stock
+    from cnc.stock.material import Material
+
+    tool = Assembly(Cutter(FLAT, 1.0, 1.0, 0.0), np.inf, np.inf, 0.0)
+    material = Material(Stock(x=(0.0, 4.0), y=(0.0, 4.0), z=(-1.0, 0.0)))
+    for path in _path([_traverses()]):
+        material.cut(path, np.arange(3), np.zeros(3), tool)
+
+
 def encode() -> None:
     """Encode grid moves as segments of the stepper board."""
     from cnc.boards.stepper.segments import SegmentEncoder
@@ -184,6 +197,7 @@ JOBS = {
     "overshoots": Job(_kernels("planner.overshoot"), plan_corner),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
+    "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
     "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
     "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
     "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),

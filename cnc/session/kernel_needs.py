@@ -54,6 +54,10 @@ class KernelNeeds:
         """Take note of a part of the path."""
         self._blends = self._blends or bool(path.tolerance.any())
 
+    def before_simulation(self) -> None:
+        """Compile what the simulation of the cut needs."""
+        self._compile(*self._path_jobs, "stock")
+
     def before_motion(self, board: PulseSink | LineSink | None, *, reads_again: bool) -> None:
         """Compile what planning, interpolation and the outputs need.
 

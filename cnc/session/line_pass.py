@@ -8,15 +8,18 @@ answers decide how the program continues.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from cnc.boards.protocols import LineSink
 from cnc.executor.lines import Step, steps, stream
+from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
+from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.model.line_effects import LineKind
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -88,8 +91,14 @@ class LinePass:
                 present.described(replace(progress, time=time, left=left, axes=machine.axis_names))
             )
 
+        began: list[float] = []
+
+        def on_line(line: GcodeLine) -> None:
+            if not began and (line.effect is None or line.effect.kind is not LineKind.MODES):
+                began.append(board.now())
+            present.sent(line)
+
         before_motion()
-        began = board.now()
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
@@ -97,7 +106,7 @@ class LinePass:
                 board,
                 control=control,
                 on_progress=on_progress,
-                on_line=present.sent,
+                on_line=on_line,
                 afterwards=changed_offsets,
                 pause_text=lambda block: pause_text(block, context.reader),
             )
@@ -108,12 +117,10 @@ class LinePass:
         if outcome.stopped_at_line is not None:
             report.duration_s = self.timing.seconds - self.timing.remaining(outcome.lines)
         if not board.check_only:
-            report.played_s = board.now() - began
+            report.played_s = max(board.rested_at - began[0], 0.0) if began else 0.0
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
-    def _steps(
-        self, on_lines: Callable[[Sequence[GcodeLine]], None] | None = None
-    ) -> Iterator[Step]:
+    def _steps(self, on_lines: Callable[[PackedLines], None] | None = None) -> Iterator[Step]:
         """Yield the program as lines."""
         path = self._motion.path(for_lines=True)
         if self._context.options.pauses == "skip":
@@ -140,7 +147,7 @@ class LinePass:
             axes={
                 letter: {"velocity": velocity, "acceleration": acceleration, "jerk": None}
                 for letter, velocity, acceleration in zip(
-                    "xyz", found.velocities, found.accelerations, strict=True
+                    BOARD_LETTERS.lower(), found.velocities, found.accelerations, strict=False
                 )
                 if letter in self._context.reader.machine.axes
             },
@@ -150,7 +157,9 @@ class LinePass:
         """Return the limits in the report, those of the axes as the board keeps them."""
         limits, own = self._context.report.limits, self.timing.limits
         axes = dict(limits.axes)
-        for letter, velocity, acceleration in zip("xyz", own.rates, own.accelerations, strict=True):
+        for letter, velocity, acceleration in zip(
+            BOARD_LETTERS.lower(), own.rates, own.accelerations, strict=False
+        ):
             if letter in axes:
                 known = {"velocity": velocity, "acceleration": acceleration}
                 axes[letter] = axes[letter] | {
@@ -163,11 +172,7 @@ class LinePass:
         kept: list[Step] | None = None if self._depends_on_answers else []
         capacity, timing = KEPT_BYTES, self.timing
 
-        def add(lines: Sequence[GcodeLine]) -> None:
-            for line in lines:
-                timing.add(line)
-
-        for step in self._steps(add):
+        for step in self._steps(lambda lines: timing.add_rows(lines.rows)):
             capacity -= step.lines.size
             if capacity < 0:
                 kept = None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from cnc.checks.catalogue import ASSUMPTIONS
 from cnc.checks.selection import Selection
 from cnc.executor.run import Progress
 from cnc.model.blocks import Block
@@ -77,6 +78,7 @@ class Observer:
         self._requests = (control.held, control.feed_override, control.stopped)
         self._held = False
         self._reported: set[tuple[str, str, int, int]] = set()
+        self._assumptions: dict[str, str] = {}
 
     def checking(self, lines_done: int) -> None:
         """Report progress of the check pass. Raises StoppedBeforeMotion."""
@@ -126,9 +128,15 @@ class Observer:
         if control.stopped and not stopped:
             log.info("operator: stop")
 
+    def assumed(self, from_start: str) -> str:
+        """Return what the reading assumes: from its start on, then the first of each finding."""
+        return "; ".join((*([from_start] if from_start else []), *self._assumptions.values()))
+
     def warn(self, finding: Diagnostic) -> None:
         """Report a warning or note, once for each place in the program."""
         report = self._report
+        if finding.code in ASSUMPTIONS:
+            self._assumptions.setdefault(finding.code, f"line {finding.line}: {finding.message}")
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
             return

@@ -27,6 +27,7 @@ class Outputs:
     pulses: str | None = None
     lines: str | None = None
     picture: str | None = None
+    stl: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +48,7 @@ class RunOptions:
         tool_lengths: Without a tool table: refuse lengths and radii of tools, or take them as 0.
             None refuses them where a machine moves or a file for a board is written.
         unknown_codes: Refuse unknown M-codes, or skip them with a warning.
+        stock_resolution: Width of a cell of the simulated stock, mm; None for the default.
         default_feed: Feed before the first F word, mm/min; None for none.
         block_delete: Switches of block delete that are on, 1 to 9.
         pauses: How M0 and M6 are treated on a board that plans for itself.
@@ -68,6 +70,7 @@ class RunOptions:
     portable: tuple[str, ...] = ()
     tool_lengths: ToolLengths | None = None
     unknown_codes: UnknownCodes = "error"
+    stock_resolution: float | None = None
     default_feed: float | None = None
     block_delete: frozenset[int] = frozenset()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from cnc.outputs.targets import Output, check_suffixes
+from cnc.outputs.targets import STL_SUFFIXES, Output, check_suffixes, suffix_of
 from cnc.session.options import Outputs
 
 OutputKind = TypeVar("OutputKind", bound=Output)
@@ -13,6 +13,8 @@ OutputKind = TypeVar("OutputKind", bound=Output)
 def check_outputs(outputs: Outputs) -> None:
     """Raise UsageError ``output-format`` for an unknown suffix."""
     check_suffixes(outputs.trace, outputs.pulses, outputs.lines)
+    if outputs.stl is not None:
+        suffix_of("stl", outputs.stl, STL_SUFFIXES)
     if outputs.picture is not None:
         from cnc.view.writer import check_picture
 

@@ -16,14 +16,14 @@ from cnc.checks.selection import unknown_codes
 from cnc.executor.homing import home
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
-from cnc.machine.models import Machine
+from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError
+from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
 from cnc.outputs.blocks import BlockWriter
-from cnc.outputs.targets import TextTarget
+from cnc.outputs.targets import BytesTarget, TextTarget
 from cnc.planner.plan import PlanChunk
-from cnc.report.result import Extremes, Report
+from cnc.report.result import Cut, Extremes, Report
 from cnc.session.board_choices import (
     Board,
     adopt_board,
@@ -82,6 +82,10 @@ class Session:
     ) -> None:
         options = options or RunOptions()
         check_outputs(options.outputs)
+        if options.outputs.stl is not None and machine.stock is None:
+            message = "--stl writes the cut part, but there is no stock"
+            hint = "give --stock X0:100,Y0:60,Z-12:0, or a table [stock] in the machine file"
+            raise UsageError(Diagnostic("stock-missing", message, hint=hint))
         if machine.kinematics.joints:
             refuse_lines(machine, options)
         name = display_name(program)
@@ -154,7 +158,7 @@ class Session:
                 report.dialect = reader.dialect_in_use
                 if reader.recognition is not None:
                     report.recognition = reader.recognition.described()
-                report.assumed = reader.assumed
+                report.assumed = context.observer.assumed(reader.assumed)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),
@@ -189,6 +193,8 @@ class Session:
         context.observer.checking(report.lines)
         if not report.ok:
             return
+        if board is None and reader.machine.stock is not None:
+            self._cut_stock(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
         timing = self._write_lines(board, capabilities)
@@ -235,6 +241,21 @@ class Session:
         if check.hints is not None:
             self._warn([*check.hints.findings(), *unknown_codes(reader.path, report.program)])
         return check, kept
+
+    def _cut_stock(self, stock: Stock) -> None:
+        """Simulate the cut, report what it finds, and write the part if requested."""
+        from cnc.session.stock_pass import simulate
+
+        context = self._context
+        self._kernels.before_simulation()
+        simulation = simulate(context.reader, stock, context.options.stock_resolution)
+        self._warn(simulation.findings())
+        material = simulation.material
+        self.report.cut = Cut(material.cell, material.removed_volume())
+        if context.options.outputs.stl is not None:
+            from cnc.stock.stl import write_stl
+
+            write_stl(material, context.files.opened(BytesTarget(context.options.outputs.stl)))
 
     def _run_pass(
         self,
@@ -291,6 +312,7 @@ class Session:
                 context.reader.start,
                 control=context.observer.control,
                 on_progress=context.observer.sent,
+                on_squared=lambda found: log.info("%s", found.description),
             )
         record.begin(board)
         log.info("motion begins")

@@ -62,8 +62,8 @@ def write_page(
     page = _asset("page.html").replace("{{policy}}", policy).replace("{{style}}", style)
     before, _, after = page.partition("<!--data-->\n")
     target.write(before)
-    about = _about(picture, report)
-    for name, column in _columns(picture, about):
+    about = about_picture(picture, report)
+    for name, column in packed_columns(picture, about):
         _element(target, f"column-{name}", [column.tobytes()])
     notes = []
     for index, (name, path) in enumerate(texts):
@@ -78,6 +78,17 @@ def write_page(
     about["note"] = ", ".join(notes)
     _element(target, "about", [json.dumps(about, allow_nan=False).encode()])
     target.write(after.replace("{{script}}", script))
+
+
+def write_data(target: TextTarget, picture: Picture, report: Report) -> None:
+    """Write the data of the page alone, as JSON: ``about`` and ``columns`` in base 64."""
+    about = about_picture(picture, report)
+    about["note"] = ""
+    columns = {
+        name: base64.b64encode(zlib.compress(column.tobytes(), 6)).decode()
+        for name, column in packed_columns(picture, about)
+    }
+    target.write(json.dumps({"about": about, "columns": columns}, allow_nan=False))
 
 
 def _asset(name: str) -> str:
@@ -110,7 +121,7 @@ def _pieces(path: Path) -> Iterator[bytes]:
             yield piece
 
 
-def _about(picture: Picture, report: Report) -> dict[str, Any]:
+def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
     """Return the data of the page besides the columns, lengths in mm and times in s."""
     strokes, limits = picture.strokes, report.limits
     low, high = strokes.position.min(axis=0), strokes.position.max(axis=0)
@@ -169,7 +180,9 @@ def _accuracy(picture: Picture) -> str:
     return " ".join(parts)
 
 
-def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+def packed_columns(
+    picture: Picture, about: dict[str, Any]
+) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Yield name and bytes of each array, in the forms that ``data.js`` reads."""
     strokes, curves, origins, tick = picture.strokes, picture.curves, picture.origins, about["tick"]
     yield "t", _integers(np.rint(strokes.t / tick))

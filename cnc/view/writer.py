@@ -16,7 +16,7 @@ from cnc.report.result import Report
 from cnc.view import figure, page
 from cnc.view.collect import Collector
 
-SUFFIXES = (".html", ".png", ".svg")
+SUFFIXES = (".html", ".png", ".svg", ".json")
 
 
 class PictureWriter(Output, Protocol):
@@ -40,7 +40,7 @@ def check_picture(name: str) -> None:
                 "output-format", f"a picture is a .html, .png or .svg file, not {name}", hint=hint
             )
         )
-    if suffix != ".html":
+    if suffix in (".png", ".svg"):
         try:
             import matplotlib.figure  # noqa: F401
         except ImportError:
@@ -65,8 +65,11 @@ def picture_writer(
         text: the file with the text of the program.
         start: (axes,) position at the start, mm.
     """
-    if Path(name).suffix.lower() == ".html":
+    suffix = Path(name).suffix.lower()
+    if suffix == ".html":
         return PageWriter(name, report, text, start)
+    if suffix == ".json":
+        return DataWriter(name, report, start)
     return FigureWriter(name, report, start)
 
 
@@ -87,6 +90,21 @@ class PageWriter(Writer[TextTarget]):
             for number, file in enumerate(picture.files)
         ]
         page.write_page(self._target, picture, self._report, texts)
+        super().close()
+
+
+class DataWriter(Writer[TextTarget]):
+    """Writes the data of a page as JSON, for a page that has the rest already."""
+
+    def __init__(self, name: str, report: Report, start: NDArray[np.float64]) -> None:
+        super().__init__(TextTarget(name))
+        self._report = report
+        self._collector = Collector(report.machine, page.SIZES, report.program, start)
+        self.add = self._collector.add
+
+    def close(self) -> None:
+        """Write the data and put the file in place."""
+        page.write_data(self._target, self._collector.picture(), self._report)
         super().close()
 
 

@@ -11,6 +11,8 @@ from cnc.boards.loopback import Loopback
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance, chunk
+from tests.support.boards.gantry_board import gantry
+from tests.support.session.runs import run_with
 
 
 class TestLoopback(PulseBoardConformance):
@@ -52,3 +54,11 @@ def test_fail_after_raises_a_fault(rows: int) -> None:
     assert caught.value.exit_code == 3
     assert board.position_steps.tolist() == [rows]
     assert board.state == "stopped"
+
+
+def test_motors_of_a_gantry_make_the_same_steps(tmp_path: Path) -> None:
+    known = gantry(0.0, 0.0)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 Y3 F900\nG1 Y1\nM2\n")
+    board = Loopback.from_machine(known)
+    assert run_with(tmp_path / "p.ngc", known, board=board).ok
+    assert board.motor_steps == [[200], [100] * 3, [0]]

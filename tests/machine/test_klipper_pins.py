@@ -51,7 +51,7 @@ def test_pins_of_a_machine_file(tmp_path: Path) -> None:
     assert [motor.column for motor in made.motors] == [0, 1, 1]
     assert [motor.forward for motor in made.motors] == [0, 1, 0]
     assert [each.name for each in made.outputs] == ["enable"]
-    limit = made.limit(0)
+    limit = made.limits(0)[0]
     assert limit is not None
     assert limit.active == 0
 

@@ -56,6 +56,7 @@ def wrong_samples(monkeypatch):
 
 def test_plans_from_wrong_samples_are_illegal(wrong_samples, monkeypatch):
     monkeypatch.setattr("cnc.planner.acceptance.exceeding_sections", lambda *_: [])
+    monkeypatch.setattr("cnc.planner.lookahead.MOST_CAUTION", 0)
     with pytest.raises(MotionLimitError, match="plan-illegal"):
         _ = [duration(seed) for seed in SEEDS]
 

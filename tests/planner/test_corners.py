@@ -165,13 +165,17 @@ def test_a_turn_becomes_a_blend_that_saves_time(degrees):
     assert_legal(chunks, ALONG, (1e-3,))
 
 
-def test_there_is_no_blend_between_a_traverse_and_a_feed_move():
+@pytest.mark.parametrize("feed", [50.0, 100.0])
+def test_a_blend_between_a_traverse_and_a_feed_move_keeps_the_feed(feed):
     points = np.array([(9, 3, 0), (14, 9, 0), (30, 12, 0)], float)
-    for feeds, kinds in (([np.nan, 50.0, np.nan], {LINE}), ([np.nan] * 3, {LINE, SPAN})):
-        moves = Polyline("t.nc", 1, points, np.array(feeds), np.arange(1, 4, dtype=np.int32))
-        path = build([PathMode("t.nc", 1, "blend", 0.1), moves], axes=AXES, start=np.zeros(3))
-        (chunk,) = [c for c in LookAhead(ALONG).plan(path) if isinstance(c, PlanChunk)]
-        assert set(chunk.path.kind.tolist()) == kinds
+    feeds = np.array([np.nan, feed, np.nan])
+    moves = Polyline("t.nc", 1, points, feeds, np.arange(1, 4, dtype=np.int32))
+    path = build([PathMode("t.nc", 1, "blend", 0.1), moves], axes=AXES, start=np.zeros(3))
+    (chunk,) = [c for c in LookAhead(ALONG).plan(path) if isinstance(c, PlanChunk)]
+    assert chunk.path.kind.tolist() == [LINE, SPAN, LINE, SPAN, LINE]
+    inside = (chunk.phase_s >= chunk.piece_s[1]) & (chunk.phase_s <= chunk.piece_s[4])
+    assert chunk.phase_v[inside].max() <= feed
+    assert_legal([chunk], ALONG, (1e-3, 1e-4))
 
 
 def test_speed_and_acceleration_of_the_trace_agree_with_its_positions():

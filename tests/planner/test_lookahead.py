@@ -297,7 +297,7 @@ def test_an_illegal_plan_is_not_sent_on():
     )
     ahead = LookAhead(machine())
     with pytest.raises(MotionLimitError) as refusal:
-        list(ahead.audit.passed([faster]))
+        ahead.audit.check(faster)
     assert refusal.value.diagnostic.code == "plan-illegal"
     for word in ("feed", "accel", "jerk"):
         assert word in refusal.value.diagnostic.message

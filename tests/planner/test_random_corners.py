@@ -157,7 +157,7 @@ def test_corners_are_the_same_wherever_plans_are_cut(seed):
     ]
 
     def after(plans):
-        overlaps = Overlaps(ahead.limits)
+        overlaps = Overlaps(ahead.limits, Audit(ahead.limits))
         return [*overlaps.passed(plans), *overlaps.flush()]
 
     expected, chunks = after(stops), after(slices)

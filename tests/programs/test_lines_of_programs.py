@@ -191,7 +191,7 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
     """An arc never becomes a full circle, and a full circle never vanishes."""
     sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
     center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
-    writer = LineWriter(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
+    writer = LineWriter(offset.tolist(), 0.01, 115200, "XYZ", "XYZ", 0.002)
     writer.stands_at((*offset[:2].tolist(), 0.0))
     x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
     arc = PlaneArc(0, (float(center[0]), float(center[1])), sweep)

@@ -12,7 +12,6 @@ from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
 from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
-from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, SystemClock
@@ -97,14 +96,16 @@ class GrblBoard:
         # connection.
         self.restarted = self.link.greeted_unasked and not any(self.stream.position)
         axes = len(self.stream.position)
+        letters = (self.info.letters or "".join(AXIS_LETTERS).upper())[:axes]
         missing = [
             letter.upper()
             for letter, column in zip(self._machine.axes, self._columns, strict=True)
-            if column >= axes
+            if letters[column : column + 1] != letter.upper()
         ]
         if missing:
-            message = f"the machine file has an axis {missing[0]}; the board has {axes} axes"
-            hint = "remove the axis from the machine file"
+            names = ", ".join(letters)
+            message = f"the machine file has an axis {missing[0]}; the board has {names}"
+            hint = "give the axis the name that the board has for it, or remove it from the file"
             raise board_error("board-axes", message, hint=hint)
         if self.info.tool_length and self.status.state == "Idle":
             self.link.ask("G49")
@@ -191,7 +192,7 @@ class GrblBoard:
     @property
     def work_offset(self) -> tuple[float, ...]:
         """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
-        return self._machine_axes(self._g54_offset())
+        return self._machine_axes(self.info.g54_offset(len(self.stream.position)))
 
     @property
     def stored_offsets(self) -> dict[str, tuple[float, ...]]:
@@ -210,6 +211,11 @@ class GrblBoard:
             for number in self.info.settings
             if (value := self.info.number(number)) is not None
         }
+
+    @property
+    def planner_blocks(self) -> int:
+        """Moves that the planner of the board holds, 0 where it is not known."""
+        return self.info.blocks
 
     @property
     def mist(self) -> bool:
@@ -248,6 +254,11 @@ class GrblBoard:
         full = (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
         return (self.status.overrides or full)[1]
 
+    @property
+    def rested_at(self) -> float:
+        """Time of the report that last showed the machine at rest with nothing to do, s."""
+        return self.stream.rested_at
+
     def now(self) -> float:
         """Return the time by the clock of the link, s."""
         return self.link.now()
@@ -280,7 +291,7 @@ class GrblBoard:
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        stream.begin(self._g54_offset(), moves=not self.check_only)
+        stream.begin(self.info.g54_offset(len(self.stream.position)), moves=not self.check_only)
 
     def send_line(self, line: GcodeLine) -> None:
         """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
@@ -345,24 +356,9 @@ class GrblBoard:
             self.stop()
         self.link.close()
 
-    def real_time(self, command: RealTime) -> None:
-        """Send a real-time command at once, however full the receive buffer is."""
-        self.stream.write(command.value)
-
     def _machine_axes(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """Return the values of the machine's axes out of those of the board's."""
         return tuple(values[column] for column in self._columns) if values else ()
-
-    def _g54_offset(self) -> tuple[float, ...]:
-        places = self.info.places
-        nothing = (0.0,) * len(self.stream.position)
-        sums = [
-            a + b
-            for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)
-        ]
-        if len(sums) > 2:
-            sums[2] += self.info.tool_length
-        return tuple(sums)
 
     def _check_offset(self, line: int) -> None:
         """Compare the offset of the board with the one that the lines were made for.
@@ -378,7 +374,8 @@ class GrblBoard:
         if stream.stopping or offset is None:
             return
         if any(
-            abs(a - b) > SAME_POSITION for a, b in zip(offset, self._g54_offset(), strict=False)
+            abs(a - b) > SAME_POSITION
+            for a, b in zip(offset, self.info.g54_offset(len(self.stream.position)), strict=False)
         ):
             shown = ", ".join(f"{value:g}" for value in offset)
             message = f"the board uses another offset than its G54: {shown} mm"

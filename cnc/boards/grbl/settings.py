@@ -69,6 +69,7 @@ class BoardInfo:
         fluid: Whether it is FluidNC.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
+        letters: Names of the axes in the order of their settings; "" where they are not reported.
         blocks: Blocks of the planner; 0 where it is not reported.
         rx_bytes: Bytes of the receive buffer.
         settings: Value of each setting as text, by number.
@@ -81,6 +82,7 @@ class BoardInfo:
     fluid: bool = False
     build: str = ""
     options: str = ""
+    letters: str = ""
     blocks: int = 0
     rx_bytes: int = RX_BYTES
     settings: dict[int, str] = field(default_factory=dict)
@@ -102,6 +104,8 @@ class BoardInfo:
                 self.build = each.text.rstrip(":")
             elif each.kind == "OPT":
                 self._options(each.text)
+            elif each.kind == "AXS":
+                self.letters = each.text.partition(":")[2].upper()
             elif each.kind == "FIRMWARE":
                 self.hal = self.hal or "grblhal" in each.text.lower()
             elif each.kind in PLACES:
@@ -184,6 +188,15 @@ class BoardInfo:
         off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
         downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
         return travel[0] + off if travel is not None and downwards else -off
+
+    def g54_offset(self, axes: int) -> tuple[float, ...]:
+        """Return the work offset of each axis in G54, mm: G54, G92 and tool length."""
+        nothing = (0.0,) * axes
+        places = self.places.get("G54", nothing), self.places.get("G92", nothing)
+        sums = [a + b for a, b in zip(*places, strict=False)]
+        if len(sums) > 2:
+            sums[2] += self.tool_length
+        return tuple(sums)
 
     def named_places(self) -> dict[str, dict[str, float]]:
         """Return the offsets by name and axis, mm."""

@@ -74,6 +74,7 @@ class Klipper:
         self._position = self._supervisor.position
         axes = len(machine.axes)
         self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
+        self._next_alone: tuple[int, int] | None = None
         if background:
             threading.Thread(target=self._keep_alive, daemon=True, name="Klipper board").start()
 
@@ -150,15 +151,25 @@ class Klipper:
     @property
     def switches(self) -> tuple[bool, ...]:
         """Whether each limit switch is closed, for the first axes that have one."""
-        found: list[bool] = []
+        return tuple(any(each) for each in self.motor_switches)
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis is closed, for the first axes that have one."""
+        found: list[tuple[bool, ...]] = []
+        supervisor = self._supervisor
         with self._lock:
-            self._supervisor.refuse_after_fault()
+            supervisor.refuse_after_fault()
             for column in range(len(self._machine.axes)):
-                limit = self._supervisor.layout.limit(column)
-                if limit is None:
+                limits = supervisor.layout.limits(column)
+                if not limits:
                     break
-                found.append(self._supervisor.is_pressed(limit))
+                found.append(tuple(supervisor.is_pressed(limit) for limit in limits))
         return tuple(found)
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+        self._next_alone = column, motor
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.
@@ -186,10 +197,12 @@ class Klipper:
             axes = len(origin_steps)
             self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
             supervisor.guards.watched = set(np.flatnonzero(watched).tolist())
-            supervisor.guards.armed = None
+            supervisor.guards.armed = ()
+            supervisor.select(self._next_alone)
+            self._next_alone = None
             self._refuse_pressed(supervisor.guards.watched)
-            for driver in supervisor.drivers:
-                driver.check()
+            supervisor.end_stalls()
+            supervisor.check_drivers()
             self._position.set(supervisor.read_positions(), self._checks.position_steps)
             self._position.known = known
             supervisor.store(moving=True)
@@ -333,26 +346,34 @@ class Klipper:
     def _begin_probe(self, block: Probe, time_ns: int) -> None:
         """Arm the input of a probing move: the probe, or a limit switch in a homing move."""
         supervisor, towards = self._supervisor, block.towards
-        found: InputObject | None
+        found: list[InputObject]
         if isinstance(block, SwitchMove):
-            name, found = "switch", supervisor.layout.limit(block.switch)
+            name, found = "switch", supervisor.layout.limits(block.switch)
+            if block.motor is not None and len(found) > 1:
+                found = [found[block.motor]]
         else:
-            name, found = "probe", supervisor.layout.input("probe")
-        if found is None:
+            probe = supervisor.layout.input("probe")
+            name, found = "probe", [] if probe is None else [probe]
+        if not found:
             hint = "name its pin in the machine file: board.klipper.probe"
             message = f"the board has no {name}"
             raise supervisor.fail(
                 board_error("board-senseless", message, line=block.line, hint=hint)
             )
         supervisor.rest(time_ns)
-        if supervisor.is_pressed(found) == towards:
+        if any(supervisor.is_pressed(each) == towards for each in found):
             state = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 start in contact"
             message = f"the {name} {state}"
             raise supervisor.fail(
                 board_error(f"{name}-contact", message, line=block.line, hint=hint)
             )
-        supervisor.guards.armed = ArmedInput(found, found.active if towards else 1 - found.active)
+        if isinstance(block, SwitchMove):
+            scale = float(self._machine.steps_per_mm[block.switch])
+            supervisor.watch_stalls(block.switch, block.feed * scale)
+        supervisor.guards.armed = tuple(
+            ArmedInput(each, each.active if towards else 1 - each.active) for each in found
+        )
         supervisor.probing = True
 
     def _end_probe(self) -> tuple[float, ...]:
@@ -361,8 +382,9 @@ class Klipper:
         supervisor.rest(sender.until_ns)
         touched = sender.cut
         point = supervisor.end_cut() if touched else sender.position
-        supervisor.guards.armed = None
+        supervisor.guards.armed = ()
         supervisor.probing = False
+        supervisor.end_stalls()
         self._checks.stand_at(point)
         supervisor.stopped_short = False
         sender.stand_at(point)

@@ -37,13 +37,13 @@ class Guards:
 
     Attributes:
         watched: Columns of the axes whose limit switches end the motion.
-        armed: Input that ends the next motion, None for none.
+        armed: Inputs that end the next motion.
     """
 
     def __init__(self, connection: Connection, layout: Layout, axes: int) -> None:
         self._connection, self._layout = connection, layout
         self.watched = set(range(axes))
-        self.armed: ArmedInput | None = None
+        self.armed: tuple[ArmedInput, ...] = ()
         self._renewed_at: float | None = None
         self._homing: list[InputObject] = []
 
@@ -64,8 +64,9 @@ class Guards:
         self._homing.clear()
         for each in self._layout.inputs:
             level = each.active
-            if self.armed is not None and each == self.armed.input:
-                level = self.armed.level
+            armed = [known.level for known in self.armed if known.input == each]
+            if armed:
+                level = armed[0]
             elif each.name == "probe" or (each.name == "limit" and each.column not in self.watched):
                 continue
             self._homing.append(each)

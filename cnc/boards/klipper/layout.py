@@ -47,11 +47,19 @@ REQUIRED = (
 
 @dataclass(frozen=True, slots=True)
 class MotorObject:
-    """A motor: its object, the column of its axis, and the direction level of positive steps."""
+    """A motor.
+
+    Attributes:
+        oid: Its object.
+        column: Column of its axis.
+        forward: Level of its direction pin for positive steps.
+        number: Its number among the motors of the axis, from 0.
+    """
 
     oid: int
     column: int
     forward: int
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +72,7 @@ class InputObject:
         active: Level of the pin while it is pressed.
         reason: Reason that it gives when it triggers.
         column: Column of the axis of a limit switch, else -1.
+        motor: Motor of the axis whose own limit switch it is.
     """
 
     oid: int
@@ -71,6 +80,7 @@ class InputObject:
     active: int
     reason: int
     column: int = -1
+    motor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +120,7 @@ class Layout:
         outputs: The outputs.
         objects: Number of objects.
         config: Encoded commands that configure them, but for allocation and end.
-        drivers: Object of the UART or SPI device of the motor driver of each axis.
+        drivers: Object of the UART or SPI device of the driver of each motor, by letter and number.
         scales: Steps per mm of each axis.
     """
 
@@ -120,7 +130,7 @@ class Layout:
     outputs: list[OutputObject] = field(default_factory=list)
     objects: int = 0
     config: list[bytes] = field(default_factory=list)
-    drivers: dict[str, int] = field(default_factory=dict)
+    drivers: dict[tuple[str, int], int] = field(default_factory=dict)
     scales: tuple[float, ...] = ()
 
     @property
@@ -132,9 +142,9 @@ class Layout:
         motors = f"{self.motors} {self.scales} {self.objects}"
         return zlib.crc32(b"".join(self.config) + motors.encode()) or 1
 
-    def limit(self, column: int) -> InputObject | None:
-        """Return the limit switch of an axis."""
-        return next((each for each in self.inputs if each.column == column), None)
+    def limits(self, column: int) -> list[InputObject]:
+        """Return the limit switches of an axis, in the order of its motors."""
+        return [each for each in self.inputs if each.column == column]
 
     def input(self, name: str) -> InputObject | None:
         """Return an input by its name."""
@@ -191,10 +201,10 @@ class LayoutBuilder:
                 raise UsageError(Diagnostic("klipper-pins", message, hint=hint))
             self._motors(letter, column, axis)
             self._enable(letter, axis, enables)
-            if axis.driver is not None:
-                self._driver(letter, axis.driver)
-            if axis.endstop is not None:
-                self._input((letter, "endstop"), "limit", axis.endstop, LIMIT + column, column)
+            for number, driver in enumerate(axis.driver or ()):
+                self._driver(letter, number, driver)
+            for number, text in enumerate(axis.endstop or ()):
+                self._limit(letter, column, number, text)
         known = self._known
         if known.probe is not None:
             self._input(("probe",), "probe", known.probe, ARMED)
@@ -241,8 +251,11 @@ class LayoutBuilder:
 
     def _motors(self, letter: str, column: int, axis: KlipperAxis) -> None:
         pulse = max(1, round(self._machine.board.step_pulse * self._ticks))
-        invert = next(each.invert for name, each in self._machine.axes.items() if name == letter)
-        for step, direction in zip(axis.step, axis.direction, strict=True):
+        known = next(each for name, each in self._machine.axes.items() if name == letter)
+        for number, (step, direction) in enumerate(zip(axis.step, axis.direction, strict=True)):
+            invert = known.invert
+            if number < len(known.motors):
+                invert ^= known.motors[number].invert
             oid = self._create(
                 "config_stepper",
                 step_pin=self.pin((letter, "step"), step),
@@ -251,7 +264,7 @@ class LayoutBuilder:
                 step_pulse_ticks=pulse,
             )
             backward = Pin.of(direction).inverted != invert
-            self.layout.motors.append(MotorObject(oid, column, int(not backward)))
+            self.layout.motors.append(MotorObject(oid, column, int(not backward), number))
 
     def _enable(self, letter: str, axis: KlipperAxis, done: set[str]) -> None:
         for text in axis.enable or ():
@@ -270,7 +283,7 @@ class LayoutBuilder:
             )
             self.layout.outputs.append(OutputObject(oid, "enable", pin.inverted, limited=False))
 
-    def _driver(self, letter: str, driver: TrinamicDriver) -> None:
+    def _driver(self, letter: str, number: int, driver: TrinamicDriver) -> None:
         """Configure the UART or SPI device of a motor driver; drivers may share a UART."""
         key = letter, "driver"
         if driver.uart is not None:
@@ -282,10 +295,10 @@ class LayoutBuilder:
                     "config_tmcuart",
                     rx_pin=pin,
                     pull_up=int(Pin.of(driver.uart).pull_up),
-                    tx_pin=pin,
+                    tx_pin=self.pin((*key, "transmit"), driver.transmit or driver.uart),
                     bit_time=round(self._ticks / baud),
                 )
-            self.layout.drivers[letter] = self._uarts[pin]
+            self.layout.drivers[letter, number] = self._uarts[pin]
         elif driver.select is not None:
             buses = self._dictionary.enumerations.get("spi_bus", {})
             bus = buses.get(driver.spi_bus, min(buses.values(), default=0))
@@ -300,14 +313,19 @@ class LayoutBuilder:
                 cs_active_high=int(Pin.of(driver.select).inverted),
             )
             self.encode("spi_set_bus", oid=oid, spi_bus=bus, mode=SPI_MODE, rate=SPI_RATE)
-            self.layout.drivers[letter] = oid
+            self.layout.drivers[letter, number] = oid
 
-    def _input(
-        self, key: tuple[str, ...], name: str, text: str, reason: int, column: int = -1
-    ) -> None:
+    def _limit(self, letter: str, column: int, number: int, text: str) -> None:
+        pin = Pin.of(text)
+        key = letter, "endstop"
+        oid = self._create("config_endstop", pin=self.pin(key, text), pull_up=int(pin.pull_up))
+        active = int(not pin.inverted)
+        self.layout.inputs.append(InputObject(oid, "limit", active, LIMIT + column, column, number))
+
+    def _input(self, key: tuple[str, ...], name: str, text: str, reason: int) -> None:
         pin = Pin.of(text)
         oid = self._create("config_endstop", pin=self.pin(key, text), pull_up=int(pin.pull_up))
-        self.layout.inputs.append(InputObject(oid, name, int(not pin.inverted), reason, column))
+        self.layout.inputs.append(InputObject(oid, name, int(not pin.inverted), reason))
 
     def _digital(self, key: tuple[str, ...], name: str, text: str) -> None:
         pin = Pin.of(text)

@@ -15,6 +15,7 @@ class MachinePosition:
     Attributes:
         known: Whether the position of each axis is known (axes,).
         offset: Grid point minus count, for each motor.
+        moving: Whether each motor takes part in the motion.
     """
 
     def __init__(self, machine: Machine, motors: list[MotorObject]) -> None:
@@ -23,6 +24,14 @@ class MachinePosition:
         self._steps_per_mm = machine.steps_per_mm
         self.known = np.zeros(len(machine.axes), np.bool_)
         self.offset = [0] * len(motors)
+        self.moving = [True] * len(motors)
+
+    def select(self, alone: tuple[int, int] | None) -> None:
+        """Let one motor of an axis (column, motor) take part in the motion, or all."""
+        self.moving = [
+            alone is None or each.column != alone[0] or each.number == alone[1]
+            for each in self._motors
+        ]
 
     def counts(self, positions: list[int]) -> list[int]:
         """Return the counts of the motors in the directions of their axes."""
@@ -39,12 +48,13 @@ class MachinePosition:
         ]
 
     def of(self, positions: list[int]) -> NDArray[np.int64]:
-        """Return the grid point (axes,) of positions; of several motors the first counts."""
+        """Return the grid point (axes,) of positions; of several motors that move the first."""
         grid = np.zeros(len(self._letters), np.int64)
-        for motor, count, offset in reversed(
-            list(zip(self._motors, self.counts(positions), self.offset, strict=True))
+        for motor, count, offset, moving in reversed(
+            list(zip(self._motors, self.counts(positions), self.offset, self.moving, strict=True))
         ):
-            grid[motor.column] = count + offset
+            if moving:
+                grid[motor.column] = count + offset
         return grid
 
     def differing(self, positions: list[int]) -> str:
@@ -54,10 +64,10 @@ class MachinePosition:
             sorted(
                 {
                     self._letters[motor.column]
-                    for motor, count, offset in zip(
-                        self._motors, self.counts(positions), self.offset, strict=True
+                    for motor, count, offset, moving in zip(
+                        self._motors, self.counts(positions), self.offset, self.moving, strict=True
                     )
-                    if count + offset != grid[motor.column]
+                    if moving and count + offset != grid[motor.column]
                 }
             )
         )

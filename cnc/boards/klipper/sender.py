@@ -114,9 +114,9 @@ class Sender:
         least = int(limits.spacing_s * self._frequency)
         self._reserve_ns = round(0.5e9 * self.ramp_s)
         self._encoders = [StepEncoder(tolerance, least=least) for _ in range(axes)]
-        self._motors: list[list[MotorObject]] = [
-            [each for each in layout.motors if each.column == column] for column in range(axes)
-        ]
+        self._layout = layout
+        self._motors: list[list[MotorObject]] = []
+        self.select(None)
         self._levels: dict[int, int] = {}
         self._waiting: list[tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]] = []
         self._points: list[NDArray[np.int64]] = []
@@ -125,6 +125,18 @@ class Sender:
         self._end_clock = 0
         self._flushed = True
         self._begun = self._sending = False
+
+    def select(self, alone: tuple[int, int] | None) -> None:
+        """Let one motor of an axis (column, motor) take part in the motion, or all."""
+        self._motors = [
+            [
+                each
+                for each in self._layout.motors
+                if each.column == column
+                and (alone is None or alone[0] != column or alone[1] == each.number)
+            ]
+            for column in range(self._axes)
+        ]
 
     @property
     def is_empty(self) -> bool:

@@ -25,7 +25,8 @@ from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import Guard, Sender, TooLate
 from cnc.boards.klipper.setup import configure, shutdown_reason
-from cnc.boards.klipper.trinamic.drivers import motor_drivers
+from cnc.boards.klipper.trinamic.drivers import CHECK, MotorDriver, motor_drivers
+from cnc.boards.klipper.trinamic.watch import DriverWatch
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
 from cnc.boards.protocols import board_error
@@ -73,6 +74,8 @@ class Supervisor:
         self.drivers = motor_drivers(self.connection, self.layout, machine)
         for driver in self.drivers:
             driver.configure(machine)
+        self._stalls: list[MotorDriver] = []
+        self._watch = DriverWatch(self.connection, self.drivers)
         self.least_ns = 1e9 / machine.board.max_step_rate
         axes = len(machine.axes)
         self.checks = Loopback(axes, self.least_ns)
@@ -124,6 +127,7 @@ class Supervisor:
             self.outputs.repeat()
             if self.sender.running:
                 self.guards.renew()
+                self._driver_fault(self._watch.ask())
             if self.sender.watch():
                 self._underrun()
         try:
@@ -150,22 +154,54 @@ class Supervisor:
                 raise self._shut_down(message["static_string_id"])
             case "starting" if not self._stopping:
                 raise self._reset()
+            case "tmcuart_response" | "spi_transfer_response":
+                self._driver_fault(self._watch.take(message))
             case "trsync_state" if not message["can_trigger"] and self.sender.running:
                 self._triggered(message["trigger_reason"])
 
     def _triggered(self, reason: int) -> None:
         """Act on a trigger, which has stopped all motors."""
-        armed = self.guards.armed
-        if self.probing and armed is not None and reason == armed.input.reason:
+        armed = {each.input.reason for each in self.guards.armed}
+        if self.probing and reason in armed:
             self.sender.cut = True
             self.connection.link.drop_waiting()
             return
         if self.active and not self._stopping and reason != BY_HOST:
             raise self._alarm(reason)
 
+    def _driver_fault(self, text: str) -> None:
+        """Stop the motors at once after a fault of a motor driver, whose motor is off."""
+        if text and self.active and not self._stopping:
+            raise self._dead_stop("motor-driver", text, CHECK)
+
+    def check_drivers(self) -> None:
+        """Read the state of all motor drivers; raise the fault of one."""
+        while self._watch.is_waiting and not self._stopping:
+            self.pump(POLL_S)
+            self._watch.ask()
+        for driver in self.drivers:
+            driver.check()
+
+    def watch_stalls(self, column: int, speed: float) -> None:
+        """Let the drivers of an axis tell stalls of a homing move at a speed, steps/s."""
+        for driver in self.drivers:
+            if driver.column == column and driver.driver.stallguard is not None:
+                driver.watch_stalls(speed)
+                self._stalls.append(driver)
+
+    def end_stalls(self) -> None:
+        """Let the drivers go back to the mode of the machine file."""
+        while self._stalls:
+            self._stalls.pop().watch_stalls(None)
+
     def ask(self, command: str, response: str, oid: int) -> Message:
         """Return the answer to a question about an object."""
         return self.connection.ask(command, response, self.pump, oid=oid)
+
+    def select(self, alone: tuple[int, int] | None) -> None:
+        """Let one motor of an axis (column, motor) take part in the next motion, or all."""
+        self.position.select(alone)
+        self.sender.select(alone)
 
     def is_pressed(self, each: InputObject) -> bool:
         """Return whether an input is pressed."""

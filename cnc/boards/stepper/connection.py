@@ -10,6 +10,7 @@ from typing import NamedTuple
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
+from cnc.boards.stepper.motor_outputs import FOURTH, MAX_OUTPUTS, MotorOutputs
 from cnc.boards.stepper.protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
@@ -34,18 +35,19 @@ MAX_RAMP_S = 0.08
 """Longest emergency ramp."""
 S_CURVE_PEAK = 1.5
 """Ratio of the steepest to the mean slope of the S-curve of an emergency ramp."""
-MAX_AXES = 4
 TURN_ROUND_TICKS = 8
 """Longest time that the board needs between the rest after a pulse and the next pulse."""
-LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
+PROBE, EMERGENCY_STOP, RESUME = 0x10, 0x20, 0x80
 """Bits of the inputs."""
 INPUTS = {
-    "limits": LIMITS,
+    "limits": 0x07,
     "probe": PROBE,
     "emergency-stop": EMERGENCY_STOP,
     "hold": 0x40,
-    "resume": 0x80,
+    "resume": RESUME,
 }
+LIMIT_AT_A2 = 0x02
+"""Bit of a configuration: A2 is the limit input of the fourth output, not the resume button."""
 UNO = Welcome(VERSION, axes=3, tick_ns=500, room=1020, least_ticks=36)
 """The welcome of the firmware of this version on an ATmega328P."""
 
@@ -251,15 +253,19 @@ def open_board(connection: Connection, machine: Machine) -> tuple[Welcome, Statu
             f"this program has {VERSION}"
         )
         raise board_error("board-version", message, hint=hint)
-    if welcome.axes != len(machine.axes):
+    outputs = MotorOutputs(machine)
+    if welcome.axes != outputs.count:
+        what = "motors" if outputs.is_gantry else "axes"
         hint = (
-            f"use a machine file with {welcome.axes} axes, "
-            f"or make flash AXES={len(machine.axes)} PORT={name}"
+            f"use a machine file with {welcome.axes} {what}, "
+            f"or make flash AXES={outputs.count} PORT={name}"
         )
-        message = (
-            f"the machine has {len(machine.axes)} axes, the board on {name} has {welcome.axes}"
-        )
+        message = f"the machine has {outputs.count} {what}, the board on {name} has {welcome.axes}"
         raise board_error("board-axes", message, hint=hint)
+    if outputs.has_fourth_limit and not welcome.fourth_limit:
+        hint = f"make flash AXES={outputs.count} PORT={name} installs the present firmware"
+        message = f"the firmware of the board on {name} has no limit switch for a fourth motor"
+        raise board_error("board-version", message, hint=hint)
     for fault in incompatibilities(machine, min_spacing_ns(welcome, machine)):
         raise BoardError(fault)
     began = connection.clock.now()
@@ -271,7 +277,8 @@ def open_board(connection: Connection, machine: Machine) -> tuple[Welcome, Statu
                 hint="check that no other program drives it",
             )
         connection.pump(POLL_S)
-    return welcome, configure(connection, machine, welcome, LIMITS, connection.pump)
+    limits = outputs.limits
+    return welcome, configure(connection, machine, welcome, limits, connection.pump)
 
 
 def incompatibilities(machine: Machine, spacing_ns: int) -> Iterator[Diagnostic]:
@@ -284,9 +291,15 @@ def incompatibilities(machine: Machine, spacing_ns: int) -> Iterator[Diagnostic]
         machine: The machine.
         spacing_ns: Least time between two steps of an axis, ns.
     """
-    letters = tuple(machine.axes)
+    letters, outputs = tuple(machine.axes), MotorOutputs(machine)
     expected = letters if machine.has_joints_as_axes else ("x", "y", "z")
-    if len(letters) > MAX_AXES or letters[:3] != expected[:3][: len(letters)]:
+    if outputs.is_gantry and outputs.count > MAX_OUTPUTS:
+        yield Diagnostic(
+            "board-axes",
+            f"the machine file has {outputs.count} motors, the board {MAX_OUTPUTS}",
+            hint="lower the number of motors of an axis (axes.y.motors)",
+        )
+    if len(letters) > MAX_OUTPUTS or letters[:3] != expected[:3][: len(letters)]:
         names = " ".join(letter.upper() for letter in letters)
         hint = (
             "write the tables [axes.x], [axes.y], [axes.z] in this order, "
@@ -332,14 +345,20 @@ def configure(
         if axis.max_acceleration
     ]
     ramp_ms = round(1e3 * min(S_CURVE_PEAK * max(stops, default=MAX_RAMP_S), MAX_RAMP_S))
+    outputs = MotorOutputs(machine)
     inverted = sum(INPUTS[name] for name in set(machine.board.normally_closed))
-    limits &= LIMITS & (1 << len(machine.axes)) - 1
+    drivers = int(machine.board.invert_enable)
+    if outputs.has_fourth_limit:
+        drivers |= LIMIT_AT_A2
+        inverted &= ~RESUME
+        if "limits" in machine.board.normally_closed:
+            inverted |= FOURTH
     numbers = (
         *pulse_ticks(welcome, machine),
         max(ramp_ms, 4),
-        limits,
+        limits & outputs.limits,
         inverted,
-        int(machine.board.invert_enable),
+        drivers,
     )
     connection.request(Kind.CONFIGURE, bytes(numbers), pump)
     status = connection.ask(pump)
@@ -364,10 +383,11 @@ def clear_alarm(
     Raises:
         BoardError: ``board-limit``, if one of these switches is pressed.
     """
+    outputs = MotorOutputs(machine)
     pressed = [
         letter.upper()
-        for k, letter in enumerate(machine.axes)
-        if status.inputs & limits & LIMITS & 1 << k
+        for column, letter in enumerate(machine.axes)
+        if any(status.inputs & limits & outputs.limits & 1 << k for k in outputs.of_axis(column))
     ]
     if pressed:
         hint = (

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, MotionState, board_error
 from cnc.boards.stepper.connection import (
-    LIMITS,
     PROBE,
     STATUS_PERIOD_S,
     UNO,
@@ -29,6 +28,7 @@ from cnc.boards.stepper.connection import (
     min_spacing_ns,
 )
 from cnc.boards.stepper.feasibility import StepperFeasibility
+from cnc.boards.stepper.motor_outputs import MotorOutputs
 from cnc.boards.stepper.outputs import Outputs, actions
 from cnc.boards.stepper.protocol import Kind
 from cnc.boards.stepper.segments import ARM, OUTPUTS
@@ -75,7 +75,9 @@ class Stepper:
         self._sender = self._supervisor.sender
         self._checks = self._supervisor.checks
         self._position = self._supervisor.position
-        self._next = LIMITS, np.ones(len(machine.axes), np.bool_)
+        self._motors = self._position.outputs
+        self._next = self._motors.limits, np.ones(len(machine.axes), np.bool_)
+        self._next_alone: tuple[int, int] | None = None
         if background:
             threading.Thread(target=self._keep_alive, daemon=True, name="stepper board").start()
 
@@ -110,8 +112,8 @@ class Stepper:
 
     def feasibility_check(self) -> StepperFeasibility:
         """Return a check of a program for this board."""
-        axes = len(self._machine.axes)
-        return StepperFeasibility(axes, self._supervisor.least_ns, baud_of(self._machine))
+        least_ns = self._supervisor.least_ns
+        return StepperFeasibility(MotorOutputs(self._machine), least_ns, baud_of(self._machine))
 
     @classmethod
     def expected_feasibility_check(cls, machine: Machine) -> StepperFeasibility:
@@ -123,7 +125,7 @@ class Stepper:
         spacing_ns = min_spacing_ns(UNO, machine)
         for fault in incompatibilities(machine, spacing_ns):
             raise MotionLimitError(fault)
-        return StepperFeasibility(len(machine.axes), spacing_ns, baud_of(machine))
+        return StepperFeasibility(MotorOutputs(machine), spacing_ns, baud_of(machine))
 
     @property
     def confirmed_line(self) -> int:
@@ -159,12 +161,25 @@ class Stepper:
 
     @property
     def switches(self) -> tuple[bool, ...]:
-        """Whether each limit switch is closed; the fourth axis has none."""
+        """Whether each axis has a closed limit switch; a fourth axis has none."""
+        return tuple(any(each) for each in self.motor_switches)
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis is closed; a fourth axis has none."""
         with self._lock:
             self._supervisor.refuse_after_fault()
             inputs = self._supervisor.ask().inputs
-        axes = min(LIMITS.bit_count(), len(self._machine.axes))
-        return tuple(bool(inputs >> axis & 1) for axis in range(axes))
+        limits = self._motors.limits
+        found = (
+            tuple(bool(inputs >> k & 1) for k in self._motors.of_axis(column) if limits >> k & 1)
+            for column in range(len(self._machine.axes))
+        )
+        return tuple(each for each in found if each)
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+        self._next_alone = column, motor
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.
@@ -173,10 +188,8 @@ class Stepper:
             watched: Axes whose limit switches end the motion with an alarm.
             known: Axes whose position is that of the origin.
         """
-        self._next = (
-            sum(1 << axis for axis, wanted in enumerate(watched) if wanted),
-            np.array(known, np.bool_),
-        )
+        wanted = [*watched, *[True] * (len(self._machine.axes) - len(watched))]
+        self._next = self._motors.bits(wanted), np.array(known, np.bool_)
 
     def connect_operator(self, control: Control) -> None:
         """Send the presses of the shield's buttons to ``control``: A1 holds, A2 resumes.
@@ -193,7 +206,9 @@ class Stepper:
             self._checks.start(origin_steps)
             self._sender.begin(self._checks.position_steps)
             supervisor.limits, self._position.known = self._next
-            self._next = LIMITS, np.ones(len(origin_steps), np.bool_)
+            self._next = self._motors.limits, np.ones(len(origin_steps), np.bool_)
+            self._motors.select(self._next_alone)
+            self._next_alone = None
             connection, limits = supervisor.connection, supervisor.limits
             status = configure(
                 connection, self._machine, supervisor.welcome, limits, supervisor.pump
@@ -217,9 +232,9 @@ class Stepper:
                 if rows:
                     step = chunk.step[:rows]
                     points = begin + np.cumsum(step, axis=0, dtype=np.int64)
-                    directed = (step * self._position.direction).astype(np.int8)
+                    outputs = self._motors.expanded(step)
                     self._sender.gather(
-                        PulseChunk(chunk.time_ns[:rows], directed, chunk.line[:rows]), points
+                        PulseChunk(chunk.time_ns[:rows], outputs, chunk.line[:rows]), points
                     )
 
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
@@ -306,9 +321,13 @@ class Stepper:
         supervisor, towards = self._supervisor, block.towards
         name, bit = "probe", PROBE
         if isinstance(block, SwitchMove):
-            name, bit = "switch", 1 << block.switch
+            name, motors = "switch", self._motors.of_axis(block.switch)
+            if block.motor is not None and len(motors) > 1:
+                motors = [motors[block.motor]]
+            bit = sum(1 << output for output in motors) & self._motors.limits
         supervisor.rest(time_ns)
-        if bool(supervisor.ask().inputs & bit) == towards:
+        active = supervisor.ask().inputs & bit
+        if active if towards else active != bit:
             state = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 start in contact"
             message = f"the {name} {state}"
@@ -345,9 +364,8 @@ class Stepper:
 
 
 def _capabilities(machine: Machine, spacing_ns: int) -> Capabilities:
-    axes = len(machine.axes)
     return Capabilities(
-        axes,
+        len(machine.axes),
         1e9 / spacing_ns,
         500.0,
         pulses=True,
@@ -355,5 +373,5 @@ def _capabilities(machine: Machine, spacing_ns: int) -> Capabilities:
         senses=False,
         probes=True,
         slice_s=PIECE_S,
-        actions=actions(axes),
+        actions=actions(MotorOutputs(machine).count),
     )

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cnc.boards.stepper.motor_outputs import MotorOutputs
 from cnc.boards.stepper.segments import SegmentEncoder, split
 from cnc.boards.stepper.sender import PIECE_S, TOLERANCE_NS
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
@@ -36,7 +37,7 @@ class StepperFeasibility:
     """Check of a program for a board.
 
     Args:
-        axes: Number of axes.
+        outputs: The motors at the outputs of the board.
         least_ns: Sustained time between grid moves, ns.
         baud: Speed of the serial line, bits/s.
 
@@ -45,10 +46,11 @@ class StepperFeasibility:
         most_filled: Largest fill of the buffer so far, bytes.
     """
 
-    def __init__(self, axes: int, least_ns: int, baud: int) -> None:
+    def __init__(self, outputs: MotorOutputs, least_ns: int, baud: int) -> None:
         self._least_ns = least_ns
         self._bytes_per_s = baud / 10 * PAYLOAD
-        self._encoder = SegmentEncoder(axes, TOLERANCE_NS)
+        self._encoder = SegmentEncoder(outputs.count, TOLERANCE_NS)
+        self._outputs = outputs
         self._step_ns = 0
         self._late_ns = 0
         self._piece_ns = round(PIECE_S * 1e9)
@@ -67,18 +69,15 @@ class StepperFeasibility:
             return
         self._count(chunk)
         time_ns = chunk.time_ns
+        step = self._outputs.expanded(chunk.step)
         cuts = np.searchsorted(
             time_ns, np.arange(time_ns[0] + self._piece_ns, time_ns[-1], self._piece_ns)
         )
-        for part in np.split(np.arange(len(time_ns)), cuts):
-            if len(part):
-                rows = slice(int(part[0]), int(part[-1]) + 1)
-                data = (
-                    self._encoder.push(
-                        PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows])
-                    )
-                    + self._encoder.flush()
-                )
+        for span in np.split(np.arange(len(time_ns)), cuts):
+            if len(span):
+                rows = slice(int(span[0]), int(span[-1]) + 1)
+                part = PulseChunk(time_ns[rows], step[rows], chunk.line[rows])
+                data = self._encoder.push(part) + self._encoder.flush()
                 self._send(data, int(time_ns[rows][-1]), int(chunk.line[rows][0]))
 
     def _count(self, chunk: PulseChunk) -> None:

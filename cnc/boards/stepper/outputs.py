@@ -13,16 +13,16 @@ ENABLED, SPINDLE, BACKWARD, FLOOD, MIST = 1, 2, 4, 8, 16
 """Bits of the outputs."""
 
 
-def actions(axes: int) -> frozenset[Action]:
+def actions(motors: int) -> frozenset[Action]:
     """Return the actions that a board supports between moves.
 
-    Step and direction of a fourth axis use the pins of two outputs.
+    Step and direction of a fourth motor use the pins of two outputs.
 
     Args:
-        axes: Number of axes of the board.
+        motors: Number of motors of the board.
     """
     usual: frozenset[Action] = frozenset(("spindle", "flood"))
-    return usual if axes == 4 else usual | {"spindle backward", "mist"}
+    return usual if motors == 4 else usual | {"spindle backward", "mist"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.stepper.motor_outputs import MotorOutputs
 from cnc.boards.stepper.protocol import Alarm, Status
 from cnc.machine.models import Machine
 
@@ -20,13 +21,12 @@ class BoardPosition:
 
     Attributes:
         known: Whether the position of each axis is known (axes,).
-        direction: -1 for each axis with an inverted direction pin, else 1 (axes,).
+        outputs: The motors at the outputs of the board.
     """
 
     def __init__(self, machine: Machine) -> None:
-        axes = machine.axes.values()
-        self.direction = np.array([-1 if axis.invert else 1 for axis in axes], dtype=np.int8)
-        self.known = np.zeros(len(axes), np.bool_)
+        self.outputs = MotorOutputs(machine)
+        self.known = np.zeros(len(machine.axes), np.bool_)
         self._letters = [letter.upper() for letter in machine.axes]
         self._steps_per_mm = machine.steps_per_mm
         self._can_home = machine.can_home
@@ -37,22 +37,46 @@ class BoardPosition:
         Returns:
             Grid point (axes,), 0 for each axis whose position is not known.
         """
-        counts = np.array(status.position[: len(self.direction)], dtype=np.int64)
+        counts = self._counts(status)
+        first = counts[: len(self.known)]
         # Motors that a switch stopped at once may have lost steps. A machine that can home must
         # then home again.
         doubtful = self._can_home and status.alarm in (Alarm.LIMIT, Alarm.EMERGENCY_STOP)
-        self.known = (np.abs(counts) < LOST // 2) & (status.position_known and not doubtful)
-        return np.where(self.known, counts * self.direction, 0)
+        self.known = (np.abs(first) < LOST // 2) & (status.position_known and not doubtful)
+        # Motors of an axis that differ were stopped while homing squared them.
+        np.logical_and.at(self.known, self.outputs.column, counts == first[self.outputs.column])
+        return np.where(self.known, first, 0)
 
     def of(self, status: Status) -> NDArray[np.int64]:
-        """Return the grid point (axes,) of a status."""
-        counts = np.array(status.position[: len(self.direction)], dtype=np.int64)
-        return (counts - np.where(self.known, 0, LOST)) * self.direction
+        """Return the grid point (axes,) of a status; of several motors that move the first."""
+        counts = self._counts(status) - self._lost()
+        point = np.zeros(len(self.known), np.int64)
+        for output in reversed(np.flatnonzero(self.outputs.moving).tolist()):
+            point[self.outputs.column[output]] = counts[output]
+        return point
+
+    def differing(self, status: Status) -> Sequence[str]:
+        """Return the letters of the axes whose moving motors do not agree."""
+        counts, point = self._counts(status) - self._lost(), self.of(status)
+        wrong = self.outputs.moving & (counts != point[self.outputs.column])
+        return [self._letters[column] for column in np.unique(self.outputs.column[wrong])]
 
     def payload(self, steps: NDArray[np.int64]) -> bytes:
         """Return the payload of SET_POSITION for a grid point (axes,)."""
-        counts = (steps * self.direction + np.where(self.known, 0, LOST)).tolist()
+        outputs = self.outputs
+        counts = ((steps[outputs.column] + self._lost()) * outputs.direction).tolist()
         return struct.pack("<4i", *[*counts, 0, 0, 0, 0][:4])
+
+    def _counts(self, status: Status) -> NDArray[np.int64]:
+        """Return the counts of the outputs (outputs,) in the directions of their axes."""
+        outputs = self.outputs
+        return np.array(status.position[: outputs.count], np.int64) * outputs.direction
+
+    def _lost(self) -> NDArray[np.int64]:
+        """Return where the counts of the outputs (outputs,) start: LOST for a lost position."""
+        outputs = self.outputs
+        lost: NDArray[np.int64] = np.where(self.known[outputs.column], 0, LOST).astype(np.int64)
+        return lost * outputs.direction
 
     def forget(self) -> None:
         """Mark the position of all axes as unknown."""
@@ -77,5 +101,6 @@ class BoardPosition:
         )
 
     def letters(self, bits: int) -> Sequence[str]:
-        """Return the letters of the axes in a mask."""
-        return [letter for k, letter in enumerate(self._letters) if bits >> k & 1]
+        """Return the letters of the axes of the limit inputs in a mask."""
+        columns = {int(c) for k, c in enumerate(self.outputs.column) if bits >> k & 1}
+        return [self._letters[column] for column in sorted(columns)]

@@ -38,6 +38,8 @@ NO_TOKEN = -1
 """The token of a hello, which no status answers."""
 PROMISE = 0x7FFF
 """Mask of a frame's promise, in milliseconds modulo its range."""
+FOURTH_LIMIT = 0x01
+"""Bit of the last byte of a welcome, which earlier firmware does not send."""
 PROMISED_END = 0x8000
 """Bit of a promise: nothing need follow."""
 
@@ -93,6 +95,7 @@ class Welcome:
         least_ticks: Least time between two grid moves, ticks.
         state: Its state.
         position_known: Whether it knows its position.
+        fourth_limit: Whether A2 can be the limit input of the fourth output.
     """
 
     version: int
@@ -102,6 +105,7 @@ class Welcome:
     least_ticks: int = 0
     state: State = State.IDLE
     position_known: bool = False
+    fourth_limit: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,6 +329,7 @@ class StepperLink:
                 least,
                 State(min(state, State.TOUCHED)),
                 bool(known),
+                fourth_limit=len(payload) > 13 and bool(payload[13] & FOURTH_LIMIT),
             )
             if self.welcome is None:
                 self._next, self.state = sequence, welcome.state

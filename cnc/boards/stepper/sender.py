@@ -35,7 +35,7 @@ class Sender:
 
     Args:
         connection: The connection.
-        axes: Number of axes.
+        outputs: Number of outputs.
         pump: Sends, receives, and raises all faults.
         taken: Bytes that the board has decoded before.
 
@@ -47,26 +47,26 @@ class Sender:
         tracker: Source lines of the stream.
     """
 
-    def __init__(self, connection: Connection, axes: int, pump: Pump, taken: int) -> None:
-        self.position = np.zeros(axes, np.int64)
+    def __init__(self, connection: Connection, outputs: int, pump: Pump, taken: int) -> None:
+        self.position = np.zeros(outputs, np.int64)
         self.until_ns = 0
         self.cut = False
         self.running = False
         self.tracker = LineTracker()
         self._connection = connection
-        self._axes = axes
+        self._outputs = outputs
         self._pump = pump
         self._taken_before = taken
         self._began_at = 0.0
         self._base_ns = 0
-        self._encoder = SegmentEncoder(axes, TOLERANCE_NS)
+        self._encoder = SegmentEncoder(outputs, TOLERANCE_NS)
         self._gathered: list[tuple[bytes, NDArray[np.int64], NDArray[np.int32]]] = []
         self._gathered_from = self._gathered_until = 0
 
     def begin(self, position: NDArray[np.int64]) -> None:
         """Begin a program at a grid point (axes,), at time 0."""
         self.position = position
-        self._encoder = SegmentEncoder(self._axes, TOLERANCE_NS)
+        self._encoder = SegmentEncoder(self._outputs, TOLERANCE_NS)
         self._base_ns = self.until_ns = 0
 
     def begin_after(self, status: Status) -> None:
@@ -82,7 +82,7 @@ class Sender:
         """Compress a chunk and send it in pieces, which may extend over several chunks.
 
         Args:
-            chunk: Grid moves, with steps in the directions of the board.
+            chunk: Grid moves of the outputs, in the directions of the board.
             points: Grid point after each move (n, axes).
         """
         time_ns, rows, at = chunk.time_ns, len(chunk.time_ns), 0

@@ -14,7 +14,6 @@ from cnc.boards.protocols import board_error
 from cnc.boards.stepper.connection import (
     ALARMS,
     ANSWER_TIMEOUT_S,
-    LIMITS,
     POLL_S,
     AlarmText,
     Connection,
@@ -58,9 +57,10 @@ class Supervisor:
         self.least_ns = min_spacing_ns(self.welcome, machine)
         axes = len(machine.axes)
         self.checks = Loopback(axes, self.least_ns)
-        self.sender = Sender(self.connection, axes, self.pump, self.status.taken)
+        outputs = self.position.outputs
+        self.sender = Sender(self.connection, outputs.count, self.pump, self.status.taken)
         self.sender.position = self.position.restore(self.status)
-        self.limits = LIMITS
+        self.limits = outputs.limits
         self.active = self.probing = self.stopped_short = False
         self.control: Control | None = None
         self.fault: BoardError | None = None
@@ -154,6 +154,10 @@ class Supervisor:
             raise self.fail(board_error("board-stream", message, hint=hint))
         sent = self.sender.position
         point = self.take_position(status)
+        if differing := self.position.differing(status):
+            message = f"the motors of {' and '.join(differing)} do not agree"
+            hint = "home the machine; please report this with the program"
+            raise self.fail(board_error("board-position", message, hint=hint))
         if not np.array_equal(point, sent):
             message = f"the board is at {self.position.text(point)}, not at the end of its moves"
             hint = "home the machine; please report this with the program"

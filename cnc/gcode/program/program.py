@@ -26,7 +26,7 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, ToolOffset
 from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
 
@@ -48,6 +48,8 @@ class ProgramOptions:
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
         laser: S is the power of a laser, which changes in motion.
+        mark_tool_offsets: Put the tool offsets among the blocks
+            (:class:`cnc.model.blocks.ToolOffset`).
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
     """
@@ -59,6 +61,7 @@ class ProgramOptions:
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
     laser: bool = False
+    mark_tool_offsets: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None
 
@@ -121,10 +124,22 @@ def interpret(
         dialect=rules.name,
     )
     listing = Listing(text, syntax, block_delete=options.block_delete)
+    if options.mark_tool_offsets:
+        _mark_tool_offsets(interpreter)
     library = Library(options.folders, syntax, block_delete=options.block_delete)
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
     yield from _run(flow, maker, options.on_line)
+
+
+def _mark_tool_offsets(interpreter: Interpreter) -> None:
+    """Put a mark among the blocks at each new tool offset."""
+
+    def mark(offset: tuple[float, ...]) -> None:
+        here = interpreter.here
+        interpreter.out.add(ToolOffset(here.file, here.line, offset))
+
+    interpreter.coordinates.on_tool_offset = mark
 
 
 def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:

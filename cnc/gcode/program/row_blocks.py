@@ -18,8 +18,8 @@ from cnc.model.blocks import (
     Dwell,
     PathMode,
     Spindle,
-    blocks_of,
 )
+from cnc.model.many_blocks import blocks_of
 
 SPINDLE_STATES: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
 """States of the spindle by their number in rows."""

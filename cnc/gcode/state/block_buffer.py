@@ -25,8 +25,8 @@ from cnc.model.blocks import (
     Stop,
     Tool,
     WaitInput,
-    blocks_of,
 )
+from cnc.model.many_blocks import blocks_of
 from cnc.model.motion_commands import command_array, goes_with_motion
 
 MAX_MOVES = 4096

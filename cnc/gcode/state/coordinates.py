@@ -17,7 +17,7 @@ system".
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from cnc.gcode.geometry.figure import Figure, cosine_sine
 from cnc.gcode.syntax.code_numbers import G
@@ -44,6 +44,7 @@ class Coordinates:
         systems: Number of systems without G54.1's.
         axes: Letters of the machine's axes.
         figure_is_new: Whether no point was given since G68.
+        on_tool_offset: Called with each new tool offset, if not None.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Coordinates:
         self.axes = axes
         self.figure = Figure.none(len(axes))
         self.figure_is_new = False
+        self.on_tool_offset: Callable[[tuple[float, ...]], None] | None = None
         self._fanuc = fanuc
         self._values = parameters.values
         self._places = [AXIS_LETTERS.index(axis) for axis in axes]
@@ -138,12 +140,8 @@ class Coordinates:
     def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
-        return [
-            value - a - b
-            for value, a, b in zip(
-                self._from_origin(machine), self._shift, self._local, strict=True
-            )
-        ]
+        each = zip(self._from_origin(machine), self._shift, self._local, strict=True)
+        return [value - a - b for value, a, b in each]
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""
@@ -338,6 +336,8 @@ class Coordinates:
     def tool_offset(self, offset: list[float]) -> None:
         self._tool = offset
         self._update_zero()
+        if self.on_tool_offset is not None:
+            self.on_tool_offset(tuple(offset))
 
     def tool_for(
         self,

@@ -12,7 +12,6 @@ Three are compared by their time: the corner as it is, ramps that overlap, and a
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -210,7 +209,7 @@ def choose(
             best -= saved
             choice = OVERLAP
     taken = 0.0
-    if turn.sine <= SHARPEST and math.isinf(bound[k]) == math.isinf(bound[k + 1]):
+    if turn.sine <= SHARPEST:
         ends = scratch.ends
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
         for i in range(u.shape[1]):

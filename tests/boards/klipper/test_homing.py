@@ -35,7 +35,7 @@ class Bench:
         self.simulator: KlipperSimulator = simulator_for(known)
         self.ports = 0
         for letter, (towards, at) in SWITCHES.items():
-            pin = getattr(pins(known), letter).endstop.strip("^!")
+            pin = getattr(pins(known), letter).endstop[0].strip("^!")
 
             def level(letter: str = letter, towards: int = towards, at: int = at) -> int:
                 return int((count(known, self.simulator, letter) - at) * towards < 0)
@@ -113,7 +113,7 @@ def test_killed_program_loses_the_position(bench: Bench, tmp_path: Path) -> None
 
 
 def test_switch_that_never_closes(bench: Bench) -> None:
-    pin = pins(bench.known).z.endstop.strip("^!")
+    pin = pins(bench.known).z.endstop[0].strip("^!")
     bench.simulator.set_pin(pin, 1)
     with pytest.raises(BoardError) as caught:
         bench.home("z")
@@ -123,7 +123,7 @@ def test_switch_that_never_closes(bench: Bench) -> None:
 
 def test_other_switches_end_the_motion(bench: Bench) -> None:
     """While Z homes, the switch of X closes."""
-    pin = pins(bench.known).x.endstop.strip("^!")
+    pin = pins(bench.known).x.endstop[0].strip("^!")
     bench.simulator.set_pin(pin, lambda: int(count(bench.known, bench.simulator, "z") < 40))
     with pytest.raises(BoardError) as caught:
         bench.home("z")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +12,20 @@ from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.ramp import ramp_seconds, stretched
 from cnc.boards.klipper.sender import HORIZON_S, PIECE_S
 from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.klipper_rig import board, count, machine, pins, place, played, steps_of
+from tests.support.boards.klipper_rig import (
+    after,
+    board,
+    count,
+    last_step,
+    machine,
+    pins,
+    place,
+    played,
+    steps_of,
+)
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share
 
@@ -26,37 +34,12 @@ STOP_S = 0.3e-3
 """Longest time from a switch to the last step."""
 
 
-def after(simulator: KlipperSimulator, seconds: float, action: Callable[[], None]) -> None:
-    """Carry out an action some time after the first step."""
-    advance, done = simulator.advance, []
-
-    def watched(until: float, *, answer: bool = False) -> None:
-        if not done:
-            until = min(until, simulator.now + 1e-3)
-        advance(until, answer=answer)
-        first = [parts[0][0] for parts in simulator.edges_of.values()]
-        if not done and first:
-            begin = simulator.time_of(int(min(abs(int(clock)) for clock in first)))
-            if simulator.now - begin >= seconds:
-                done.append(simulator.now)
-                action()
-
-    simulator.advance = watched  # type: ignore[method-assign]
-
-
-def last_step(simulator: KlipperSimulator) -> float:
-    """Return the time of the last step, s."""
-    return max(
-        simulator.time_of(int(np.abs(parts[-1]).max())) for parts in simulator.edges_of.values()
-    )
-
-
 @pytest.mark.parametrize("mcu", ["atmega328p", "rp2040", "stm32f446"])
 @pytest.mark.parametrize(("key", "code"), [("stop", "board-emergency-stop"), ("x", "board-limit")])
 def test_switches_stop_all_motors(mcu: str, key: str, code: str, tmp_path: Path) -> None:
     known = machine(mcu)
     (tmp_path / "p.ngc").write_text(LONG)
-    text = pins(known).emergency_stop if key == "stop" else pins(known).x.endstop  # type: ignore[union-attr]
+    text = pins(known).emergency_stop if key == "stop" else pins(known).x.endstop[0]  # type: ignore[union-attr]
     assert text is not None
     simulator, closed = simulator_for(known), []
 

@@ -27,7 +27,18 @@ from cnc.boards.klipper.trinamic.settings import (
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MachineFileError
-from tests.support.boards.klipper_rig import board, machine, pins, played
+from tests.support.boards.gantry_board import gantry
+from tests.support.boards.klipper_rig import (
+    after,
+    board,
+    check_pulses,
+    last_step,
+    machine,
+    pins,
+    place,
+    played,
+    with_board,
+)
 
 
 def test_datagrams_of_the_data_sheet() -> None:
@@ -56,6 +67,7 @@ def test_bits_survive(data: bytes) -> None:
 
 
 def driver(kind: str, **keys: object) -> TrinamicDriver:
+    keys = {"uart": "gpio26", **keys} if kind in ("tmc2208", "tmc2209") else keys
     connection = {"uart": "gpio26"} if kind in ("tmc2208", "tmc2209") else {"select": "gpio27"}
     return TrinamicDriver.model_validate({"kind": kind, "run_current": 0.8, **connection, **keys})
 
@@ -87,16 +99,17 @@ def with_driver(kind: str, **keys: object) -> Machine:
     known = machine()
     x = pins(known).x
     assert x is not None
-    return machine(x=x.model_copy(update={"driver": driver(kind, **keys)}))
+    return machine(x=x.model_copy(update={"driver": (driver(kind, **keys),)}))
 
 
-def model(known: Machine, simulator: object) -> DriverModel:
-    axis = pins(known).x
+def model(known: Machine, simulator: object, letter: str = "x", number: int = 0) -> DriverModel:
+    axis = pins(known).axis(letter)
     assert axis is not None
     assert axis.driver is not None
-    if axis.driver.uart is not None:
-        return simulator.uarts[simulator.pin(axis.driver.uart)].drivers[axis.driver.address]  # type: ignore[attr-defined]
-    return simulator.spi[simulator.pin(str(axis.driver.select))]  # type: ignore[attr-defined]
+    known_driver = axis.driver[number]
+    if known_driver.uart is not None:
+        return simulator.uarts[simulator.pin(known_driver.uart)].drivers[known_driver.address]  # type: ignore[attr-defined]
+    return simulator.spi[simulator.pin(str(known_driver.select))]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("kind", ["tmc2208", "tmc2209", "tmc2130", "tmc5160"])
@@ -122,7 +135,7 @@ def test_settings_reach_the_driver(kind: str, tmp_path: Path) -> None:
     elif stall:
         assert registers[COOLCONF] >> 16 & 0x7F == 20
     if stall:
-        assert registers[TCOOLTHRS] == 0xFFFFF
+        assert registers[TCOOLTHRS] == 0, "a stall counts only in homing"
 
 
 @pytest.mark.parametrize("kind", ["tmc2209", "tmc5160"])
@@ -158,8 +171,8 @@ def test_drivers_share_a_uart_by_their_addresses() -> None:
     assert x is not None
     assert y is not None
     known = machine(
-        x=x.model_copy(update={"driver": driver("tmc2209", address=0)}),
-        y=y.model_copy(update={"driver": driver("tmc2209", address=2, microsteps=8)}),
+        x=x.model_copy(update={"driver": (driver("tmc2209", address=0),)}),
+        y=y.model_copy(update={"driver": (driver("tmc2209", address=2, microsteps=8),)}),
     )
     with board(known) as (_, simulator):
         wire = simulator.uarts[simulator.pin("gpio26")]
@@ -170,3 +183,109 @@ def test_current_out_of_range_names_the_machine_file() -> None:
     with pytest.raises(MachineFileError) as caught, board(with_driver("tmc2209", run_current=5.0)):
         pass
     assert "5 A" in caught.value.diagnostic.message
+
+
+@pytest.mark.parametrize(
+    ("kind", "event", "text"),
+    [
+        ("tmc2209", "hot", "it is too hot"),
+        ("tmc5160", "short", "short circuit to ground at coil A"),
+        ("tmc2209", "reset", "its settings are lost"),
+        ("tmc2130", "reset", "its settings are lost"),
+        ("tmc2209", "off", "does not answer any more"),
+        ("tmc5160", "off", "does not answer any more"),
+    ],
+)
+def test_fault_of_a_driver_in_motion_stops_the_machine(
+    kind: str, event: str, text: str, tmp_path: Path
+) -> None:
+    known = with_driver(kind)
+    simulator = simulator_for(known)
+    each, happened = model(known, simulator), []
+
+    def happen() -> None:
+        happened.append(simulator.now)
+        if event == "reset":
+            each.reset()
+        elif event == "off":
+            each.powered = False
+        else:
+            each.registers[DRV_STATUS] |= 1 << {"hot": 1, "short": 27}[event]
+
+    after(simulator, 0.5, happen)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X30 Y20 F900\nM2\n")
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    [fault] = report.faults
+    assert fault.diagnostic.code == "motor-driver"
+    assert text in fault.diagnostic.message
+    assert "of X" in fault.diagnostic.message
+    assert "the machine is at X" in fault.diagnostic.message
+    made = place(known, simulator)
+    assert 0 < made[0] < 12_000
+    at = report.end_position.values()
+    assert [round(v * s) for v, s in zip(at, known.steps_per_mm, strict=True)] == made
+    assert last_step(simulator) - happened[0] <= (2.0 if event == "off" else 0.3)
+    simulator.advance(simulator.now + 1.0)
+    assert place(known, simulator) == made
+
+
+def test_drivers_in_order_disturb_nothing(tmp_path: Path) -> None:
+    """While a program runs, each driver of each axis is asked again and again."""
+    known = machine()
+    axes = {}
+    for address, letter in enumerate(known.axes):
+        axis = pins(known).axis(letter)
+        assert axis is not None
+        axes[str(letter)] = axis.model_copy(
+            update={"driver": (driver("tmc2209", address=address, uart="gpio29"),)}
+        )
+    known = machine(**axes)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X30 Y20 F900\nG1 Z2\nM2\n")
+    asked: list[int] = []
+    simulator = simulator_for(known)
+    wire = simulator.uarts[simulator.pin("gpio29")]
+    send = wire.send
+
+    def noted(bits: bytes, size: int) -> bytes:
+        data = from_bits(bits)
+        assert data is not None
+        asked.append(data[2])
+        return send(bits, size)
+
+    wire.send = noted  # type: ignore[method-assign]
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert report.ok, report.faults
+    check_pulses(known, simulator, tmp_path, 7.0)
+    assert asked.count(DRV_STATUS) > 10
+
+
+def test_both_drivers_of_a_gantry_are_configured_and_watched(tmp_path: Path) -> None:
+    known = gantry(0.0, letter="x")
+    x = pins(with_board(known)).x
+    assert x is not None
+    both = x.model_copy(
+        update={
+            "step": ("gpio22", "gpio23"),
+            "direction": ("gpio24", "gpio25"),
+            "endstop": None,
+            "driver": (
+                driver("tmc2209", address=0, microsteps=8),
+                driver("tmc2209", address=1, microsteps=8),
+            ),
+        }
+    )
+    axes = {name: axis.model_copy(update={"homing": None}) for name, axis in known.axes.items()}
+    known = with_board(known.model_copy(update={"axes": axes}), x=both)
+    simulator = simulator_for(known)
+    second = model(known, simulator, "x", 1)
+    after(simulator, 0.3, second.reset)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X8 F600\nM2\n")
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert second.registers[DRV_STATUS]
+    [fault] = report.faults
+    assert "the tmc2209 of motor 2 of X" in fault.diagnostic.message
+    broken = simulator_for(known)
+    model(known, broken, "x", 1).ignored = {CHOPCONF}
+    with pytest.raises(BoardError) as caught, board(known, broken):
+        pass
+    assert "motor 2 of X" in caught.value.diagnostic.message

@@ -9,11 +9,12 @@ import pytest
 
 from cnc.boards.stepper.driver import Stepper
 from cnc.boards.stepper.feasibility import LATE_NS, StepperFeasibility
+from cnc.boards.stepper.motor_outputs import MotorOutputs
 from cnc.cli import exit_code
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError
 from cnc.model.streams import PulseChunk
-from tests.support.boards.stepper_rig import chunks, line, machine, wander
+from tests.support.boards.stepper_rig import chunks, line, machine, wander, with_axes
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.session.runs import check_with, run_with
 
@@ -21,7 +22,7 @@ LEAST_NS = 18_000
 
 
 def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> StepperFeasibility:
-    feasibility = StepperFeasibility(3, LEAST_NS, baud)
+    feasibility = StepperFeasibility(MotorOutputs(with_axes(3)), LEAST_NS, baud)
     time_ns, step = line(rows, gap_ns)
     for part in chunks(time_ns, step):
         feasibility.add(part)
@@ -41,8 +42,8 @@ def test_short_bursts_pass_and_long_ones_are_refused() -> None:
 
 def test_random_moves_need_a_fast_line() -> None:
     time_ns, step = wander(1, 4_000, 60_000)
-    fast = StepperFeasibility(3, LEAST_NS, 1_000_000)
-    slow = StepperFeasibility(3, LEAST_NS, 40_000)
+    fast = StepperFeasibility(MotorOutputs(with_axes(3)), LEAST_NS, 1_000_000)
+    slow = StepperFeasibility(MotorOutputs(with_axes(3)), LEAST_NS, 40_000)
     for part in chunks(time_ns, step):
         fast.add(part)
 
@@ -57,7 +58,7 @@ def test_random_moves_need_a_fast_line() -> None:
 
 
 def test_empty_chunk_passes() -> None:
-    feasibility = StepperFeasibility(3, LEAST_NS, 1_000_000)
+    feasibility = StepperFeasibility(MotorOutputs(with_axes(3)), LEAST_NS, 1_000_000)
     feasibility.add(
         PulseChunk(np.zeros(0, np.int64), np.zeros((0, 3), np.int8), np.zeros(0, np.int32))
     )

@@ -260,7 +260,7 @@ def test_documented_types_are_those_of_both_sides() -> None:
     ("name", "form"),
     [
         ("STATUS", "<BBHBBBIh4iBB"),
-        ("WELCOME", "<3sBBHHHBB"),
+        ("WELCOME", "<3sBBHHHBBB"),
         ("CONFIGURE", "<6B"),
         ("ACK", "<BH"),
         ("DATA", "<H"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -139,3 +139,28 @@ def check_pulses(
     late = np.concatenate(offsets)
     if len(late):
         assert (late.max() - late.min()) <= 2 * tolerance_us
+
+
+def after(simulator: KlipperSimulator, seconds: float, action: Callable[[], None]) -> None:
+    """Carry out an action some time after the first step."""
+    advance, done = simulator.advance, []
+
+    def watched(until: float, *, answer: bool = False) -> None:
+        if not done:
+            until = min(until, simulator.now + 1e-3)
+        advance(until, answer=answer)
+        first = [parts[0][0] for parts in simulator.edges_of.values()]
+        if not done and first:
+            begin = simulator.time_of(int(min(abs(int(clock)) for clock in first)))
+            if simulator.now - begin >= seconds:
+                done.append(simulator.now)
+                action()
+
+    simulator.advance = watched  # type: ignore[method-assign]
+
+
+def last_step(simulator: KlipperSimulator) -> float:
+    """Return the time of the last step, s."""
+    return max(
+        simulator.time_of(int(np.abs(parts[-1]).max())) for parts in simulator.edges_of.values()
+    )

@@ -8,15 +8,17 @@ import sys
 
 from cnc.boards.grbl.simulator.eeprom import setting_text
 from cnc.boards.grbl.simulator.faults import ScheduledFault, parse_fault
-from cnc.boards.grbl.simulator.firmware_profile import FIRMWARES, GRBL_SETTINGS
+from cnc.boards.grbl.simulator.firmware_profile import FIRMWARES
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
+
+LARGEST_SETTING = 65535
 
 
 def setting(text: str) -> tuple[int, float]:
     """Return number and value of ``110=5000``."""
     number, _, value = text.removeprefix("$").partition("=")
-    if int(number) not in GRBL_SETTINGS:
+    if not 0 <= int(number) <= LARGEST_SETTING:
         raise ValueError(number)
     return int(number), float(value)
 
@@ -36,6 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument(
         "--flavour", choices=FIRMWARES, default="grbl", help="the firmware to simulate"
+    )
+    parser.add_argument(
+        "--axes",
+        choices=("XYZ", "XYZA", "XYZAB", "XYZABC"),
+        default="XYZ",
+        help="the axes of the board; GRBL itself has three",
     )
     parser.add_argument(
         "--factor", type=float, default=1.0, help="speed of its clock relative to real time"
@@ -61,7 +69,14 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--factor must be greater than 0")
     if not hasattr(os, "openpty"):
         parser.error("this system has no pseudo-terminals")
-    simulator = GrblSimulator(FIRMWARES[chosen.flavour], settings=dict(chosen.setting))
+    profile = FIRMWARES[chosen.flavour]
+    if profile.name == "grbl" and chosen.axes != "XYZ":
+        parser.error("GRBL has three axes; for more choose --flavour grblhal")
+    profile = profile.with_axes(chosen.axes)
+    unknown = [number for number, _ in chosen.setting if number not in profile.settings]
+    if unknown:
+        parser.error(f"this firmware has no setting ${unknown[0]}")
+    simulator = GrblSimulator(profile, settings=dict(chosen.setting))
     for each in chosen.fault:
         simulator.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
     with PtyServer(simulator, chosen.factor) as server:

@@ -33,7 +33,7 @@ def chords(
         clockwise: Sense of the arc.
         tolerance: ``$12``, mm.
     """
-    first, second, normal = plane
+    first, second, _ = plane
     i, j = center
     radius = math.hypot(i, j)
     middle = (start[first] + i, start[second] + j)
@@ -54,10 +54,9 @@ def chords(
     points: list[Point] = []
     for piece in range(1, pieces):
         share = piece / pieces
-        point = [0.0, 0.0, 0.0]
+        point = [a + share * (b - a) for a, b in zip(start, end, strict=True)]
         point[first] = middle[0] + radius * math.cos(begin + share * turn)
         point[second] = middle[1] + radius * math.sin(begin + share * turn)
-        point[normal] = start[normal] + share * (end[normal] - start[normal])
-        points.append((point[0], point[1], point[2]))
+        points.append(tuple(point))
     points.append(end)
     return points

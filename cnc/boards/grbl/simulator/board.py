@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.line_stream import LineStream
-from cnc.boards.grbl.simulator.from_machine import settings_of
+from cnc.boards.grbl.simulator.from_machine import profile_of, settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort, ScaledTime
 from cnc.boards.protocols import BoardTraits
@@ -37,13 +37,13 @@ class GrblSimulatorBoard(GrblBoard):
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSimulatorBoard:
         """Return a new connected board."""
-        simulator = GrblSimulator(settings=settings_of(machine))
+        simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
         return cls._connected(machine, GrblSimulatorPort(simulator))
 
     @classmethod
     def in_real_time(cls, machine: Machine) -> GrblSimulatorBoard:
         """Return a new connected board, whose clock is that of the computer."""
-        simulator = GrblSimulator(settings=settings_of(machine))
+        simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
         port = GrblSimulatorPort(simulator, ScaledTime(simulator), boot_time=0.0)
         return cls._connected(machine, port)
 

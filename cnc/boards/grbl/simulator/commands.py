@@ -12,7 +12,7 @@ from cnc.boards.grbl.simulator import report
 from cnc.boards.grbl.simulator.core import BUSY, Core, Wait
 from cnc.boards.grbl.simulator.eeprom import LONGEST_TEXT, STARTUP_LINES
 from cnc.boards.grbl.simulator.line_check import check_line
-from cnc.boards.grbl.simulator.modal import AXES, NUMBER, Modes, Refused, sort_words
+from cnc.boards.grbl.simulator.modal import NUMBER, Modes, Refused, sort_words
 from cnc.boards.grbl.simulator.motion import home, move_to, perform, within_travel, write_eeprom
 
 Answer = Generator[Wait, None, int]
@@ -207,8 +207,9 @@ def _jog(core: Core, body: str) -> Answer:
     if not body.startswith("="):
         return 3
     try:
-        found = sort_words(body[1:], core.profile.mist)
-        if not set(found.values) & set(AXES) and not set(found.commands) - JOG_COMMANDS:
+        axes = set(core.profile.axes)
+        found = sort_words(body[1:], core.profile.mist, core.profile.axes)
+        if not set(found.values) & axes and not set(found.commands) - JOG_COMMANDS:
             return 26
         if not found.values.get("F"):
             return 22

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
-from cnc.boards.grbl.simulator.eeprom import ORIGIN, Eeprom
+from cnc.boards.grbl.simulator.eeprom import Eeprom
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.firmware_profile import STEPS, FirmwareProfile
 from cnc.boards.grbl.simulator.line_check import ParserPosition
@@ -92,8 +92,8 @@ class Core:
         self.receiver = Receiver(baud, profile.rx_capacity)
         self.transmitter = Transmitter(baud, profile.tx_capacity)
         self.planner = Planner(profile.planner_blocks)
-        self.steppers = Steppers(self.planner, self._trip_at)
-        self.eeprom = Eeprom(profile.settings)
+        self.steppers = Steppers(self.planner, self._trip_at, len(profile.axes))
+        self.eeprom = Eeprom(profile.settings, len(profile.axes))
         self.events: list[Event] = []
         self.now = 0.0
         self.cpu_free = 0.0
@@ -113,9 +113,9 @@ class Core:
         self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
         self.flushed = False
         self.modes = Modes()
-        self.shift = ORIGIN
+        self.shift = self.origin
         self.tool_length = 0.0
-        self.probe_position = ORIGIN
+        self.probe_position = self.origin
         self.probe_succeeded = False
         self.probe_wanted: bool | None = None
         self.spindle_override = 100
@@ -134,8 +134,13 @@ class Core:
         return self.eeprom.settings
 
     def per_axis(self, first: int) -> Point:
-        """Return the settings of X, Y and Z from the number of the first."""
-        return (self.setting[first], self.setting[first + 1], self.setting[first + 2])
+        """Return the settings of the axes from the number of the first."""
+        return tuple(self.setting[first + axis] for axis in range(len(self.profile.axes)))
+
+    @property
+    def origin(self) -> Point:
+        """Zero of each axis."""
+        return (0.0,) * len(self.profile.axes)
 
     @property
     def position(self) -> Point:
@@ -150,6 +155,7 @@ class Core:
             self.eeprom.systems | {"G92": self.shift},
             self.tool_length,
             self.profile.mist,
+            self.profile.axes,
         )
 
     @property
@@ -206,11 +212,10 @@ class Core:
 
     def on_grid(self, point: Point) -> Point:
         """Return the nearest point that whole steps reach."""
-        x, y, z = (
+        return tuple(
             math.floor(value * steps + 0.5) / steps
             for value, steps in zip(point, self.per_axis(STEPS), strict=True)
         )
-        return (x, y, z)
 
     def at(self, time: float, action: Callable[[], None]) -> None:
         """Schedule an action, unless a reset comes first."""

@@ -23,16 +23,17 @@ NO_DECIMALS = (*WHOLE, 30, 31)
 SWITCHES = (4, 5, 6, 13, 20, 21, 22, 32)
 LARGEST = 3.4e38
 """Approximately the largest single float."""
-ORIGIN: Point = (0.0, 0.0, 0.0)
 
 
 class Eeprom:
     """The memory. ``damaged``: names of records with a wrong checksum (error 7)."""
 
-    def __init__(self, defaults: dict[int, float]) -> None:
+    def __init__(self, defaults: dict[int, float], axes: int = 3) -> None:
+        self._axes = axes
+        self._origin: Point = (0.0,) * axes
         self._defaults = dict(defaults)
         self.settings = dict(defaults)
-        self.systems: dict[str, Point] = dict.fromkeys(SYSTEMS, ORIGIN)
+        self.systems: dict[str, Point] = dict.fromkeys(SYSTEMS, self._origin)
         self.startup = [""] * STARTUP_LINES
         self.build_info = ""
         self.damaged: set[str] = set()
@@ -57,7 +58,8 @@ class Eeprom:
         if number == 32 and value and not variable_spindle:
             raise Refused(17)
         settings[number] = value
-        fastest = max(settings[STEPS + axis] * settings[RATES + axis] for axis in range(3)) / 60.0
+        rates = [settings[STEPS + axis] * settings[RATES + axis] for axis in range(self._axes)]
+        fastest = max(rates) / 60.0
         if max_step_rate_hz is not None and number >= 100 and fastest > max_step_rate_hz:
             raise Refused(12)
         if number == 22 and not value:
@@ -87,7 +89,7 @@ class Eeprom:
             before, self.settings = self.settings, dict(self._defaults)
             written += _changed(_numbers(before), _numbers(self.settings))
         if part in "#*":
-            written += sum(self.store(name, ORIGIN) for name in SYSTEMS)
+            written += sum(self.store(name, self._origin) for name in SYSTEMS)
         if part == "*":
             written += sum(
                 self.store_startup(index, "") for index in range(STARTUP_LINES)

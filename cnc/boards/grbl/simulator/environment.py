@@ -47,17 +47,17 @@ class Environment:
         if self.surface is None:
             return False
         normal, distance = self.surface
-        return sum(n * p for n, p in zip(normal, position, strict=True)) <= distance + 1e-9
+        return sum(n * p for n, p in zip(normal, position, strict=False)) <= distance + 1e-9
 
     def contact(self, move: Move, towards: bool) -> float | None:
         """Return the path length of a block at which the probe touches or lets go."""
         if self.surface is None:
             return None
         normal, distance = self.surface
-        rate = sum(n * u for n, u in zip(normal, move.unit, strict=True))
+        rate = sum(n * u for n, u in zip(normal, move.unit, strict=False))
         if rate == 0.0 or (rate < 0.0) != towards:
             return None
-        along = (distance - sum(n * p for n, p in zip(normal, move.start, strict=True))) / rate
+        along = (distance - sum(n * p for n, p in zip(normal, move.start, strict=False))) / rate
         return along if 0.0 <= along < move.length else None
 
     def switch(self, move: Move) -> float | None:
@@ -66,7 +66,7 @@ class Environment:
         A move that ends at a switch presses it.
         """
         distances = []
-        for index, axis in enumerate(AXES):
+        for index, axis in enumerate(AXES):  # further axes have no switches
             unit, start = move.unit[index], move.start[index] + self.offset[index]
             if unit and axis not in self.broken:
                 along = ((self.high if unit > 0.0 else self.low)[index] - start) / unit

@@ -43,6 +43,7 @@ class FirmwareProfile:
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
         jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
+        axes: Letters of the axes, in the order of their settings and reports.
         settings: The settings of a new board.
     """
 
@@ -69,7 +70,22 @@ class FirmwareProfile:
     sizes_reported: bool = True
     numbered_settings: bool = True
     jog_cancel_flushes: bool = False
+    axes: str = "XYZ"
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
+
+    def with_axes(self, letters: str) -> FirmwareProfile:
+        """Return the firmware built for other axes. The settings of further ones are those of Z."""
+        further = {
+            first + axis: GRBL_SETTINGS[first + 2]
+            for first in (STEPS, RATES, ACCELERATIONS, TRAVELS)
+            for axis in range(3, len(letters))
+        }
+        build_lines = tuple(
+            f"[AXS:{len(letters)}:{letters}]" if line.startswith("[AXS:") else line
+            for line in self.build_lines
+        )
+        settings = dict(sorted((self.settings | further).items()))
+        return replace(self, axes=letters, build_lines=build_lines, settings=settings)
 
 
 GRBL = FirmwareProfile(

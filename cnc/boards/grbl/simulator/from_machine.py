@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from cnc.boards.grbl.simulator.firmware_profile import (
     ACCELERATIONS,
+    GRBL,
     GRBL_SETTINGS,
+    GRBLHAL,
     RATES,
     STEPS,
     TRAVELS,
+    FirmwareProfile,
 )
 from cnc.machine.models import Homing, Machine
 from cnc.model.blocks import AXIS_LETTERS
@@ -17,8 +20,20 @@ SOFT_LIMITS, HARD_LIMITS, HOMING, HOMING_DIRECTION = 20, 21, 22, 23
 HOMING_FEED, HOMING_SEEK, PULL_OFF = 24, 25, 27
 
 
+def axes_of(machine: Machine) -> str:
+    """Return the letters of a board for the axes of a machine: X, Y, Z at least, C at most."""
+    columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
+    return "XYZABC"[: max(3, *(column + 1 for column in columns))]
+
+
+def profile_of(machine: Machine) -> FirmwareProfile:
+    """Return GRBL, or grblHAL for a machine with rotary axes, which GRBL does not have."""
+    letters = axes_of(machine)
+    return GRBL if len(letters) == 3 else GRBLHAL.with_axes(letters)
+
+
 def settings_of(machine: Machine) -> dict[int, float]:
-    """Return the ``$`` settings of X, Y and Z: steps/mm, mm/min, mm/s^2, travel in mm.
+    """Return the ``$`` settings of the axes: steps/mm, mm/min, mm/s^2, travel in mm.
 
     A value that the machine file leaves open is that of a new board. Homing and limits are on
     where the machine file describes limit switches.
@@ -26,7 +41,7 @@ def settings_of(machine: Machine) -> dict[int, float]:
     settings: dict[int, float] = {32: 1.0} if machine.kind == "laser" else {}
     if machine.can_home:
         settings |= _homing(machine)
-    for column, letter in enumerate(AXIS_LETTERS[:3]):
+    for column, letter in enumerate(AXIS_LETTERS[: len(axes_of(machine))]):
         axis = machine.axes.get(letter)
         if axis is None:
             continue
@@ -35,7 +50,7 @@ def settings_of(machine: Machine) -> dict[int, float]:
         settings[ACCELERATIONS + column] = (
             axis.max_acceleration
             or machine.path.max_tangential_acceleration
-            or GRBL_SETTINGS[ACCELERATIONS + column]
+            or GRBL_SETTINGS[ACCELERATIONS]
         )
         if axis.travel is not None:
             settings[TRAVELS + column] = axis.travel[1] - axis.travel[0]
@@ -45,7 +60,7 @@ def settings_of(machine: Machine) -> dict[int, float]:
 def _homing(machine: Machine) -> dict[int, float]:
     """Return the settings of homing and limits: the lowest speeds and pull-off of the axes."""
     downwards, each = 0, []
-    for column, letter in enumerate(AXIS_LETTERS[:3]):
+    for column, letter in enumerate(AXIS_LETTERS[: len(axes_of(machine))]):
         axis = machine.axes.get(letter)
         if axis is not None:
             homing = axis.homing or Homing()

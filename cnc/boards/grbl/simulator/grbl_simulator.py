@@ -155,9 +155,10 @@ class GrblSimulator:
         core.receiver.ring.clear()
         core.receiver.unplug()
         core.transmitter.unplug()
-        (a, b, c), (x, y, z) = core.environment.offset, core.position
-        core.environment.offset = (a + x, b + y, c + z)
-        core.steppers.position = (0.0, 0.0, 0.0)
+        core.environment.offset = tuple(
+            a + x for a, x in zip(core.environment.offset, core.position, strict=False)
+        )
+        core.steppers.position = core.origin
         core.state = "Idle"
         core.force_reset()
         core.cpu_free = core.now + delay

@@ -63,7 +63,7 @@ class CheckedLine:
     before: str = ""
     target: Point = (0.0, 0.0, 0.0)
     axes: frozenset[int] = frozenset()
-    words: tuple[float | None, float | None, float | None] = (None, None, None)
+    words: tuple[float | None, ...] = (None, None, None)
     center: tuple[float, float] = (0.0, 0.0)
     clockwise: bool = False
     feed: float = 0.0
@@ -88,27 +88,30 @@ class ParserPosition:
         stored: Stored offsets by name (G54.., G28, G30, G92), mm.
         length: Tool length, mm.
         mist: Whether M7 is compiled in.
+        axes: Letters of the axes.
     """
 
     position: Point
     stored: dict[str, Point]
     length: float
     mist: bool = False
+    axes: str = AXES
 
     def offset(self, coordinates: str) -> Point:
         """Return the work offset: system, G92 and tool length together (interface.md, WCO)."""
-        (a, b, c), (d, e, f) = self.stored[coordinates], self.stored["G92"]
-        return (a + d, b + e, c + f + self.length)
+        sums = [a + b for a, b in zip(self.stored[coordinates], self.stored["G92"], strict=True)]
+        sums[2] += self.length
+        return tuple(sums)
 
 
 def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
     """Return the line with its effect; Refused if anything in it is wrong."""
-    found = sort_words(text, place.mist)
+    found = sort_words(text, place.mist, place.axes)
     number = found.use("N")
     line = CheckedLine(modes, number=int(number or 0))
     modes = _set_modes(line, found)
     scale = MM_PER_INCH if modes.units == "G20" else 1.0
-    _set_words(line, found, modes, scale)
+    _set_words(line, found, modes, scale, place.axes)
     other = found.commands.get("other", "")
     if other == "G4":
         line.dwell = found.use("P")
@@ -131,7 +134,7 @@ def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
         _arc(line, found, modes, place, scale)
     else:
         _check_axes(line, action, place)
-    for letter in "ST" if not action else AXES + "ST":
+    for letter in "ST" if not action else place.axes + "ST":
         found.use(letter)
     if found.values:
         raise Refused(36)
@@ -139,11 +142,16 @@ def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
     return line
 
 
-def _set_words(line: CheckedLine, found: SortedWords, modes: Modes, scale: float) -> None:
-    given = [found.values.get(axis) for axis in AXES]
+def _set_words(
+    line: CheckedLine, found: SortedWords, modes: Modes, scale: float, axes: str
+) -> None:
+    given = [found.values.get(axis) for axis in axes]
     line.axes = frozenset(index for index, value in enumerate(given) if value is not None)
-    scaled = tuple(None if value is None else value * scale for value in given)
-    line.words = (scaled[0], scaled[1], scaled[2])
+    # Rotary axes are in degrees.
+    line.words = tuple(
+        None if value is None else value * (scale if axis in AXES else 1.0)
+        for axis, value in zip(axes, given, strict=True)
+    )
     line.relative = modes.distance == "G91"
 
 
@@ -231,7 +239,7 @@ def _set_feed(
 
 def _target(line: CheckedLine, modes: Modes, place: ParserPosition, machine: bool) -> Point:
     """Return the machine coordinates that the axis words name."""
-    offset = (0.0, 0.0, 0.0) if machine else place.offset(modes.coordinates)
+    offset = (0.0,) * len(place.axes) if machine else place.offset(modes.coordinates)
     target = list(place.position)
     for index in line.axes:
         word = line.words[index] or 0.0
@@ -239,7 +247,7 @@ def _target(line: CheckedLine, modes: Modes, place: ParserPosition, machine: boo
             target[index] = place.position[index] + word
         else:
             target[index] = word + offset[index]
-    return (target[0], target[1], target[2])
+    return tuple(target)
 
 
 def _store(line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPosition) -> None:
@@ -262,7 +270,7 @@ def _store(line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPos
         length = place.length if index == 2 else 0.0
         # L2: the words themselves. L20: offsets with which the tool stands at the words.
         stored[index] = word if how == 2 else place.position[index] - shift[index] - length - word
-    line.target = (stored[0], stored[1], stored[2])
+    line.target = tuple(stored)
 
 
 def _arc(

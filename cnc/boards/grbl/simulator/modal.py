@@ -55,7 +55,8 @@ WITH_AXES = (
     "G43.1",
 )
 """Commands that use axis words; two of them in a line are an error (24)."""
-VALUES = "FIJKLNPRSTXYZ"
+VALUES = "FIJKLNPRST"
+"""Letters of values beside the axes."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 
 LARGEST_LINE_NUMBER = 10_000_000
@@ -116,14 +117,14 @@ def words(text: str) -> list[tuple[str, float]]:
     return found
 
 
-def sort_words(text: str, mist: bool) -> SortedWords:
+def sort_words(text: str, mist: bool, axes: str = AXES) -> SortedWords:
     """Return commands and values of a line. Errors 4, 20, 21, 23 to 25, 27, 29, 38."""
     line = SortedWords()
     for letter, value in words(text):
         if letter in "GM":
             _add_command(line, letter, value, mist)
         else:
-            _add_value(line, letter, value)
+            _add_value(line, letter, value, axes)
     if line.values.get("N", 0.0) > LARGEST_LINE_NUMBER:
         raise Refused(27)
     if line.values.get("T", 0.0) > LARGEST_TOOL:
@@ -143,8 +144,8 @@ def _add_command(line: SortedWords, letter: str, value: float, mist: bool) -> No
     line.commands[group] = word
 
 
-def _add_value(line: SortedWords, letter: str, value: float) -> None:
-    if letter not in VALUES:
+def _add_value(line: SortedWords, letter: str, value: float, axes: str) -> None:
+    if letter not in VALUES and letter not in axes:
         raise Refused(20)
     if letter in line.values:
         raise Refused(25)

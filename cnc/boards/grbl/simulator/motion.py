@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from cnc.boards.grbl.simulator.arcs import chords
 from cnc.boards.grbl.simulator.core import BUSY, Core, Program, Wait
-from cnc.boards.grbl.simulator.eeprom import ORIGIN
 from cnc.boards.grbl.simulator.firmware_profile import ACCELERATIONS, RATES, TRAVELS
 from cnc.boards.grbl.simulator.line_check import CheckedLine
 from cnc.boards.grbl.simulator.modal import PLANES, Modes
@@ -60,12 +59,12 @@ def move_to(
         yield Wait(lambda: core.planner.free > 0)
     # A cancelled jog may have moved the start meanwhile.
     start = core.planned
-    delta = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    delta = tuple(b - a for a, b in zip(start, end, strict=True))
     length = math.hypot(*delta)
     if length == 0.0:
         return
     core.planned = end
-    unit = (delta[0] / length, delta[1] / length, delta[2] / length)
+    unit = tuple(part / length for part in delta)
     rapid = smallest_over_axes(core.per_axis(RATES), unit) / 60.0
     programmed = rapid if kind == "rapid" else feed * (length if line.inverse else 1.0) / 60.0
     accelerations = core.per_axis(ACCELERATIONS)
@@ -88,7 +87,7 @@ def move_to(
 
 
 def within_travel(core: Core, target: Point) -> bool:
-    """Return whether a machine position lies within the travel (``$130`` to ``$132``)."""
+    """Return whether a machine position lies within the travel (``$130``..)."""
     return all(
         -travel <= value <= 0.0
         for value, travel in zip(target, core.per_axis(TRAVELS), strict=True)
@@ -158,7 +157,7 @@ def _act(core: Core, line: CheckedLine) -> Program:
     action = line.action
     if line.before == "G92.1":
         yield from synchronize(core)
-        core.shift, core.wco_counter = ORIGIN, 0
+        core.shift, core.wco_counter = core.origin, 0
     elif line.before:
         yield from write_eeprom(core, lambda: core.eeprom.store(line.before[:3], core.parsed))
     if action in ("G0", "G1"):
@@ -203,9 +202,12 @@ def _go_home(core: Core, line: CheckedLine) -> Program:
     stored = core.eeprom.systems[line.action]
     if line.axes:
         yield from move_to(core, "rapid", line.target, line, 0.0, line.number)
-    x, y, z = (stored[i] if i in line.axes or not line.axes else core.parsed[i] for i in range(3))
-    yield from move_to(core, "rapid", (x, y, z), line, 0.0, line.number)
-    core.parsed = (x, y, z)
+    end = tuple(
+        there if i in line.axes or not line.axes else here
+        for i, (there, here) in enumerate(zip(stored, core.parsed, strict=True))
+    )
+    yield from move_to(core, "rapid", end, line, 0.0, line.number)
+    core.parsed = end
 
 
 def _shifted(core: Core, line: CheckedLine) -> Point:
@@ -214,7 +216,7 @@ def _shifted(core: Core, line: CheckedLine) -> Point:
     for index in line.axes:
         length = core.tool_length if index == 2 else 0.0
         shift[index] = core.parsed[index] - system[index] - length - (line.words[index] or 0.0)
-    return (shift[0], shift[1], shift[2])
+    return tuple(shift)
 
 
 def _probe(core: Core, line: CheckedLine) -> Program:
@@ -310,7 +312,7 @@ def home(core: Core) -> Program:
         shift[axis] += here[axis] - there
         here[axis] = there
         core.environment.offset = (shift[0], shift[1], shift[2])
-        core.steppers.position = (here[0], here[1], here[2])
+        core.steppers.position = tuple(here)
         core.sync_position()
     core.state = "Idle"
 
@@ -338,7 +340,7 @@ def _stroke(
     target = list(core.position)
     target[axis] += distance
     core.sync_position()
-    yield from move_to(core, kind, (target[0], target[1], target[2]), line, feed, 0)
+    yield from move_to(core, kind, tuple(target), line, feed, 0)
     core.steppers.start(core.now)
     yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
     core.sync_position()

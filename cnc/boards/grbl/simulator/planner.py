@@ -19,7 +19,8 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-Point = tuple[float, float, float]
+Point = tuple[float, ...]
+"""Position of each axis: X, Y, Z and the further ones that the board has."""
 
 STRAIGHT = 0.999999
 """Cosine above which two directions are the same or opposite."""
@@ -97,8 +98,7 @@ class Move:
         """Return the machine position after ``s`` mm of the block."""
         if s >= self.length:
             return self.end
-        (x, y, z), (i, j, k) = self.start, self.unit
-        return (x + s * i, y + s * j, z + s * k)
+        return tuple(a + s * u for a, u in zip(self.start, self.unit, strict=True))
 
     @property
     def reached(self) -> Point:
@@ -128,16 +128,14 @@ def smallest_over_axes(limits: Point, unit: Point) -> float:
 
 def junction_speed_sq(before: Point, after: Point, accelerations: Point, deviation: float) -> float:
     """Return the square of the speed (mm/s) through the corner between two directions."""
-    cosine = -(before[0] * after[0] + before[1] * after[1] + before[2] * after[2])
+    cosine = -sum(a * b for a, b in zip(before, after, strict=True))
     if cosine > STRAIGHT:
         return 0.0
     if cosine < -STRAIGHT:
         return math.inf
-    change = (after[0] - before[0], after[1] - before[1], after[2] - before[2])
-    size = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
-    acceleration = smallest_over_axes(
-        accelerations, (change[0] / size, change[1] / size, change[2] / size)
-    )
+    change = tuple(b - a for a, b in zip(before, after, strict=True))
+    size = math.hypot(*change)
+    acceleration = smallest_over_axes(accelerations, tuple(part / size for part in change))
     half_sine = math.sqrt(0.5 * (1.0 - cosine))
     return acceleration * deviation * half_sine / (1.0 - half_sine)
 

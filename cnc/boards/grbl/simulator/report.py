@@ -120,9 +120,10 @@ def build_info(core: Core) -> list[str]:
     """Return the answer to ``$I``: version, options with the sizes of both buffers."""
     profile = core.profile
     sizes = f",{profile.planner_blocks},{profile.rx_reported}" if profile.sizes_reported else ""
+    more = f",{len(profile.axes)},0" if profile.name == "grblhal" else ""
     return [
         f"[VER:{profile.version}:{core.eeprom.build_info}]",
-        f"[OPT:{profile.options}{sizes}{',3,0' if profile.name == 'grblhal' else ''}]",
+        f"[OPT:{profile.options}{sizes}{more}]",
         *profile.build_lines,
     ]
 
@@ -136,4 +137,4 @@ def _lengths(core: Core, point: Point) -> str:
 
 
 def _minus(a: Point, b: Point) -> Point:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+    return tuple(x - y for x, y in zip(a, b, strict=True))

@@ -26,11 +26,13 @@ class Steppers:
         stop_at: Path length (mm) of the running block at which one will trip; None for none.
     """
 
-    def __init__(self, planner: Planner, trip_at: Callable[[Move], float | None]) -> None:
+    def __init__(
+        self, planner: Planner, trip_at: Callable[[Move], float | None], axes: int = 3
+    ) -> None:
         self.planner = planner
         self.trip_at = trip_at
         self.moves: list[Move] = []
-        self.position: Point = (0.0, 0.0, 0.0)
+        self.position: Point = (0.0,) * axes
         self.running = False
         self.holding = False
         self.stop_at: float | None = None

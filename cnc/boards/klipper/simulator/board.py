@@ -52,15 +52,14 @@ def _add_drivers(simulator: KlipperSimulator, machine: Machine) -> None:
     """Connect the motor drivers that the machine file names."""
     for letter in machine.axes:
         axis = section(machine).axis(letter)
-        driver = None if axis is None else axis.driver
-        if driver is None:
-            continue
-        if driver.uart is not None:
-            pin = simulator.pin(Pin.of(driver.uart).name)
-            wire = simulator.uarts.setdefault(pin, UartModel())
-            wire.drivers[driver.address] = DriverModel()
-        elif driver.select is not None:
-            simulator.spi[simulator.pin(Pin.of(driver.select).name)] = DriverModel()
+        for driver in () if axis is None else axis.driver or ():
+            if driver.uart is not None:
+                pin = simulator.pin(Pin.of(driver.uart).name)
+                wire = simulator.uarts.setdefault(pin, UartModel())
+                wire.drivers[driver.address] = DriverModel(driver.kind)
+            elif driver.select is not None:
+                pin = simulator.pin(Pin.of(driver.select).name)
+                simulator.spi[pin] = DriverModel(driver.kind)
 
 
 def with_pins(machine: Machine) -> Machine:
@@ -69,8 +68,11 @@ def with_pins(machine: Machine) -> Machine:
         return machine
     pins = (f"gpio{number}" for number in range(30))
     axes = {
-        str(letter): KlipperAxis(step=(next(pins),), direction=(next(pins),))
-        for letter in machine.axes
+        str(letter): KlipperAxis(
+            step=tuple(next(pins) for _ in axis.motors),
+            direction=tuple(next(pins) for _ in axis.motors),
+        )
+        for letter, axis in machine.axes.items()
     }
     known = KlipperBoard(
         spindle=KlipperSpindle(pin=next(pins), pwm=True, backward=next(pins)),

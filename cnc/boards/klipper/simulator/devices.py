@@ -13,19 +13,40 @@ from cnc.boards.klipper.trinamic.frames import (
     from_bits,
     to_bits,
 )
-from cnc.boards.klipper.trinamic.settings import GSTAT, IFCNT
+from cnc.boards.klipper.trinamic.settings import DRV_STATUS, GSTAT, IFCNT
 
 WRITE_BYTES, READ_BYTES = 8, 4
+AT_POWER_UP = {GSTAT: 1, DRV_STATUS: 31 << 16}
+"""A reset is noted, and DRV_STATUS has the scale of the current."""
 
 
 @dataclass(slots=True)
 class DriverModel:
-    """A driver: its registers, and those that it ignores, as a broken one."""
+    """A driver.
 
-    registers: dict[int, int] = field(default_factory=dict)
+    Attributes:
+        kind: Its kind, as in a machine file.
+        registers: Its registers.
+        ignored: Registers that it ignores, as a broken driver.
+        powered: Whether its supply is on.
+    """
+
+    kind: str = "tmc2209"
+    registers: dict[int, int] = field(default_factory=lambda: dict(AT_POWER_UP))
     ignored: set[int] = field(default_factory=set)
     powered: bool = True
     _answer: int = 0
+
+    def reset(self) -> None:
+        """Lose all settings, as after a failure of the supply."""
+        self.registers = dict(AT_POWER_UP)
+
+    def read(self, register: int) -> int:
+        """Return a register; GSTAT of a tmc2130 is cleared by that."""
+        value = self.registers.get(register, 0)
+        if register == GSTAT and self.kind == "tmc2130":
+            self.registers[GSTAT] = 0
+        return value
 
     def write(self, register: int, value: int) -> None:
         """Write a register; ones clear the flags of GSTAT."""
@@ -43,7 +64,9 @@ class DriverModel:
         register = data[0] & ~WRITE
         if data[0] & WRITE:
             self.write(register, int.from_bytes(data[1:], "big"))
-        self._answer = self.registers.get(register, 0)
+            self._answer = self.registers.get(register, 0)
+        else:
+            self._answer = self.read(register)
         return answer
 
 
@@ -66,5 +89,5 @@ class UartModel:
         if len(data) == WRITE_BYTES:
             driver.write(register, int.from_bytes(data[3:7], "big"))
             return silent
-        body = bytes((SYNC, HOST, register)) + driver.registers.get(register, 0).to_bytes(4, "big")
+        body = bytes((SYNC, HOST, register)) + driver.read(register).to_bytes(4, "big")
         return to_bits(body + bytes((crc8(body),)))[:size]

@@ -65,6 +65,14 @@ class Motor:
         """Clock of the next step, None if none is due."""
         return None if self._times is None else int(self._times[self._at])
 
+    @property
+    def interval(self) -> int | None:
+        """Ticks from the last step to the next one, None if none is due."""
+        if self._times is None:
+            return None
+        before = int(self._times[self._at - 1]) if self._at else self.last
+        return int(self._times[self._at]) - before
+
     def set_direction(self, forward: int) -> None:
         """Set the direction of the next moves."""
         self._next_forward = forward

@@ -21,7 +21,10 @@ from cnc.boards.klipper.trinamic.settings import (
     IFCNT,
     CurrentOutOfRange,
     fault_of,
+    motion_settings,
+    reset_of,
     settings,
+    stall_settings,
 )
 from cnc.boards.protocols import board_error
 from cnc.machine.klipper import TrinamicDriver
@@ -29,6 +32,8 @@ from cnc.machine.load import error_in
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 
+CHECK = "switch off, let it cool down, then check the motor, its wires and its supply"
+"""What to do after a fault of a driver."""
 TRIES = 5
 """Attempts to read a register."""
 
@@ -39,15 +44,22 @@ class MotorDriver:
     Args:
         connection: The connection to the board.
         oid: Object of its UART or SPI device.
-        letter: Letter of its axis.
+        motor: Column of its axis, and the number of its motor.
+        machine: The machine.
+
+    Attributes:
+        column: Column of its axis.
         driver: Its table in the machine file.
     """
 
     def __init__(
-        self, connection: Connection, oid: int, letter: str, driver: TrinamicDriver
+        self, connection: Connection, oid: int, motor: tuple[int, int], machine: Machine
     ) -> None:
         self._connection, self._oid = connection, oid
-        self.letter, self.driver = letter, driver
+        self.column, self._number = motor
+        self._letter = tuple(machine.axes)[self.column]
+        self._drivers = _drivers(machine, self._letter)
+        self.driver = self._drivers[self._number]
 
     def read(self, register: int) -> int:
         """Return the value of a register.
@@ -102,7 +114,7 @@ class MotorDriver:
         try:
             wanted = list(settings(self.driver))
         except CurrentOutOfRange as error:
-            key = ("board", "klipper", self.letter, "driver")
+            key = ("board", "klipper", self._letter, "driver")
             hint = f"with its sense resistor of {self.driver.resistor:g} ohm it gives {error}"
             message = f"the driver cannot give {self.driver.run_current:g} A"
             raise error_in(machine, key, message, hint) from error
@@ -116,6 +128,7 @@ class MotorDriver:
                 )
                 raise self._fault(message, "check its kind, its pins and the motor supply")
         self.write(GSTAT, 7)
+        self.read(GSTAT)  # A tmc2130 clears it when it is read.
 
     def check(self) -> None:
         """Read the state of the driver.
@@ -123,9 +136,49 @@ class MotorDriver:
         Raises:
             BoardError: ``motor-driver``, if it reports a fault.
         """
-        found = fault_of(self.driver, self.read(DRV_STATUS))
+        found = fault_of(self.driver, self.read(DRV_STATUS)) or reset_of(self.read(GSTAT))
         if found:
-            raise self._fault(f"reports a fault: {found}", "switch off, then check the motor")
+            raise self._fault(f"reports a fault: {found}", CHECK)
+
+    def watch_stalls(self, speed: float | None) -> None:
+        """Let DIAG tell a stall of a move at a speed, steps/s; None ends this."""
+        known = (
+            motion_settings(self.driver) if speed is None else stall_settings(self.driver, speed)
+        )
+        for each in known:
+            self.write(each.register, each.value)
+
+    def ask_for(self, register: int) -> None:
+        """Ask for a register, without waiting for the answer."""
+        if self.driver.has_uart:
+            write = to_bits(uart_read(self.driver.address, register))
+            read = ANSWER_BYTES * 10 // 8
+            self._connection.send("tmcuart_send", oid=self._oid, write=write, read=read)
+        else:
+            data = bytes((register, 0, 0, 0, 0))
+            self._connection.send("spi_transfer", oid=self._oid, data=data)
+
+    def answer_of(self, message: Message, register: int) -> int | None:
+        """Return the value of an answer, -1 if it is not readable, None for another message."""
+        uart = self.driver.has_uart
+        name = "tmcuart_response" if uart else "spi_transfer_response"
+        if message.name != name or message["oid"] != self._oid:
+            return None
+        if not uart:
+            data = message.data("response")
+            value = int.from_bytes(data[1:], "big") if len(data) == SPI_BYTES else 0
+            # A driver with power always tells a scale of its current there.
+            return -1 if register == DRV_STATUS and not value else value
+        bits = from_bits(message.data("read"))
+        found = None if bits is None else uart_answer(bits, register)
+        return -1 if found is None else found
+
+    def text(self, message: str) -> str:
+        """Return a message about the driver."""
+        owner = self._letter.upper()
+        if len(self._drivers) > 1:
+            owner = f"motor {self._number + 1} of {owner}"
+        return f"the {self.driver.kind} of {owner} {message}"
 
     def _transfer(self, data: bytes) -> bytes:
         answer = self._ask("spi_transfer", "spi_transfer_response", data=data).data("response")
@@ -138,15 +191,18 @@ class MotorDriver:
         return connection.ask(command, response, connection.pump, oid=self._oid, **values)
 
     def _fault(self, message: str, hint: str) -> BoardError:
-        kind, letter = self.driver.kind, self.letter.upper()
-        return board_error("motor-driver", f"the {kind} of {letter} {message}", hint=hint)
+        return board_error("motor-driver", self.text(message), hint=hint)
 
 
 def motor_drivers(connection: Connection, layout: Layout, machine: Machine) -> list[MotorDriver]:
     """Return the drivers that the machine file names."""
-    found: list[MotorDriver] = []
-    for letter in machine.axes:
-        axis = section(machine).axis(letter)
-        if axis is not None and axis.driver is not None:
-            found.append(MotorDriver(connection, layout.drivers[letter], letter, axis.driver))
-    return found
+    return [
+        MotorDriver(connection, layout.drivers[letter, number], (column, number), machine)
+        for column, letter in enumerate(machine.axes)
+        for number in range(len(_drivers(machine, letter)))
+    ]
+
+
+def _drivers(machine: Machine, letter: str) -> tuple[TrinamicDriver, ...]:
+    axis = section(machine).axis(letter)
+    return () if axis is None else axis.driver or ()

@@ -20,6 +20,10 @@ HIGH_V, LOW_V = {"tmc2208": 0.325, "tmc2209": 0.325, "tmc2130": 0.32, "tmc5160":
 """Full-scale voltage at the sense resistor, V, for vsense 0 and 1."""
 SERIES_OHM = 0.02
 """Resistance inside the driver in series with its sense resistor, ohm; not for TMC5160."""
+CLOCK = 12e6
+"""Internal clock of the drivers, Hz, in which TSTEP counts the time of a 256th of a full step."""
+SEEN = 0.7
+"""Share of the speed of a move from which a stall counts."""
 STEPS = 32
 """Steps of the current."""
 
@@ -84,14 +88,7 @@ def settings(driver: TrinamicDriver) -> Iterator[Setting]:
     """
     amps = currents(driver)
     stall = driver.stallguard
-    if driver.has_uart:
-        # Currents by register instead of a voltage; microsteps by register; the UART stays on.
-        yield Setting(GCONF, 1 << 6 | 1 << 7 | (0 if driver.stealthchop else 1 << 2), True)
-    else:
-        value = 1 << 2 if driver.stealthchop else 0
-        if stall is not None:
-            value |= 1 << 8 | 1 << 13
-        yield Setting(GCONF, value, True)
+    yield Setting(GCONF, general(driver, silent=driver.stealthchop), True)
     if amps.scaler:
         yield Setting(GLOBALSCALER, amps.scaler, False)
     yield Setting(IHOLD_IRUN, amps.hold | amps.run << 8 | 6 << 16, False)
@@ -102,11 +99,48 @@ def settings(driver: TrinamicDriver) -> Iterator[Setting]:
     yield Setting(CHOPCONF, chop | (1 << 17 if amps.sensitive else 0), True)
     yield Setting(TPWMTHRS, 0, False)
     if stall is not None:
-        yield Setting(TCOOLTHRS, 0xFFFFF, False)
+        # DIAG tells a stall only while the axis homes (stall_settings).
+        yield Setting(TCOOLTHRS, 0, False)
         if driver.has_uart:
             yield Setting(SGTHRS, stall, False)
         else:
             yield Setting(COOLCONF, (stall & 0x7F) << 16, False)
+
+
+def general(driver: TrinamicDriver, *, silent: bool) -> int:
+    """Return GCONF in the silent mode (stealthChop) or in the other one (spreadCycle)."""
+    if driver.has_uart:
+        # Currents by register instead of a voltage; microsteps by register; the UART stays on.
+        return 1 << 6 | 1 << 7 | (0 if silent else 1 << 2)
+    value = 1 << 2 if silent else 0
+    if driver.stallguard is not None:
+        value |= 1 << 8 | 1 << 13
+    return value
+
+
+def stall_settings(driver: TrinamicDriver, speed: float) -> list[Setting]:
+    """Return the registers for a move that ends at a hard stop.
+
+    StallGuard4 (tmc2209) needs stealthChop, StallGuard2 (tmc2130, tmc5160) needs spreadCycle. A
+    slow motor has no back EMF that could be measured, so a stall counts only near full speed.
+
+    Args:
+        driver: The driver.
+        speed: Speed of the move, steps/s.
+    """
+    ticks = CLOCK / (SEEN * speed * 256 / driver.microsteps)
+    return [
+        Setting(GCONF, general(driver, silent=driver.has_uart), True),
+        Setting(TCOOLTHRS, min(round(ticks), 0xFFFFF), False),
+    ]
+
+
+def motion_settings(driver: TrinamicDriver) -> list[Setting]:
+    """Return the registers that end the measurement of stalls."""
+    return [
+        Setting(TCOOLTHRS, 0, False),
+        Setting(GCONF, general(driver, silent=driver.stealthchop), True),
+    ]
 
 
 UART_FAULTS = {
@@ -124,6 +158,13 @@ SPI_FAULTS = {
     13: "short circuit at coil B",
 }
 """Faults by their bits in DRV_STATUS."""
+
+
+def reset_of(value: int) -> str:
+    """Return the fault in GSTAT, "" if there is none."""
+    if value & 1:
+        return "it was reset, because its supply failed, so its settings are lost"
+    return "its charge pump has too low a voltage" if value & 4 else ""
 
 
 def fault_of(driver: TrinamicDriver, status: int) -> str:

@@ -1,17 +1,16 @@
 """Rapid moves into the stock are reported, except where a feed move has removed material."""
 
-import numpy as np
+import json
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc import cli
 from cnc.api import check, load_machine
-from cnc.machine.models import Stock
+from cnc.machine.models import Machine, Stock
 from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import MachineFileError, UsageError
-from cnc.path.build import build
-from cnc.path.sample import points_along
 from tests.support.soak import share
 
 STOCK = "x10:60, Y10:50,Z-20:0"
@@ -41,8 +40,8 @@ def entered(tmp_path):
         ("G0 X30 Y30\nG0 Z0.5\nG1 Z-1", []),
         ("G0 X30 Y30\nG0 Z0", []),  # on it
         ("G0 X5 Y30\nG0 Z-15", []),  # beside it
-        ("G0 X10 Y10\nG0 Z-15", []),  # along its edge
-        ("G0 X5 Y30 Z-25\nG0 X70\nG0 Z5", []),  # below it
+        ("G0 X10 Y10\nG0 Z-15", [2]),  # along its edge: every tool has a radius
+        ("G0 X5 Y30 Z-25\nG0 X70\nG0 Z5", [2]),  # the shank goes through it
         ("G0 X5 Y30\nG0 Z-15\nG0 X30", [3]),  # from the side
         ("G0 X5 Y30 Z-15\nG0 X70", [2]),  # through it
         ("G0 X30 Y30\nG0 Z-5\nG0 Z5", [2]),  # the way out is not reported
@@ -70,11 +69,11 @@ def test_the_message_has_position_and_depth(tmp_path):
     file.write_text(HEAD + "G0 X30 Y30\nG0 Z-3.5\nG0 Z5\nM2\n")
     (finding,) = [each for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"]
     assert (finding.line, finding.severity, finding.text) == (5, "warning", "G0 Z-3.5")
-    assert "X30 Y30 Z-0.0" in finding.message
+    assert "at X29.95 Y29.95" in finding.message  # the centre of a cell
     assert "3.5 mm deep" in finding.message
 
 
-@settings(max_examples=share(200, 25))
+@settings(max_examples=share(200, 15))
 @given(
     st.lists(
         st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()),
@@ -98,25 +97,6 @@ def test_a_rapid_move_along_earlier_feed_moves_is_free(tmp_path_factory, moves):
     assert (
         any(each.code == "rapid-into-stock" for each in check(file, MACHINE).warnings) or not inside
     )
-
-
-def test_points_along_a_path_lie_on_it():
-    from cnc.model.blocks import ArcFeed, Polyline
-
-    blocks = [
-        Polyline("", 1, np.array([[4.0, 3.0, 0.0]]), np.array([1.0]), np.array([1], np.int32)),
-        ArcFeed("", 2, "XY", (4.0, 8.0), np.array([4.0, 13.0, 2.0]), 5.0, 0.5, 1.0),
-    ]
-    (chunk,) = build(blocks, axes=("x", "y", "z"), start=np.zeros(3))
-    points, owner = points_along(chunk, 0.5)
-    assert owner.tolist() == [0] * 10 + [1] * int(np.ceil(np.hypot(5.0 * np.pi, 2.0) / 0.5))
-    assert points[:10] == pytest.approx(np.linspace(0.1, 1.0, 10)[:, None] * [4.0, 3.0, 0.0])
-    angle = np.linspace(0.0, np.pi, len(points) - 9)[1:]
-    circle = np.stack(
-        (4.0 + 5.0 * np.sin(angle), 8.0 - 5.0 * np.cos(angle), 2.0 * angle / np.pi), axis=1
-    )
-    assert points[10:] == pytest.approx(circle, abs=1e-9)
-    assert points_along(chunk, 0.5, np.array([1]))[0].tolist() == points[10:].tolist()
 
 
 def test_the_stock_option():
@@ -174,8 +154,102 @@ def test_the_stock_on_the_command_line(tmp_path, capfd):
             == 1
         )
         assert (
-            "rapid-into-stock: a rapid move enters the stock at X30 Y30 Z-0."
+            "rapid-into-stock: a rapid move enters the stock at X29.95 Y29.95 and goes 1 mm deep"
             in capfd.readouterr().err
         )
         assert cli.exit_code(["check", named, "--jobs", "1", "--fail-on", "warning"]) == 0
     assert cli.exit_code(["check", one, "--stock", "a lot"]) == 2
+
+
+TOOLS = "T1 D6 Z40 ;flat end mill\nT2 D6 Z55 ;ball end mill FL=3\nT3 D6 ;flat holder 30x10\n"
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Return a function: (code, line from 1) of the findings of a program body about the stock."""
+    (tmp_path / "t.tbl").write_text(TOOLS)
+    tools = MACHINE.program.model_copy(update={"tool_table": tmp_path / "t.tbl"})
+    machine = MACHINE.model_copy(update={"program": tools})
+    codes = {
+        "rapid-into-stock",
+        "shank-into-stock",
+        "holder-into-stock",
+        "cut-below-stock",
+        "stock-turned",
+        "tool-shape-assumed",
+    }
+
+    def look(body: str, machine: Machine = machine) -> list[tuple[str, int]]:
+        file = tmp_path / "p.nc"
+        file.write_text(HEAD + body + "\nM2\n")
+        report = check(file, machine)
+        assert report.ok, report.faults
+        return [(each.code, each.line - 3) for each in report.warnings if each.code in codes]
+
+    return look
+
+
+SLOT = "G0 Z60\nT1 M6 G43 H1\nG0 X30 Y30 Z5\nG1 Z-2\nG1 X50\nG0 Z20"
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        # The radius of the tool counts: beside the stock, and beside a slot.
+        ("T1 M6\nG0 X8 Y30\nG0 Z-5", [("rapid-into-stock", 3)]),
+        ("T1 M6\nG0 X6.9 Y30\nG0 Z-5", []),
+        ("T1 M6\nG0 X30 Y30\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40 Y31\nG0 Z-4", [("rapid-into-stock", 7)]),
+        ("T1 M6\nG0 X30 Y30\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40\nG0 Z-4", []),
+        # Without G43 the offset of the table does not count; with it the tip is meant.
+        ("G0 Z60\nT1 M6 G43 H1\nG0 X30 Y30 Z5\nG1 Z-5\nG1 X50\nG0 Z2", []),
+        ("G0 Z60\nT1 M6 G43 H1\nG0 X30 Y30 Z-5", [("rapid-into-stock", 3)]),
+        # A second tool of another length in the slot of the first.
+        (
+            f"{SLOT}\nT2 M6 G43 H2\nG0 X40\nG0 Z-1.9",
+            [],
+        ),
+        (
+            f"{SLOT}\nT2 M6 G43 H2\nG0 X40\nG0 Z-2.1",
+            [("rapid-into-stock", 9)],
+        ),
+        # Flutes of 3 mm, and a holder of 30 mm at 10 mm from the tip.
+        ("T2 M6\nG0 X30 Y30\nG1 Z-2.9", []),
+        ("T2 M6\nG0 X30 Y30\nG1 Z-3.5", [("shank-into-stock", 3)]),
+        ("T3 M6\nG0 X30 Y30\nG1 Z-9.9", []),
+        ("T3 M6\nG0 X30 Y30\nG1 Z-10.5", [("holder-into-stock", 3)]),
+        # Through the stock: at the first place.
+        ("T1 M6\nG0 X30 Y30\nG1 Z-20\nG1 Z-20.5 X31\nG1 X32", [("cut-below-stock", 4)]),
+        ("T1 M6\nG0 X0 Y0\nG1 Z-20.5\nG0 Z5", []),
+    ],
+)
+def test_parts_of_a_tool_in_the_stock(found, body, expected):
+    assert found(body) == expected
+
+
+def test_a_tool_without_a_table_is_described_by_a_comment_or_assumed(found):
+    body = "T7 M6\nG0 X30 Y30\nG1 Z-1"
+    assert found(body, MACHINE) == [("tool-shape-assumed", -3)]
+    assert found("(T7 D=6 flat end mill)\n" + body, MACHINE) == []
+    assert found("T7 M6\nG0 X30 Y30\nG1 Z0", MACHINE) == []  # it does not cut
+
+
+def test_a_rotary_axis_that_turns_the_stock_is_said(found):
+    axes = {**MACHINE.axes, "a": MACHINE.axes["x"].model_copy(update={"travel": None})}
+    machine = MACHINE.model_copy(update={"axes": axes})
+    assert ("stock-turned", 2) in found("G0 X0\nG1 A90 F100\nG1 A0", machine)
+
+
+def test_the_summary_tells_resolution_and_volume(tmp_path, capfd):
+    file, json_file, stl = tmp_path / "p.nc", tmp_path / "s.json", tmp_path / "part.stl"
+    file.write_text(HEAD + "(T1 D=4 flat)\nT1 M6\nG0 X5 Y30\nG1 Z-5\nG1 X65\nM2\n")
+    given = ["check", str(file), "--stock", STOCK, "--stock-resolution", "0.25", "--json"]
+    assert cli.exit_code([*given, str(json_file), "--stl", str(stl)]) == 0
+    assert "simulated in cells of 0.25 mm" in capfd.readouterr().out
+    stock = json.loads(json_file.read_text())["stock"]
+    assert stock["resolution_mm"] == 0.25
+    assert stock["removed_mm3"] == pytest.approx(50 * 4 * 5, rel=1e-9)  # 16 whole cells wide
+    assert stl.stat().st_size > 84
+    assert cli.exit_code(["check", str(file), "--stl", str(stl)]) == 2
+    assert "stock-missing" in capfd.readouterr().err
+    assert cli.exit_code(["check", str(file), "--stock", STOCK, "--stl", "part.obj"]) == 2
+    assert "output-format" in capfd.readouterr().err

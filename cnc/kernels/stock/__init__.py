@@ -1,0 +1,1 @@
+"""Compiled removal of material by a moving tool."""

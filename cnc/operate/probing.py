@@ -1,0 +1,116 @@
+"""Probing cycles: subroutine files that the normal interpreter runs, with their parameters.
+
+A cycle is a file ``NAME.ngc`` of a subroutine folder, whose head describes it:
+
+    ( Z by a plate: sets Z of the present coordinate system )
+    ( #1 thickness = 10 : thickness of the plate, mm )
+    o<probe_z> sub
+
+The files of this package are in ``programs/probing``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+_TITLE = re.compile(r"\(\s*(.*?)\s*\)\s*")
+_PARAMETER = re.compile(r"\(\s*#(\d+)\s+(\w+)\s*=\s*([-+]?[0-9.]+)\s*:\s*(.*?)\s*\)\s*", re.ASCII)
+MOST_HEAD = 40
+"""Lines in which the head of a file is searched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a cycle.
+
+    Attributes:
+        name: Its name.
+        title: Its meaning and unit.
+        default: Its value where none is given.
+    """
+
+    name: str
+    title: str
+    default: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """A probing cycle.
+
+    Attributes:
+        name: Its name, that of the file and of the subroutine.
+        title: What it does.
+        parameters: In the order of the call.
+    """
+
+    name: str
+    title: str
+    parameters: tuple[Parameter, ...]
+
+
+def shipped_cycles() -> Path:
+    """Return the folder of the cycles of this package."""
+    package = Path(str(resources.files("cnc")))
+    inside = package / "probing"
+    return inside if inside.is_dir() else package.parent / "programs" / "probing"
+
+
+def cycles(machine: Machine) -> list[Cycle]:
+    """Return the cycles of the machine's subroutine folders, by name; a first folder wins."""
+    found: dict[str, Cycle] = {}
+    for folder in machine.program.subroutines:
+        for file in sorted(Path(folder).glob("*.ngc")):
+            cycle = _read(file)
+            if cycle is not None:
+                found.setdefault(cycle.name, cycle)
+    return [found[name] for name in sorted(found)]
+
+
+def mdi_line(name: str, values: Mapping[str, float], machine: Machine) -> str:
+    """Return the line that calls a cycle.
+
+    Raises:
+        UsageError: ``no-such-cycle``, ``cycle-parameter``.
+    """
+    known = {cycle.name: cycle for cycle in cycles(machine)}
+    if name not in known:
+        hint = f"cycles are {', '.join(known) or 'none'}"
+        raise UsageError(
+            Diagnostic("no-such-cycle", f"there is no probing cycle {name}", hint=hint)
+        )
+    cycle = known[name]
+    names = [each.name for each in cycle.parameters]
+    for given, value in values.items():
+        if given not in names or not math.isfinite(value):
+            message = f"the cycle {name} has no parameter {given}, or {value!r} is not a number"
+            hint = f"its parameters are {', '.join(names) or 'none'}"
+            raise UsageError(Diagnostic("cycle-parameter", message, hint=hint))
+    each = (values.get(parameter.name, parameter.default) for parameter in cycle.parameters)
+    return " ".join([f"o<{name}> call", *(f"[{value:.6f}]" for value in each)])
+
+
+def _read(file: Path) -> Cycle | None:
+    """Return the cycle of a file; None for a file without a head."""
+    try:
+        with file.open(encoding="utf-8") as source:
+            head = [line.strip() for _, line in zip(range(MOST_HEAD), source, strict=False)]
+    except (OSError, UnicodeDecodeError):
+        return None
+    title = _TITLE.fullmatch(head[0]) if head else None
+    if title is None:
+        return None
+    found: dict[int, Parameter] = {}
+    for line in head[1:]:
+        if not (match := _PARAMETER.fullmatch(line)):
+            break
+        found[int(match[1])] = Parameter(match[2], match[4], float(match[3]))
+    return Cycle(file.stem, title[1], tuple(found[number] for number in sorted(found)))

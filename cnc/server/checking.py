@@ -1,0 +1,108 @@
+"""Checks of jobs in a process of its own, so that they never delay the machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from cnc.gcode.syntax.parameter_file import write_parameters
+from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
+from cnc.model.blocks import AXIS_LETTERS
+from cnc.operate.machines import SYSTEMS
+from cnc.server.library import Library
+
+NICENESS = 10
+"""The priority of a check is lower than that of the machine by this."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOrder:
+    """A check to carry out.
+
+    Attributes:
+        name: Name of the job.
+        library: Folder of the library.
+        machine: The machine, with the travel of the board.
+        parameters: Parameters by number, such as the offsets of the board.
+    """
+
+    name: str
+    library: Path
+    machine: Machine
+    parameters: Mapping[int, float]
+
+
+class Checker:
+    """Carries out checks, one after the other."""
+
+    def __init__(self) -> None:
+        self._pool = ProcessPoolExecutor(
+            1, mp_context=get_context("spawn"), initializer=_lower_priority
+        )
+
+    @property
+    def pool(self) -> ProcessPoolExecutor:
+        """The process."""
+        return self._pool
+
+    def close(self) -> None:
+        """End the process."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def check_job(order: CheckOrder) -> dict[str, Any]:
+    """Check a job; write its summary and its toolpath into the library; return the summary."""
+    from cnc.session.options import Outputs, RunOptions
+    from cnc.session.session import Session
+
+    library = Library(order.library)
+    library.path(order.name)
+    # Findings name the job, not the folder of this computer.
+    os.chdir(library.folder)
+    with tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
+        machine, drawn = order.machine, Path(folder) / "path.json"
+        if order.parameters:
+            file = Path(folder) / "parameters.var"
+            write_parameters(file, order.parameters)
+            program = machine.program.model_copy(update={"parameters": file})
+            machine = machine.model_copy(update={"program": program})
+        report = Session(
+            Path(order.name), machine, RunOptions(outputs=Outputs(picture=str(drawn)))
+        ).run()
+        summary = report.as_json()
+        library.forget_check(order.name)
+        if drawn.exists():
+            _put(drawn.read_bytes(), library.own(order.name, "path.json"))
+        _put(json.dumps(summary).encode(), library.own(order.name, "check.json"))
+    return summary
+
+
+def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:
+    """Return the parameters of offsets by name and axis, mm."""
+    values: dict[int, float] = {}
+    for name, place in offsets.items():
+        first = numbers.SHIFT if name == "G92" else numbers.origin(SYSTEMS.index(name))
+        for letter, value in place.items():
+            values[first + AXIS_LETTERS.index(letter)] = value
+    if any(offsets.get("G92", {}).values()):
+        values[numbers.SHIFT_IN_EFFECT] = 1.0
+    return values
+
+
+def _put(data: bytes, target: Path) -> None:
+    draft = target.with_name(f"{target.name}.part")
+    draft.write_bytes(data)
+    os.replace(draft, target)
+
+
+def _lower_priority() -> None:
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)

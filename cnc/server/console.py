@@ -1,0 +1,184 @@
+"""The state of the server: session, library, control, checks, and the records of runs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any
+
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
+from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
+from cnc.operate.operator_session import OperatorSession
+from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of
+from cnc.server.control import ControlOfMachine
+from cnc.server.hub import Hub
+from cnc.server.library import Library, TextLines
+from cnc.session.options import RunOptions
+
+MOST_LOG_LINES = 50_000
+"""Lines of the log of a run; of more, the first are lost."""
+MOST_TEXTS = 8
+"""Indexes of program texts that are kept."""
+
+
+@dataclass(slots=True)
+class _Run:
+    """A run under way."""
+
+    job: str
+    began: float
+    log: deque[str] = field(default_factory=lambda: deque(maxlen=MOST_LOG_LINES))
+
+    def note(self, text: str) -> None:
+        self.log.append(f"{time.time() - self.began:10.3f} {text}")
+
+
+class Console:
+    """What the requests share.
+
+    Args:
+        session: The operator session.
+        library: The library.
+
+    Attributes:
+        control: The client that has control.
+        hub: Distributes the events.
+    """
+
+    def __init__(self, session: OperatorSession, library: Library) -> None:
+        self.session, self.library = session, library
+        self.hub = Hub()
+        self.control = ControlOfMachine(self._control_changed)
+        self._checker: Checker | None = None
+        self._checking: dict[str, Future[dict[str, Any]]] = {}
+        self._texts: dict[str, TextLines] = {}
+        self._run: _Run | None = None
+        self._lock = threading.Lock()
+        self._end_listening = session.listen(self._event)
+
+    def close(self) -> None:
+        """End the checks and the session."""
+        self._end_listening()
+        if self._checker is not None:
+            self._checker.close()
+        self.session.close()
+
+    # Jobs
+
+    def text(self, name: str) -> TextLines:
+        """Return the lines of a job."""
+        file = self.library.path(name)
+        with self._lock:
+            known = self._texts.get(name)
+            if known is None or known.changed != file.stat().st_mtime_ns:
+                known = TextLines(file)
+                while len(self._texts) >= MOST_TEXTS:
+                    del self._texts[next(iter(self._texts))]
+                self._texts[name] = known
+        return known
+
+    def check(self, name: str) -> Future[dict[str, Any]]:
+        """Begin a check, or return the one under way."""
+        self.library.path(name)
+        with self._lock:
+            known = self._checking.get(name)
+            if known is not None and not known.done():
+                return known
+            if self._checker is None:
+                self._checker = Checker()
+            order = CheckOrder(
+                name,
+                self.library.folder,
+                self.session.limited_machine,
+                parameters_of(self.session.offsets),
+            )
+            future = self._checker.pool.submit(check_job, order)
+            self._checking[name] = future
+        future.add_done_callback(lambda done: self._checked(name, done))
+        return future
+
+    def run(self, name: str, options: RunOptions) -> None:
+        """Begin a run. UsageError if the machine is busy, or there is no such job."""
+        file = self.library.path(name)
+        run = _Run(name, time.time())
+        future = self.session.run(file, options, name=name)
+        self._run = run
+        future.add_done_callback(lambda done: self._ended(run, done))
+
+    def remove(self, name: str) -> None:
+        """Remove a job. UsageError ``machine-busy`` while it runs."""
+        self.refuse_change(name)
+        self.library.remove(name)
+        self.jobs_changed()
+
+    def refuse_change(self, name: str) -> None:
+        """Refuse the change of a program that runs. UsageError ``machine-busy``."""
+        run = self._run
+        if run is not None and run.job == name:
+            message, hint = f"{name} runs", "wait for its end, or stop it"
+            raise UsageError(Diagnostic("machine-busy", message, hint=hint))
+
+    def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
+        error = None if done.cancelled() else done.exception()
+        summary: dict[str, Any] = {} if done.cancelled() or error else done.result()
+        if error is not None:
+            message = error.diagnostic.message if isinstance(error, CncError) else str(error)
+            found = Finding(code="check-failed", message=f"{name} was not checked: {message}")
+            self.hub.publish(Notice(finding=found))
+        severities = [each["severity"] for each in summary.get("errors", ())]
+        self.hub.publish_object(
+            {
+                "event": "job-checked",
+                "time": time.time(),
+                "name": name,
+                "ok": bool(summary) and "error" not in severities,
+                "errors": severities.count("error"),
+                "warnings": severities.count("warning"),
+            }
+        )
+
+    def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
+        self._run = None
+        if done.cancelled() or done.exception() is not None:
+            ended = JobEnded(program=run.job, outcome="failed")
+        else:
+            ended = done.result()
+        findings = as_object(ended)["findings"]
+        for each in findings:
+            run.note(f"{each['severity']}: {each['code']}: {each['message']}")
+        run.note(f"end: {ended.outcome}")
+        record = {
+            "job": run.job,
+            "began": run.began,
+            "seconds": time.time() - run.began,
+            "machine_seconds": ended.seconds,
+            "outcome": ended.outcome,
+            "line": ended.stopped_at_line,
+            "resume_line": ended.resume_line,
+            "findings": [each for each in findings if each["severity"] == "error"],
+        }
+        self.library.add_run(record, "\n".join(run.log) + "\n")
+        self.jobs_changed()
+
+    # Events
+
+    def jobs_changed(self) -> None:
+        """Tell the clients that the library has changed."""
+        self.hub.publish_object({"event": "jobs", "time": time.time()})
+
+    def _control_changed(self, holder: str | None) -> None:
+        self.session.release_jog()
+        self.hub.publish_object({"event": "control", "time": time.time(), "holder": holder})
+
+    def _event(self, event: Event) -> None:
+        run = self._run
+        if run is not None:
+            if isinstance(event, ConsoleLine):
+                run.note(f"{'->' if event.direction == 'sent' else '<-'} {event.text}")
+            elif event.event in ("dialog", "dialog-closed", "alarm", "notice"):
+                found = getattr(event, "finding", None)
+                run.note(event.event if found is None else f"{event.event}: {found.message}")
+        self.hub.publish(event)

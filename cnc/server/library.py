@@ -1,0 +1,208 @@
+"""The library: a folder of programs, with the history and the log of their runs.
+
+    LIBRARY/part.nc                        the programs
+    LIBRARY/.cncrun/history.jsonl          one run a line
+    LIBRARY/.cncrun/part.nc.log            the log of the last run
+    LIBRARY/.cncrun/part.nc.check.json     the summary of the last check
+    LIBRARY/.cncrun/part.nc.path.json      its toolpath
+
+A name is a plain file name of a small set of characters. No path leaves the folder: a link to
+another place is no job.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import tempfile
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,119}\.(?:nc|ngc|gcode|tap|cnc|txt)", re.ASCII)
+DEVICE = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
+"""Names of devices on Windows."""
+OWN = ".cncrun"
+MOST_HISTORY = 1000
+"""Runs of the history that are kept."""
+MOST_LOG = 2_000_000
+"""Characters of a log that are sent."""
+PIECE = 1 << 20
+
+
+class Library:
+    """The jobs of a folder, which is made where it does not exist.
+
+    Raises:
+        UsageError: ``can-not-write``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        try:
+            (folder / OWN).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            message = f"the library {folder} cannot be made: {error.strerror}"
+            raise UsageError(Diagnostic("can-not-write", message, hint="name another")) from error
+        self.folder = folder.resolve()
+
+    def names(self) -> list[str]:
+        """Return the names of the jobs, sorted."""
+        found = []
+        for entry in os.scandir(self.folder):
+            if NAME.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                found.append(entry.name)
+        return sorted(found)
+
+    def path(self, name: str) -> Path:
+        """Return the file of a job.
+
+        Raises:
+            UsageError: ``job-name`` for a name that is not allowed, ``no-such-job``.
+        """
+        file = self.folder / checked(name)
+        if file.is_symlink() or not file.is_file():
+            hint = "GET /api/jobs lists the jobs"
+            raise UsageError(Diagnostic("no-such-job", f"there is no job {name}", hint=hint))
+        return file
+
+    def adopt(self, name: str, draft: Path) -> Path:
+        """Make a file the text of a job; the old check of the job is removed.
+
+        Raises:
+            UsageError: ``job-name``, ``can-not-write``.
+        """
+        file = self.folder / checked(name)
+        if file.is_symlink() or file.is_dir():
+            message, hint = f"{name} is no file of the library", "choose another name"
+            raise UsageError(Diagnostic("job-name", message, hint=hint))
+        self.forget_check(name)
+        try:
+            os.replace(draft, file)
+        except OSError as error:
+            message = f"{name} cannot be written: {error.strerror}"
+            raise UsageError(Diagnostic("can-not-write", message, hint="is it in use?")) from error
+        return file
+
+    def remove(self, name: str) -> None:
+        """Remove a job and its files, but not its history."""
+        self.path(name).unlink()
+        for kind in ("log", "check.json", "path.json"):
+            self.own(name, kind).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            (self.folder / f"{name}.checkpoint").unlink()
+
+    def forget_check(self, name: str) -> None:
+        """Remove the result of the last check."""
+        for kind in ("check.json", "path.json"):
+            self.own(name, kind).unlink(missing_ok=True)
+
+    def own(self, name: str, kind: str) -> Path:
+        """Return a file about a job: ``log``, ``check.json`` or ``path.json``."""
+        return self.folder / OWN / f"{checked(name)}.{kind}"
+
+    def summary(self, name: str) -> dict[str, Any] | None:
+        """Return the summary of the last check, None before the first or after a change."""
+        job, file = self.path(name), self.own(name, "check.json")
+        try:
+            if file.stat().st_mtime_ns < job.stat().st_mtime_ns:
+                return None
+            found = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return found if isinstance(found, dict) else None
+
+    def add_run(self, run: dict[str, Any], log: str) -> None:
+        """Add a run to the history, and replace the log of its job."""
+        file = self.folder / OWN / "history.jsonl"
+        with file.open("a", encoding="utf-8") as target:
+            target.write(json.dumps(run) + "\n")
+        if file.stat().st_size > MOST_HISTORY * 4000:
+            kept = self.history(MOST_HISTORY // 2)
+            lines = "".join(json.dumps(each) + "\n" for each in reversed(kept))
+            self._replace(file, lines.encode())
+        self._replace(self.own(run["job"], "log"), log.encode("utf-8", "replace"))
+
+    def history(self, most: int = MOST_HISTORY, job: str | None = None) -> list[dict[str, Any]]:
+        """Return the runs, the latest first; of one job, or of all."""
+        try:
+            with (self.folder / OWN / "history.jsonl").open(encoding="utf-8") as file:
+                lines = deque(file, maxlen=MOST_HISTORY)
+        except OSError:
+            return []
+        found = []
+        for line in reversed(lines):
+            with contextlib.suppress(ValueError):
+                run = json.loads(line)
+                if job is None or run["job"] == job:
+                    found.append(run)
+        return found[:most]
+
+    def log(self, name: str) -> str:
+        """Return the log of the last run of a job, the end of a long one; empty without a run."""
+        self.path(name)
+        try:
+            return self.own(name, "log").read_text(encoding="utf-8")[-MOST_LOG:]
+        except OSError:
+            return ""
+
+    def _replace(self, file: Path, data: bytes) -> None:
+        try:
+            handle, draft = tempfile.mkstemp(dir=self.folder / OWN)
+            with open(handle, "wb") as target:
+                target.write(data)
+            os.replace(draft, file)
+        except OSError as error:
+            message = f"{file.name} cannot be written: {error.strerror}"
+            hint = "is the disk full, or the folder read-only?"
+            raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
+
+
+def checked(name: str) -> str:
+    """Return the name of a job; UsageError ``job-name`` if it is not allowed."""
+    if not NAME.fullmatch(name) or DEVICE.fullmatch(name) or ".." in name:
+        message = f"{name[:80]!r} cannot be the name of a job"
+        hint = "use letters, digits, . _ - and blanks, and an ending such as .nc"
+        raise UsageError(Diagnostic("job-name", message, hint=hint))
+    return name
+
+
+class TextLines:
+    """The lines of one text file, found by an index of every 1000th line.
+
+    Attributes:
+        total: Number of lines.
+    """
+
+    STRIDE = 1000
+
+    def __init__(self, file: Path) -> None:
+        self.file, self.changed = file, file.stat().st_mtime_ns
+        self._starts, count, at, ends_open = [0], 0, 0, False
+        with file.open("rb") as source:
+            while piece := source.read(PIECE):
+                found = -1
+                while (found := piece.find(b"\n", found + 1)) >= 0:
+                    count += 1
+                    if count % self.STRIDE == 0:
+                        self._starts.append(at + found + 1)
+                at += len(piece)
+                ends_open = not piece.endswith(b"\n")
+        self.total = count + ends_open
+
+    def lines(self, first: int, count: int) -> list[str]:
+        """Return at most ``count`` lines from line ``first``, from 1."""
+        if first > self.total:
+            return []
+        block, skipped = divmod(first - 1, self.STRIDE)
+        with self.file.open("rb") as source:
+            source.seek(self._starts[min(block, len(self._starts) - 1)])
+            for _ in range(skipped):
+                source.readline()
+            wanted = min(count, self.total - first + 1)
+            return [
+                source.readline().decode("utf-8", "replace").rstrip("\r\n") for _ in range(wanted)
+            ]

@@ -1,0 +1,156 @@
+"""Bodies of the requests, as pydantic models: the OpenAPI document describes them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+Letter = Annotated[str, Field(pattern="^[a-z]$")]
+Percent = Annotated[FiniteFloat, Field(ge=1, le=200)]
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class TakeControl(_Body):
+    """A client that takes control."""
+
+    client: str = Field(min_length=1, max_length=80, description="Name that the others see.")
+
+
+class Connect(_Body):
+    """The board to connect."""
+
+    board: str | None = Field(default=None, description="Its kind; null: the machine file's.")
+    port: str | None = Field(default=None, description="Its port.")
+
+
+class Home(_Body):
+    """Axes to home."""
+
+    axes: list[Letter] = Field(default=[], description="None for all axes.")
+
+
+class JogStep(_Body):
+    """A jog by a distance."""
+
+    distances: dict[Letter, FiniteFloat] = Field(description="Distance by axis, mm.")
+    feed: FiniteFloat | None = Field(default=None, gt=0, description="mm/min; null: highest.")
+    unhomed: bool = Field(default=False, description="Jog although the machine is not homed.")
+
+
+class JogStart(_Body):
+    """A jog until its release."""
+
+    directions: dict[Letter, FiniteFloat] = Field(description="Part of each axis.")
+    feed: FiniteFloat | None = Field(default=None, gt=0, description="mm/min; null: highest.")
+    unhomed: bool = Field(default=False, description="Jog although the machine is not homed.")
+
+
+class JogKeep(_Body):
+    """A sign of life of a jog."""
+
+    jog: int
+
+
+class Zero(_Body):
+    """A new offset."""
+
+    axes: dict[Letter, FiniteFloat] = Field(description="Work position by axis, mm.")
+    system: str = Field(default="G54", description="G54 to G59.3, or G92.")
+    half: bool = Field(default=False, description="Half the present position instead.")
+
+
+class ChooseSystem(_Body):
+    """The coordinate system of the work position that is shown."""
+
+    system: str
+
+
+class EnteredLine(_Body):
+    """A line to run."""
+
+    line: str = Field(min_length=1, max_length=1000)
+
+
+class Override(_Body):
+    """Overrides, per cent; null leaves one as it is."""
+
+    feed: Percent | None = None
+    rapid: int | None = None
+    spindle: Percent | None = None
+
+
+class DialogAnswer(_Body):
+    """The answer to a dialog."""
+
+    dialog: int
+    yes: bool
+
+
+class SettingValue(_Body):
+    """The new value of a setting of a GRBL board."""
+
+    value: str = Field(pattern=r"^-?[0-9]{1,10}(\.[0-9]{1,6})?$")
+
+
+class CycleRun(_Body):
+    """Values of the parameters of a probing cycle."""
+
+    parameters: dict[str, FiniteFloat] = Field(default={})
+
+
+class RunJob(_Body):
+    """How to run a job."""
+
+    from_line: int | None = Field(default=None, ge=1, description="Line to begin at.")
+    home: bool = Field(default=False, description="Home the machine first.")
+    trust_position: bool = Field(
+        default=False, description="Confirm the position that the board reports."
+    )
+
+
+class Accepted(_Body):
+    """The command was accepted; its end comes as an event."""
+
+    accepted: bool = True
+
+
+class ControlKey(_Body):
+    """The key of the client that has control."""
+
+    key: str
+    holder: str
+
+
+class JogStarted(_Body):
+    """A jog that moves."""
+
+    jog: int
+    feed: float = Field(description="mm/min")
+
+
+class TextPart(_Body):
+    """Lines of a program."""
+
+    first: int
+    lines: list[str]
+    total: int
+
+
+class LogText(_Body):
+    """The log of a run."""
+
+    text: str
+
+
+class Setting(_Body):
+    """A setting of a GRBL board."""
+
+    number: int
+    value: str
+    name: str
+    unit: str
+    machine_file: float | None = Field(description="The value of the machine file, if it differs.")

@@ -1,0 +1,174 @@
+"""The server process: its address, its token, and its life."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import secrets
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.operate.operator_session import OperatorSession
+from cnc.operate.probing import shipped_cycles
+from cnc.server.app import create_app
+from cnc.server.connections import LimitedProtocol
+from cnc.server.console import Console
+from cnc.server.library import OWN, Library
+from cnc.server.security import Access, link
+
+TOKEN_BYTES = 18
+TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
+PING = 5.0
+"""Time between two pings of a WebSocket, and for its answer, s."""
+BACKLOG = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """An open socket, and how clients reach it.
+
+    Attributes:
+        socket: The listening socket.
+        access: The names of the server, and its token.
+        link: The address of the page, with the token.
+    """
+
+    socket: socket.socket
+    access: Access
+    link: str
+
+
+def open_address(host: str, port: int, token: str | None) -> Address:
+    """Open the listening socket.
+
+    Args:
+        host: Address to listen at.
+        port: Port; 0 for a free one.
+        token: The token. Without one, an address that others reach gets a new one.
+
+    Raises:
+        UsageError: ``address-not-free``, ``token-format``.
+    """
+    if token is not None and not TOKEN.fullmatch(token):
+        hint = "use at least 8 letters, digits, _ and -"
+        raise UsageError(Diagnostic("token-format", "the token cannot be used", hint=hint))
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.create_server(place[:2], family=family, backlog=BACKLOG)
+    except OSError as error:
+        message = f"the server cannot listen at {host}:{port}: {error.strerror or error}"
+        hint = "choose another --port, or --host"
+        raise UsageError(Diagnostic("address-not-free", message, hint=hint)) from error
+    bound, number = listening.getsockname()[:2]
+    local = ipaddress.ip_address(bound).is_loopback
+    if token is None and not local:
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+    names = _names(bound, host)
+    shown = [_with_port(name, number) for name in names]
+    hosts = frozenset(shown) | (frozenset(names) if number == 80 else frozenset())
+    return Address(listening, Access(hosts, token), link(shown[0], token))
+
+
+def serve(
+    machine: Machine,
+    address: Address,
+    library: Path,
+    *,
+    announce: Callable[[Address], None],
+) -> None:
+    """Serve until the process is told to end.
+
+    Args:
+        machine: The machine.
+        address: The open socket.
+        library: Folder of the library, which also has the macros and the offsets.
+        announce: Called when the server is ready.
+    """
+    jobs = Library(library)
+    program = machine.program
+    if program.parameters is None:
+        program = program.model_copy(update={"parameters": jobs.folder / OWN / "parameters.var"})
+        machine = machine.model_copy(update={"program": program})
+    session = OperatorSession(
+        machine, macros=jobs.folder / "macros", subroutines=(shipped_cycles(),)
+    )
+    console = Console(session, jobs)
+    try:
+        config = uvicorn.Config(
+            create_app(console, address.access),
+            http=LimitedProtocol,
+            ws="websockets-sansio",
+            ws_ping_interval=PING,
+            ws_ping_timeout=PING,
+            ws_max_size=1 << 16,
+            ws_per_message_deflate=False,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            timeout_graceful_shutdown=2,
+            h11_max_incomplete_event_size=1 << 14,
+        )
+        announce(address)
+        uvicorn.Server(config).run(sockets=[address.socket])
+    finally:
+        console.close()
+
+
+def qr_code(text: str) -> str:
+    """Return a QR code for a terminal; empty where segno is not installed."""
+    try:
+        import segno
+    except ImportError:
+        return ""
+    import io
+
+    target = io.StringIO()
+    segno.make(text, micro=False).terminal(out=target, compact=True)
+    return target.getvalue()
+
+
+def _names(bound: str, host: str) -> list[str]:
+    """Return the names of the server, the one for links first."""
+    place = ipaddress.ip_address(bound)
+    if place.is_unspecified:
+        found = [*_own_addresses(place.version), "localhost", _local(place.version)]
+    elif place.is_loopback:
+        found = [bound, "localhost", host.lower()]
+    else:
+        found = [bound, host.lower()]
+    return list(dict.fromkeys(found))
+
+
+def _local(version: int) -> str:
+    return "127.0.0.1" if version == 4 else "::1"
+
+
+def _own_addresses(version: int) -> list[str]:
+    """Return the addresses of this computer, the one of the way out first. Nothing is sent."""
+    family, outside = (
+        (socket.AF_INET, "192.0.2.1") if version == 4 else (socket.AF_INET6, "2001:db8::1")
+    )
+    found: list[str] = []
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((outside, 9))
+            found.append(str(probe.getsockname()[0]))
+        except OSError:
+            pass
+    try:
+        each = socket.getaddrinfo(socket.gethostname(), None, family)
+        found += [str(item[4][0]) for item in each]
+    except OSError:
+        pass
+    return found
+
+
+def _with_port(name: str, port: int) -> str:
+    return f"[{name}]:{port}" if ":" in name else f"{name}:{port}"

@@ -1,0 +1,1 @@
+"""Removal of material: the part that a program cuts from the stock."""
