@@ -140,17 +140,21 @@ class Motion(MoveFeeds):
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
+                return None
             orient = codes.get("spindle")
             letters = self.repeat_words.get(state.motion or _TRAVERSE, frozenset())
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
+
+    def _machine_without_axes(self, at: Word) -> None:
+        """Refuse a G53 without axis words, or report it: it acts in its own line only."""
+        if not self._dialect.lenient:
+            hint = "such as G53 G0 Z0"
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, hint)
+        message = f"{at.written} without axis words has no effect"
+        self._here.report_warning("code-without-effect", message, at, "it is not modal")
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
         """Whether a line with G4 has axis words of a move.
@@ -179,12 +183,7 @@ class Motion(MoveFeeds):
                     special.word,
                 )
             if not has_axis:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
         before = self._state.motion
         if before in QUICK_MOTIONS:
             self._resting = before
