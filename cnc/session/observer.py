@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from cnc.checks.catalogue import ASSUMPTIONS
 from cnc.checks.selection import Selection
@@ -16,6 +16,9 @@ from cnc.model.operator_control import Control
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.checkpoint import CheckpointWriter
+
+if TYPE_CHECKING:
+    from cnc.stock.material import Material
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +43,7 @@ class Callbacks:
         on_kernel: Called before each kernel is compiled: the number that are compiled, the number
             in total, and the name of this one.
         on_sent: Called with the progress of the board.
+        on_cut: Called in a check with the material that the simulated cut leaves.
         on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
             ends before anything moves.
     """
@@ -49,6 +53,7 @@ class Callbacks:
     on_compiling: Callable[[], None] | None = None
     on_kernel: Callable[[int, int, str], None] | None = None
     on_sent: Callable[[Progress], None] | None = None
+    on_cut: Callable[[Material], None] | None = None
     on_beginning: Callable[[Sequence[str]], bool] | None = None
 
 

@@ -252,6 +252,8 @@ class Session:
         self._warn(simulation.findings())
         material = simulation.material
         self.report.cut = Cut(material.cell, material.removed_volume())
+        if (on_cut := context.observer.callbacks.on_cut) is not None:
+            on_cut(material)
         if context.options.outputs.stl is not None:
             from cnc.stock.stl import write_stl
 

@@ -290,6 +290,10 @@ class Motion(MoveFeeds):
         self.make_straight(end, feed, self._here.line)
         self.position = end
 
+    def set_timed(self, on: bool) -> None:
+        """State whether F is the time of each move from here on (G93)."""
+        self._out.set_timed(on)
+
     def make_straight(self, end: list[float], feed: float, line: int) -> None:
         """Put a straight move out, without setting the position."""
         if self.compensation.active:
