@@ -219,12 +219,8 @@ class Motion(MoveFeeds):
             self._here.report_warning("motion-assumed", message, word, hint)
             return _TRAVERSE
         if motion is None:
-            raise fault(
-                "motion-missing",
-                f"{word.written} without a motion code in effect",
-                word,
-                "begin with G0 or G1",
-            )
+            message = f"{word.written} without a motion code in effect"
+            raise fault("motion-missing", message, word, "begin with G0 or G1")
         if motion == G.G6_2:
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
