@@ -18,6 +18,7 @@ from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
+from cnc.cli.operate_commands import jog, mdi, zero
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -54,6 +55,9 @@ ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
 app.command(boards)
 app.command(home)
+app.command(jog)
+app.command(zero)
+app.command(mdi)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()

@@ -79,7 +79,7 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     app.add_exception_handler(CncError, _fault)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _invalid)
-    return Guard(app, access, rates)
+    return Guard(app, access, console.control.has, rates)
 
 
 def _fault(_: Request, error: Exception) -> JSONResponse:

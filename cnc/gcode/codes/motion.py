@@ -54,6 +54,7 @@ class Motion(MoveFeeds):
         repeat_words: Letters that repeat the move of a motion code without an axis word.
         tip_controlled: Whether tool-tip control is on.
         corners: The corner whose second move is not known yet (,C and ,R).
+        may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
 
     def __init__(
@@ -76,8 +77,9 @@ class Motion(MoveFeeds):
         self.tip_controlled = False
         self._out = out
         self._resting: G | None = dialect.motion
+        self.may_assume = dialect.motion_assumed
         self.arcs = ArcMoves(self, dialect, here, state)
-        self.corners = CornerMoves(self, state, here, arcs=dialect.corners == "all")
+        self.corners = CornerMoves(self, state, here, corners=dialect.corners)
 
     @property
     def compensated(self) -> bool:
@@ -130,9 +132,11 @@ class Motion(MoveFeeds):
                         code.word,
                     )
                 if taker.number not in _FIGURE_TAKES_AXES:
+                    self.may_assume = False
                     state.motion = code.g if beside else None
             return None
         if code:
+            self.may_assume = self.may_assume and code.number == _CANCEL
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
@@ -209,6 +213,12 @@ class Motion(MoveFeeds):
         if special and not self._machine_words:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
+        if motion is None and self.may_assume:
+            self.may_assume, self._state.motion = False, _TRAVERSE
+            message = f"{word.written} without a motion code in effect is read as a traverse (G0)"
+            hint = "begin with G0 or G1: controllers differ"
+            self._here.report_warning("motion-assumed", message, word, hint)
+            return _TRAVERSE
         if motion is None:
             raise fault(
                 "motion-missing",
@@ -236,7 +246,11 @@ class Motion(MoveFeeds):
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
+            angled = words.take(",A", "G1") if self._dialect.corners else None
+            given = set(words.rest) if angled else set()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
+            if angled:
+                end = self._end_at_angle(angled, given, end)
             feed = self.feed(words, end, self.distance(end), at)
             if self._dialect.corners and (word := corner_words.take(words, "G1")):
                 start = self.position
@@ -255,6 +269,15 @@ class Motion(MoveFeeds):
                 self.compensation.refuse_curve(code)
             self.handlers[motion](words, explicit)
 
+    def _end_at_angle(self, angle: Word, given: set[str], end: list[float]) -> list[float]:
+        """Return the end of a straight move of which one axis and the angle are given."""
+        if self.coordinates.turned or self._machine_words:
+            message = f"{angle.written} in machine coordinates, or under a rotation or scaling"
+            raise fault("corner-angle", message, angle, "give both axes of the plane")
+        plane = self.arcs.plane_columns(angle, angle.letter)
+        columns = [index for index in plane if self.axes[index].upper() in given]
+        return corner_words.line_with_angle(angle, self.position, end, plane, columns)
+
     def traverse(self, end: list[float]) -> None:
         """Make a straight move at the speed of the axes."""
         self.feed_to(end, math.nan)
@@ -267,6 +290,10 @@ class Motion(MoveFeeds):
             self.corners.finish(end)
         self.make_straight(end, feed, self._here.line)
         self.position = end
+
+    def set_timed(self, on: bool) -> None:
+        """State whether F is the time of each move from here on (G93)."""
+        self._out.set_timed(on)
 
     def make_straight(self, end: list[float], feed: float, line: int) -> None:
         """Put a straight move out, without setting the position."""
@@ -339,6 +366,7 @@ class Motion(MoveFeeds):
             self._unused_words.mark_used("F")
         state.feed = feed
         state.motion = motion
+        self.may_assume = False
         return True
 
     def _is_quick(self, move: QuickMove, motion: G) -> bool:
