@@ -23,7 +23,7 @@ knot of the path is a point. Constant speed beside a junction and stops are thos
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any, NamedTuple
@@ -40,6 +40,7 @@ from cnc.model.blocks import AxisLetter, Block
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.corners import CornerBlending
+from cnc.planner.joints import Joints
 from cnc.planner.known_path import KnownPath
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
@@ -335,31 +336,43 @@ class Follower:
 
 def cells_for(duration: float, limits: Limits) -> int:
     """Return the number of cells for a motion of ``duration`` seconds."""
-    a = min(limits.tangential_acceleration, float(limits.axis_acceleration.max()))
-    j = min(limits.tangential_jerk, float(limits.axis_jerk.max()))
+    own = slice(limits.tip_columns, None)
+    a = min(limits.tangential_acceleration, float(limits.axis_acceleration[own].max()))
+    j = min(limits.tangential_jerk, float(limits.axis_jerk[own].max()))
     ramp = a / j if a < inf and j < inf else duration / FEWEST
     return int(np.clip(CELLS_IN_RAMP * duration / ramp, FEWEST, MOST))
 
 
 def times_of(
-    blocks: Sequence[Block], axes: Sequence[AxisLetter], machine: Machine, passes: int = 2
+    blocks: Sequence[Block],
+    axes: Sequence[AxisLetter],
+    machine: Machine,
+    passes: int = 2,
+    start: Floats | None = None,
 ) -> Times:
     """Return the three times of a path from rest to rest.
+
+    Args:
+        blocks: the path.
+        axes: letters of its columns.
+        machine: its limits, and its kinematics.
+        passes: grids, each with the motion of the one before.
+        start: (axes,): start of the path, mm or degrees; 0 without it.
 
     Raises:
         ValueError: the path is not one motion, or its plan breaks a limit.
     """
     limits = Limits.of(machine)
-    start = np.zeros(len(axes))
+    begin = np.zeros(len(axes)) if start is None else start
+
+    def joint_path() -> Iterator[PathChunk | Block]:
+        return Joints(machine).path(build(blocks, axes=tuple(axes), start=begin), begin)
+
     ahead = LookAhead(machine)
-    plans = [
-        item
-        for item in ahead.plan(build(blocks, axes=tuple(axes), start=start))
-        if isinstance(item, PlanChunk)
-    ]
+    plans = [item for item in ahead.plan(joint_path()) if isinstance(item, PlanChunk)]
     if ahead.audit.violations:
         raise ValueError(f"the plan breaks a limit: {ahead.audit.violations}")
-    path = CornerBlending(limits).blended(build(blocks, axes=tuple(axes), start=start))
+    path = CornerBlending(limits).blended(joint_path())
     chunks = [item for item in path if isinstance(item, PathChunk)]
     route, follower = Route(chunks, limits), Follower(plans)
     t2 = t3 = 0.0

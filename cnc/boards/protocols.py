@@ -312,6 +312,13 @@ class LineSink(Board, Protocol):
     def settings(self) -> Mapping[int, float]:
         """Number and value of each setting (``$$``)."""
 
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return warnings where the settings of the board differ from the machine file."""
+
+    @property
+    def planner_blocks(self) -> int:
+        """Moves that the planner of the board holds, 0 where it is not known."""
+
     @property
     def mist(self) -> bool:
         """Whether the board supports M7."""
@@ -327,6 +334,10 @@ class LineSink(Board, Protocol):
     @property
     def rapid_override(self) -> int:
         """Override of traverses, per cent, as last reported."""
+
+    @property
+    def rested_at(self) -> float:
+        """Time of the report that last showed the machine at rest with nothing to do, s."""
 
     def now(self) -> float:
         """Return the time of the board's clock, s."""

@@ -18,6 +18,14 @@ from cnc.model.diagnostics import Diagnostic, Severity, UsageError
 REPORTED_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-step"))
 """Codes that are reported at the first of many places, with the number of places."""
 
+ASSUMPTIONS = frozenset((
+    "abort-possible", "axis-idle", "code-skipped", "comment-mended", "decimal-point-missing",
+    "dwell-long", "dwell-point", "machine-coordinates-absolute", "motion-assumed",
+    "percent-unopened", "tool-length-zero", "word-replaced",
+))  # fmt: skip
+"""Codes of findings that say how a part of the program was read that other controllers read
+differently. The summary names the first of each."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:

@@ -5,6 +5,13 @@ do, never a traceback. What takes long to import is imported when it is needed: 
 has to be quick.
 """
 
-from cnc.cli.commands import exit_code, main
+import gc
+
+gc.disable()  # nothing of what is imported here is garbage
+try:
+    from cnc.cli.commands import exit_code, main
+finally:
+    gc.freeze()
+    gc.enable()
 
 __all__ = ["exit_code", "main"]

@@ -10,13 +10,15 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import CycloptsError, Parameter
 
+from cnc.cli.application import Application
 from cnc.cli.board_commands import boards, home
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
+from cnc.cli.operate_commands import jog, mdi, zero
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -39,7 +41,7 @@ from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, 
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.version import __version__
 
-app = App(
+app = Application(
     name="cncrun",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
@@ -53,6 +55,9 @@ ProgramOption = Annotated[str, output("The program (- is standard input).")]
 app.command(settings)
 app.command(boards)
 app.command(home)
+app.command(jog)
+app.command(zero)
+app.command(mdi)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
@@ -312,6 +317,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    asks = not {"--help", "-h"}.isdisjoint(arguments)
+    Application.collections = {} if asks else None
     try:
         result = app(
             [HYPHEN if each == "-" else each for each in arguments],

@@ -10,10 +10,13 @@ from cnc.grbl_lines.number_format import board_axes
 from cnc.machine.models import Machine
 from cnc.model.units import per_second
 
-BLOCKS_AHEAD = 15
+BLOCKS_AHEAD = 14
+"""Moves that a planner of 15 knows on average when it begins one: the last place is free while the
+next line is read.
+"""
 JUNCTION_DEVIATION, ARC_TOLERANCE = 11, 12
-MAX_RATE, ACCELERATION = 110, 120
-"""Numbers of GRBL's settings; the last two are those of the X axis."""
+STEPS, MAX_RATE, ACCELERATION = 100, 110, 120
+"""Numbers of GRBL's settings; the last three are those of the X axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,9 @@ class BoardLimits:
         accelerations: Acceleration of each axis, mm/s^2 ($120..).
         junction_deviation: $11, mm.
         arc_tolerance: $12, mm.
-        blocks: Moves that the planner holds.
+        blocks: Moves that the planner looks ahead.
+        steps: Steps/mm of each axis ($100..), 0 where they are not known. A board plans with whole
+            steps: these turn short moves a little, and it slows down at every turn.
     """
 
     rates: tuple[float, ...]
@@ -33,6 +38,7 @@ class BoardLimits:
     junction_deviation: float = 0.01
     arc_tolerance: float = 0.002
     blocks: int = BLOCKS_AHEAD
+    steps: tuple[float, ...] = ()
 
     @classmethod
     def of_machine(cls, machine: Machine) -> BoardLimits:
@@ -43,15 +49,19 @@ class BoardLimits:
         accelerations = [
             math.inf if axis is None else axis.max_acceleration or along for axis in axes
         ]
-        return cls(tuple(rates), tuple(accelerations))
+        steps = tuple(0.0 if axis is None else axis.steps_per_mm for axis in axes)
+        return cls(tuple(rates), tuple(accelerations), steps=steps)
 
     @classmethod
-    def of_board(cls, machine: Machine, settings: Mapping[int, float]) -> BoardLimits:
+    def of_board(
+        cls, machine: Machine, settings: Mapping[int, float], places: int = 0
+    ) -> BoardLimits:
         """Return the limits that a board reports.
 
         Args:
             machine: The machine file; its limits replace those that the board does not report.
             settings: The answer to ``$$``: number and value of each setting.
+            places: Moves that its planner holds; 0 where it is not known.
         """
         own = cls.of_machine(machine)
         return cls(
@@ -65,4 +75,6 @@ class BoardLimits:
             ),
             settings.get(JUNCTION_DEVIATION, own.junction_deviation),
             settings.get(ARC_TOLERANCE) or own.arc_tolerance,
+            places - 1 if places > 1 else own.blocks,
+            steps=tuple(settings.get(STEPS + k) or known for k, known in enumerate(own.steps)),
         )

@@ -108,6 +108,9 @@ class BoardTime:
         self.limits = limits
         start = start or (0.0,) * len(limits.rates)
         self._at = start
+        # The board stands on a whole step.
+        self._origin = np.array(start)
+        self._steps = np.array(limits.steps or (0.0,) * len(start))
         self._lines = 0
         self._points: list[Point] = [start]
         self._feeds: list[float] = []
@@ -253,7 +256,7 @@ class BoardTime:
         others.
         """
         points = np.array(self._points)
-        steps = np.diff(points, axis=0)
+        steps = np.diff(self._whole_steps(points), axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         real = lengths > 1e-9
         steps, lengths = steps[real], lengths[real]
@@ -287,6 +290,12 @@ class BoardTime:
                 self._owners[behind:],
             )
             self._before = units[done - 1]
+
+    def _whole_steps(self, points: Floats) -> Floats:
+        """Return the nearest points that whole steps reach."""
+        known = np.where(self._steps > 0.0, self._steps, 1.0)
+        on_grid = np.rint((points - self._origin) * known) / known + self._origin
+        return np.where(self._steps > 0.0, on_grid, points)
 
     def _times(
         self, case: int, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int

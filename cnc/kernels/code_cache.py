@@ -103,6 +103,13 @@ def _text(file: Path) -> bytes:
 
 
 @cache
+def _imports(file: Path) -> tuple[Path, ...]:
+    """Return the kernel files that a file imports itself."""
+    names = _IMPORT.findall(_text(file).decode())
+    return tuple(_SOURCES.joinpath(*name.split(".")).with_suffix(".py") for name in names)
+
+
+@cache
 def _imported(file: Path) -> frozenset[Path]:
     """Return ``file`` and all kernel files that it imports, directly or not."""
     found: set[Path] = set()
@@ -111,8 +118,7 @@ def _imported(file: Path) -> frozenset[Path]:
         here = waiting.pop()
         if here not in found:
             found.add(here)
-            names = _IMPORT.findall(_text(here).decode())
-            waiting += [_SOURCES.joinpath(*name.split(".")).with_suffix(".py") for name in names]
+            waiting += _imports(here)
     return frozenset(found)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kinematics.base import Kinematics
 from cnc.kinematics.belts import Belts
+from cnc.kinematics.cylinder import Cylinder
 from cnc.kinematics.delta import LinearDelta, RotaryDelta
 from cnc.kinematics.five_axis import Bare, FiveAxis, Point, Rotation
 from cnc.kinematics.polar import Polar
@@ -17,6 +19,7 @@ from cnc.kinematics.series import Series
 from cnc.machine import kinematics as tables
 from cnc.machine.kinematics import KinematicsTable
 from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 Floats = NDArray[np.float64]
 
@@ -141,5 +144,39 @@ def _formula(table: KinematicsTable) -> Kinematics | None:
             return LinearDelta(table.radius, table.rod, table.angles)
         case tables.RotaryDelta():
             return RotaryDelta(table.base, table.platform, table.arm, table.rod, table.angles)
+        case tables.Cylinder():
+            return Cylinder(table.radius)
+        case tables.Custom():
+            return _registered(table)
         case _:
             return None
+
+
+GROUP = "cnc.kinematics"
+"""Group of the entry points of kinematics."""
+
+
+def _registered(table: tables.Custom) -> Kinematics:
+    """Return the formulas of a class that an installed package registers.
+
+    Raises:
+        MachineFileError: ``kinematics-unknown``, ``kinematics-parameters``.
+    """
+    found = {each.name: each for each in entry_points(group=GROUP)}
+    entry = found.get(table.name)
+    if entry is None:
+        names = ", ".join(sorted(found)) or "none"
+        message = f"no installed package has the kinematics {table.name!r}"
+        hint = f"registered in the entry point group {GROUP}: {names}"
+        raise MachineFileError(Diagnostic("kinematics-unknown", message, hint=hint))
+    try:
+        kinematics = entry.load()(**table.parameters)
+    except Exception as error:  # the code of a user may raise anything
+        message = f"the kinematics {table.name!r} does not take its parameters: {error}"
+        hint = "correct [kinematics] parameters in the machine file, or the class"
+        raise MachineFileError(Diagnostic("kinematics-parameters", message, hint=hint)) from None
+    if not isinstance(kinematics, Kinematics) or len(kinematics.turning) != len(table.of_joints):
+        message = f"{table.name!r} is not a Kinematics with {len(table.of_joints)} joints"
+        hint = "derive the class from cnc.kinematics.base.Kinematics, with its own turning"
+        raise MachineFileError(Diagnostic("kinematics-parameters", message, hint=hint))
+    return kinematics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import BeforeValidator, Field, FiniteFloat
@@ -29,12 +30,27 @@ Point = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(
 class _Kinematics(Section):
     """A kinematics; its joints have tables [joints.NAME] in place of some axes' limits."""
 
-    axes: ClassVar[tuple[AxisLetter, ...]] = ()
+    moved: ClassVar[tuple[AxisLetter, ...]] = ()
     """Axes that no motor moves alone."""
-    joints: ClassVar[tuple[str, ...]] = ()
+    movers: ClassVar[tuple[str, ...]] = ()
     """The joints that move them."""
     with_tip_control: ClassVar[bool] = False
     """Whether the axes are the joints until a program switches tool-tip control on."""
+
+    @property
+    def axes(self) -> tuple[AxisLetter, ...]:
+        """Axes that no motor moves alone."""
+        return self.moved
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that move them."""
+        return self.movers
+
+    @classmethod
+    def moved_in(cls, table: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the axes and the joints of a table that is not validated yet."""
+        return cls.moved, cls.movers
 
     @classmethod
     def kinds(cls) -> tuple[str, ...]:
@@ -57,8 +73,8 @@ class OfJoints(_Kinematics):
 class CoreXY(_Kinematics):
     """Two motors move X and Y through belts."""
 
-    axes = ("x", "y")
-    joints = ("a", "b")
+    moved = ("x", "y")
+    movers = ("a", "b")
 
     type: Literal["corexy", "hbot"] = Field(description="Joints a = X + Y and b = X - Y.")
 
@@ -66,8 +82,8 @@ class CoreXY(_Kinematics):
 class CoreXZ(_Kinematics):
     """Two motors move X and Z through belts."""
 
-    axes = ("x", "z")
-    joints = ("a", "b")
+    moved = ("x", "z")
+    movers = ("a", "b")
 
     type: Literal["corexz"] = Field(description="Joints a = X + Z and b = X - Z.")
 
@@ -75,8 +91,8 @@ class CoreXZ(_Kinematics):
 class Polar(_Kinematics):
     """A turntable under a radial axis."""
 
-    axes = ("x", "y")
-    joints = ("r", "c")
+    moved = ("x", "y")
+    movers = ("r", "c")
 
     type: Literal["polar"] = Field(description="Joints r (radius, mm) and c (angle, degrees).")
 
@@ -84,8 +100,8 @@ class Polar(_Kinematics):
 class Scara(_Kinematics):
     """Two arms that turn in a plane."""
 
-    axes = ("x", "y")
-    joints = ("a", "b")
+    moved = ("x", "y")
+    movers = ("a", "b")
 
     type: Literal["scara"] = Field(description="Joints a (shoulder) and b (elbow), degrees.")
     arms: Pair = Field(description="Lengths of the first and of the second arm, mm.")
@@ -97,8 +113,8 @@ class Scara(_Kinematics):
 class Delta(_Kinematics):
     """Three carriages on vertical towers hold the tip by rods."""
 
-    axes = ("x", "y", "z")
-    joints = ("a", "b", "c")
+    moved = ("x", "y", "z")
+    movers = ("a", "b", "c")
 
     type: Literal["delta"] = Field(description="Joints a, b and c: heights of the carriages, mm.")
     radius: Length = Field(
@@ -115,8 +131,8 @@ class Delta(_Kinematics):
 class RotaryDelta(_Kinematics):
     """Three arms that turn hold the tip by rods."""
 
-    axes = ("x", "y", "z")
-    joints = ("a", "b", "c")
+    moved = ("x", "y", "z")
+    movers = ("a", "b", "c")
 
     type: Literal["rotary-delta"] = Field(
         description="Joints a, b and c: angles of the arms below the level, degrees."
@@ -170,8 +186,76 @@ class FiveAxis(_Kinematics):
         return ("x", "y", "z", self.tilting, "c")
 
 
+class Cylinder(_Kinematics):
+    """A rotary axis in the place of X or Y: the drawing is wrapped on a cylinder."""
+
+    movers = ("a",)
+
+    type: Literal["cylinder"] = Field(
+        description="Joint a (degrees) moves X or Y along the circumference of a cylinder."
+    )
+    wrapped: Literal["x", "y"] = Field(
+        default="y", description="Axis that becomes the circumference."
+    )
+    radius: Length = Field(description="Radius of the cylinder on which Z is 0, mm.")
+
+    @property
+    def axes(self) -> tuple[AxisLetter, ...]:
+        """Axes that no motor moves alone."""
+        return (self.wrapped,)
+
+    @classmethod
+    def moved_in(cls, table: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the axes and the joints of a table that is not validated yet."""
+        return (str(table.get("wrapped", "y")),), cls.movers
+
+
+class Custom(_Kinematics):
+    """A kinematics of the user: a class that an installed package registers."""
+
+    type: Literal["custom"] = Field(
+        description="A class of the entry point group cnc.kinematics, of an installed package."
+    )
+    name: str = Field(description="Name of the entry point.")
+    of_axes: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple), Field(min_length=1)] = (
+        Field(description="Axes that the kinematics moves, in the order of its formulas.")
+    )
+    of_joints: Annotated[tuple[str, ...], BeforeValidator(_tuple), Field(min_length=1)] = Field(
+        description="Names of its joints, each with a table [joints.NAME]."
+    )
+    parameters: dict[str, FiniteFloat] = Field(
+        default={}, description="Numbers that the class takes by name, such as lengths."
+    )
+
+    @property
+    def axes(self) -> tuple[AxisLetter, ...]:
+        """Axes that no motor moves alone."""
+        return self.of_axes
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that move them."""
+        return self.of_joints
+
+    @classmethod
+    def moved_in(cls, table: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the axes and the joints of a table that is not validated yet."""
+        each = (table.get("of_axes"), table.get("of_joints"))
+        axes, joints = (tuple(map(str, names)) if isinstance(names, list) else () for names in each)
+        return axes, joints
+
+
 KinematicsTable = Annotated[
-    Cartesian | CoreXY | CoreXZ | Polar | Scara | Delta | RotaryDelta | FiveAxis,
+    Cartesian
+    | CoreXY
+    | CoreXZ
+    | Polar
+    | Scara
+    | Delta
+    | RotaryDelta
+    | FiveAxis
+    | Cylinder
+    | Custom,
     Field(discriminator="type"),
 ]
 KINEMATICS: tuple[type[_Kinematics], ...] = get_args(get_args(KinematicsTable)[0])

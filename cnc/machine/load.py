@@ -134,13 +134,14 @@ def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None
         raise _error(file, text, ("kinematics", "type"), message)
     model = kinds.get(kinematics.get("type", "cartesian"))
     given = [joint for joint in (joints or {}).values() if isinstance(joint, dict)]
-    for letter in model.axes if model is not None else ():
+    moved, movers = model.moved_in(kinematics) if model is not None else ((), ())
+    for letter in moved:
         table = axes.get(letter)
         if not isinstance(table, dict):
             continue
         for key in table:
             if key in Axis.model_fields and key not in OF_TIP:
-                hint = f"write it into [joints.{model.joints[0]}] and its fellows" if model else ""
+                hint = f"write it into [joints.{movers[0]}] and its fellows" if movers else ""
                 message = "belongs to the joints that move this axis"
                 raise _error(file, text, ("axes", letter, key), message, hint)
         for key in ("steps_per_mm", "max_velocity"):

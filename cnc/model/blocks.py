@@ -51,12 +51,14 @@ class Polyline(Block):
         lines: Source line of each move (n,).
         commands: Commands that go with the motion (n,), see :mod:`cnc.model.motion_commands`; None
             without any.
+        timed: Whether F was the time of each block (G93).
     """
 
     points: NDArray[np.float64]
     feeds: NDArray[np.float64]
     lines: NDArray[np.int32]
     commands: NDArray[np.object_] | None = None
+    timed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,7 @@ class ArcFeed(Block):
         radius: Radius at the start, mm.
         turns: Signed number of turns, counter-clockwise positive.
         feed: Feed, mm/s.
+        timed: Whether F was the time of the block (G93).
     """
 
     plane: Plane
@@ -81,6 +84,7 @@ class ArcFeed(Block):
     radius: float
     turns: float
     feed: float
+    timed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +97,7 @@ class NurbsFeed(Block):
         control_points: Control points (points, axes), mm.
         weights: Weights (points,).
         feed: Feed, mm/s.
+        timed: Whether F was the time of the block (G93).
     """
 
     degree: int
@@ -100,6 +105,7 @@ class NurbsFeed(Block):
     control_points: NDArray[np.float64]
     weights: NDArray[np.float64]
     feed: float
+    timed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

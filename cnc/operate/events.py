@@ -147,6 +147,7 @@ class JobEnded:
         stopped_at_line: Line at which it was stopped; None otherwise.
         resume_line: Line at which it can continue; None if that is unknown.
         findings: Errors and warnings.
+        exit_code: That of ``cncrun`` for such a run: 1 for the program, 3 for the board.
     """
 
     event: ClassVar[str] = "job-ended"
@@ -156,6 +157,7 @@ class JobEnded:
     stopped_at_line: int | None = None
     resume_line: int | None = None
     findings: tuple[Finding, ...] = ()
+    exit_code: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,8 +115,7 @@ class LineMachine:
         try:
             operation.jog(
                 board,
-                move.end,
-                move.feed,
+                operation.JogLine(move.start, move.end, move.feed),
                 lambda: control.held or control.stopped,
                 lambda: on_report(self.readings()),
             )

@@ -34,6 +34,8 @@ from cnc.session.session import Session
 from cnc.session.source import MDI_NAME, InlineProgram
 
 T = TypeVar("T")
+MOST_HISTORY = 1000
+"""Entered lines that are kept."""
 
 
 class OperatorSession(Worker):
@@ -253,6 +255,7 @@ class OperatorSession(Worker):
 
     def mdi(self, line: str) -> Future[JobEnded]:
         """Run a line, with the modal state of the lines before it."""
+        self.history = [*self.history, line][-MOST_HISTORY:]
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
         skipped = 1 if before else 0

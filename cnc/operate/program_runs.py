@@ -174,12 +174,18 @@ def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
         stopped_at_line=report.stopped_at_line,
         resume_line=report.resume_line,
         findings=tuple(Finding.of(_moved(each, skipped)) for each in found),
+        exit_code=report.exit_code,
     )
 
 
 def failed(error: CncError, program: str) -> JobEnded:
     """Return the end of a run that could not begin."""
-    return JobEnded(program=program, outcome="failed", findings=(Finding.of(error.diagnostic),))
+    return JobEnded(
+        program=program,
+        outcome="failed",
+        findings=(Finding.of(error.diagnostic),),
+        exit_code=error.exit_code,
+    )
 
 
 def _moved(found: Diagnostic, skipped: int) -> Diagnostic:

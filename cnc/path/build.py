@@ -100,9 +100,9 @@ class _Builder:
     def add(self, block: Block) -> Iterator[PathChunk | Block]:
         """Add a block, and yield the chunks and blocks that are final."""
         if isinstance(block, Polyline | ArcFeed | NurbsFeed):
-            if block.file != self._gatherer.file:
+            if block.file != self._gatherer.file or block.timed != self._gatherer.timed:
                 yield from self._close()
-                self._gatherer.file = block.file
+                self._gatherer.file, self._gatherer.timed = block.file, block.timed
             fits = self._allowed >= LEAST_TOLERANCE
             if (
                 isinstance(block, Polyline)

@@ -31,6 +31,7 @@ class PathChunk:
             mm; 0: none.
         commands: (m,): commands that take effect at the start of a piece, see
             :mod:`cnc.model.motion_commands`; None without any.
+        timed: whether each block is to take the time of its length at its feed (G93).
     """
 
     axes: tuple[str, ...]
@@ -44,6 +45,7 @@ class PathChunk:
     stop_after: NDArray[np.bool_]
     tolerance: NDArray[np.float64]
     commands: NDArray[np.object_] | None = None
+    timed: bool = False
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -53,7 +55,7 @@ class PathChunk:
         each = {
             field.name: getattr(self, field.name)[first:last]
             for field in fields(self)
-            if field.name not in ("axes", "file", "data", "commands")
+            if field.name not in ("axes", "file", "data", "commands", "timed")
         }
         commands = None if self.commands is None else self.commands[first:last]
         return replace(self, **each, commands=commands)

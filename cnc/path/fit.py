@@ -19,7 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.fit_chain import KNOT, Chain, Knots, find_corners
+from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners
 from cnc.kernels.path.fit_pieces import Moves, Written, write_pieces
 from cnc.kernels.path.fit_records import new_writer
 from cnc.kernels.path.fit_spline import DEGREE, Spline
@@ -32,8 +32,8 @@ from cnc.path.records import Floats, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
 """mm. A smaller tolerance gives the exact path."""
-CORNER_COSINE = math.cos(math.radians(30.0))
-"""A sharper turn is a corner, where the spline ends."""
+CORNER_COSINE = math.cos(math.radians(50.0))
+"""A sharper turn of straight legs that are long enough is a corner, where the spline ends."""
 LEGS = 3.0
 """A corner has legs of so many tolerances at least."""
 WINDOW = 4096
@@ -160,7 +160,7 @@ class Fitter:
         a, b = before[self._classes == 0], after[self._classes == 0]
         sizes = float(np.linalg.norm(a)), float(np.linalg.norm(b))
         long = min(sizes) >= LEGS * self._tolerance
-        return long and float(a @ b) < CORNER_COSINE * sizes[0] * sizes[1]
+        return long and float(a @ b) < math.cos(SHARPEST) * sizes[0] * sizes[1]
 
     def _keeps_middle(self, arc: Arc) -> bool:
         """Return whether an arc is so long that its middle stays exact."""

@@ -22,6 +22,7 @@ class Gatherer:
     def __init__(self, axes: tuple[str, ...]) -> None:
         self.axes = axes
         self.file = ""
+        self.timed = False
         self.waiting: list[Block] = []
         """Commands that take effect at the start of the next piece."""
         self.clear()
@@ -102,6 +103,7 @@ class Gatherer:
             stop_after=np.concatenate(self.stops),
             tolerance=np.concatenate([part.tolerance for part in parts]),
             commands=command_array(self.pieces, self.commands),
+            timed=self.timed,
         )
         self.clear()
         return chunk

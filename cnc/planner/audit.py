@@ -13,6 +13,7 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.path.curve import START
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
     ACCEL,
@@ -84,6 +85,7 @@ class Audit:
         # The maxima of all plans, and those of the legal ones, with which the next plan starts.
         self._largest = np.zeros(len(self._limits))
         self._legal = np.zeros(len(self._limits))
+        self._steep = np.zeros(len(self._limits))
         self._index = 0
         self._known = 0
         self._last = np.zeros((5, n))
@@ -213,6 +215,22 @@ class Audit:
             if not gap <= most
         ]
 
+    def _steepness(self, chunk: PlanChunk) -> NDArray[np.float64]:
+        """Return the error of differences of axes that move much farther than the path is long.
+
+        A rotary axis may turn by many degrees on a micrometre of path. The rounding error of the
+        arc length is then one of degrees, by the ratio of both.
+        """
+        n, period = len(self._last[0]), self.limits.period
+        at = chunk.path.at[:, None] + START + np.arange(n)
+        moved = np.abs(chunk.path.data[at + n] - chunk.path.data[at])
+        # A curve may be steeper in its middle than on the whole.
+        ratio = 2.0 * (moved / chunk.path.length[:, None]).max(axis=0)
+        error = np.where(ratio > 2.0, ratio, 0.0) * np.spacing(np.abs(chunk.phase_s).max())
+        order = np.arange(1, 4)[:, None]
+        axes = (2.0**order * error / period**order).reshape(-1)
+        return np.concatenate((np.zeros(ENTRIES), axes))
+
     def _values(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Raise the maxima to those of the plan, and compare them with the limits."""
         limits, path, plan = self.limits, chunk.path, chunk.arrays
@@ -238,6 +256,11 @@ class Audit:
         self._largest = np.maximum(self._largest, values)
         sure = values - self._unsure
         broken = ~(sure <= self._limits * (1.0 + TOLERANCE))
+        if broken.any():
+            # The largest values stay, and so does their error.
+            self._steep = np.maximum(self._steep, self._steepness(chunk))
+            sure = sure - self._steep
+            broken = ~(sure <= self._limits * (1.0 + TOLERANCE))
         if not broken.any():
             self._legal = values
             return []

@@ -160,4 +160,5 @@ def new_chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> Pa
         path.stop_after[:count],
         path.tolerance[:count],
         commands,
+        like.timed,
     )

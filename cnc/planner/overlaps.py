@@ -266,6 +266,7 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
                     (b.commands, len(b)),
                 )
             ),
+            b.timed,
         ),
         piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
         t0=before.t0,

@@ -114,7 +114,7 @@ class Summary(BaseModel):
         "the program could not be read"
     )
     assumed: str = _optional(
-        "What the reading of a lathe's program assumes, such as diameters; absent for others"
+        "What the reading of the program assumes, such as millimetres; absent for nothing"
     )
     ok: bool = Field(description="Whether there is no error")
     lines: Count = Field(description="Source lines that were read")

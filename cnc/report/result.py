@@ -130,7 +130,7 @@ class Report:
         board: name of the board; None after a check.
         dialect: dialect that the program was read in.
         recognition: the dialect with the evidence for it; empty if the user chose it.
-        assumed: what the reading of a lathe's program assumes; empty for other programs.
+        assumed: what the reading of the program assumes; empty for nothing.
         lines: source lines that were read.
         blocks: canonical blocks; each move of a run of lines counts.
         check_only: whether the board has only read the program.

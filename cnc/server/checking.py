@@ -39,6 +39,15 @@ class CheckOrder:
     machine: Machine
     parameters: Mapping[int, float]
 
+    def machine_in(self, folder: Path) -> Machine:
+        """Return the machine with the parameters, which are written into ``folder``."""
+        if not self.parameters:
+            return self.machine
+        file = folder / "parameters.var"
+        write_parameters(file, self.parameters)
+        program = self.machine.program.model_copy(update={"parameters": file})
+        return self.machine.model_copy(update={"program": program})
+
 
 class Checker:
     """Carries out checks, one after the other."""
@@ -68,20 +77,15 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
     # Findings name the job, not the folder of this computer.
     os.chdir(library.folder)
     with tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
-        machine, drawn = order.machine, Path(folder) / "path.json"
-        if order.parameters:
-            file = Path(folder) / "parameters.var"
-            write_parameters(file, order.parameters)
-            program = machine.program.model_copy(update={"parameters": file})
-            machine = machine.model_copy(update={"program": program})
+        machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
         report = Session(
             Path(order.name), machine, RunOptions(outputs=Outputs(picture=str(drawn)))
         ).run()
         summary = report.as_json()
         library.forget_check(order.name)
         if drawn.exists():
-            _put(drawn.read_bytes(), library.own(order.name, "path.json"))
-        _put(json.dumps(summary).encode(), library.own(order.name, "check.json"))
+            put(drawn.read_bytes(), library.own(order.name, "path.json"))
+        put(json.dumps(summary).encode(), library.own(order.name, "check.json"))
     return summary
 
 
@@ -97,7 +101,8 @@ def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float
     return values
 
 
-def _put(data: bytes, target: Path) -> None:
+def put(data: bytes, target: Path) -> None:
+    """Replace a file as a whole."""
     draft = target.with_name(f"{target.name}.part")
     draft.write_bytes(data)
     os.replace(draft, target)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from concurrent.futures import Future
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
+from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.operator_session import OperatorSession
 from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of
 from cnc.server.control import ControlOfMachine
+from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
 from cnc.server.library import Library, TextLines
 from cnc.session.options import RunOptions
@@ -87,18 +89,39 @@ class Console:
             known = self._checking.get(name)
             if known is not None and not known.done():
                 return known
-            if self._checker is None:
-                self._checker = Checker()
-            order = CheckOrder(
-                name,
-                self.library.folder,
-                self.session.limited_machine,
-                parameters_of(self.session.offsets),
-            )
-            future = self._checker.pool.submit(check_job, order)
+            future = self._pool().submit(check_job, self._order(name))
             self._checking[name] = future
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
+
+    def cut(self, name: str, stock: str, resolution: float | None) -> None:
+        """Begin to simulate the cut of a job; the event ``job-cut`` ends it.
+
+        Raises:
+            UsageError: ``no-such-job``, ``stock-missing``, ``stock-malformed``.
+        """
+        self.library.path(name)
+        machine = self.session.limited_machine
+        if stock:
+            with_stock(machine, stock)
+        elif machine.stock is None:
+            message = "there is no stock to cut"
+            hint = "give the raw part, such as X0:100,Y0:60,Z-12:0"
+            raise UsageError(Diagnostic("stock-missing", message, hint=hint))
+        with self._lock:
+            order = CutOrder(self._order(name), stock, resolution)
+            future = self._pool().submit(cut_job, order)
+        future.add_done_callback(lambda done: self._cut(name, done))
+
+    def _pool(self) -> ProcessPoolExecutor:
+        if self._checker is None:
+            self._checker = Checker()
+        return self._checker.pool
+
+    def _order(self, name: str) -> CheckOrder:
+        session = self.session
+        machine, parameters = session.limited_machine, parameters_of(session.offsets)
+        return CheckOrder(name, self.library.folder, machine, parameters)
 
     def run(self, name: str, options: RunOptions) -> None:
         """Begin a run. UsageError if the machine is busy, or there is no such job."""
@@ -139,6 +162,17 @@ class Console:
                 "warnings": severities.count("warning"),
             }
         )
+
+    def _cut(self, name: str, done: Future[dict[str, Any]]) -> None:
+        error = None if done.cancelled() else done.exception()
+        is_cut = not done.cancelled() and error is None and done.result()["ok"]
+        if error is not None:
+            message = error.diagnostic.message if isinstance(error, CncError) else str(error)
+            found = Finding(code="cut-failed", message=f"{name} was not cut: {message}")
+            self.hub.publish(Notice(finding=found))
+        findings = [] if done.cancelled() or error else done.result()["findings"]
+        event = {"event": "job-cut", "time": time.time(), "name": name, "ok": is_cut}
+        self.hub.publish_object(event | {"findings": findings})
 
     def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
         self._run = None

@@ -12,7 +12,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import FileResponse
 
 from cnc.server.library import OWN, Library, checked
-from cnc.server.models import Accepted, LogText, RunJob, TextPart
+from cnc.server.models import Accepted, CutJob, LogText, RunJob, TextPart
 from cnc.server.routes import Controlled, Shared
 from cnc.server.upload import UploadDecoder
 from cnc.session.options import RunOptions
@@ -155,6 +155,33 @@ def toolpath(name: str, console: Shared) -> FileResponse:
     if library.summary(name) is None or not file.is_file():
         raise _not_found(f"{name} has no toolpath: check it first")
     return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
+
+
+@router.post("/jobs/{name}/cut")
+def cut(name: str, body: CutJob, console: Shared) -> Accepted:
+    """Begin to simulate the cut; its end is the event ``job-cut``."""
+    console.cut(name, body.stock, body.resolution)
+    return Accepted()
+
+
+@router.get("/jobs/{name}/part")
+def part(name: str, console: Shared) -> FileResponse:
+    """Return the surface of the part that the last simulated cut left."""
+    return _result(console.library, name, "part.json", "application/json")
+
+
+@router.get("/jobs/{name}/stl")
+def stl(name: str, console: Shared) -> FileResponse:
+    """Return the part as an STL file."""
+    return _result(console.library, name, "stl", "model/stl")
+
+
+def _result(library: Library, name: str, kind: str, media_type: str) -> FileResponse:
+    library.path(name)
+    file = library.own(name, kind)
+    if not file.is_file():
+        raise _not_found(f"{name} has not been cut since its last change: POST .../cut first")
+    return FileResponse(file, media_type=media_type, stat_result=os.stat(file))
 
 
 @router.post("/jobs/{name}/run")

@@ -32,6 +32,8 @@ MOST_HISTORY = 1000
 MOST_LOG = 2_000_000
 """Characters of a log that are sent."""
 PIECE = 1 << 20
+RESULTS = ("check.json", "path.json", "part.json", "stl")
+"""Files about a job that a change of its text makes wrong."""
 
 
 class Library:
@@ -90,18 +92,18 @@ class Library:
     def remove(self, name: str) -> None:
         """Remove a job and its files, but not its history."""
         self.path(name).unlink()
-        for kind in ("log", "check.json", "path.json"):
+        for kind in ("log", *RESULTS):
             self.own(name, kind).unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (self.folder / f"{name}.checkpoint").unlink()
 
     def forget_check(self, name: str) -> None:
         """Remove the result of the last check."""
-        for kind in ("check.json", "path.json"):
+        for kind in RESULTS:
             self.own(name, kind).unlink(missing_ok=True)
 
     def own(self, name: str, kind: str) -> Path:
-        """Return a file about a job: ``log``, ``check.json`` or ``path.json``."""
+        """Return a file about a job: ``log``, or one of RESULTS."""
         return self.folder / OWN / f"{checked(name)}.{kind}"
 
     def summary(self, name: str) -> dict[str, Any] | None:

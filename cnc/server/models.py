@@ -102,6 +102,15 @@ class CycleRun(_Body):
     parameters: dict[str, FiniteFloat] = Field(default={})
 
 
+class CutJob(_Body):
+    """A cut to simulate."""
+
+    stock: str = Field(default="", max_length=200, description="Such as X0:100,Y0:60,Z-12:0.")
+    resolution: FiniteFloat | None = Field(
+        default=None, ge=0.01, description="Width of a cell, mm."
+    )
+
+
 class RunJob(_Body):
     """How to run a job."""
 

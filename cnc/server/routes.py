@@ -43,18 +43,18 @@ QUICK = 0.05
 MM_PER_MIN = 60.0
 
 
-def console_of(request: Request) -> Console:
+async def console_of(request: Request) -> Console:
     """Return the console of the application."""
     console = request.app.state.console
     assert isinstance(console, Console)
     return console
 
 
-def controlled(
+async def controlled(
     request: Request, x_control: Annotated[str | None, Header(max_length=100)] = None
 ) -> Console:
     """Return the console to the client that has control; 409 ``no-control`` to others."""
-    console = console_of(request)
+    console = await console_of(request)
     if not console.control.has(x_control):
         who = console.control.holder
         message = "no client has control" if who is None else f"{who} has control"
@@ -85,7 +85,7 @@ async def accepted(future: Future[Any]) -> Accepted:
 
 
 @router.get("/machine")
-def machine(console: Shared) -> dict[str, Any]:
+async def machine(console: Shared) -> dict[str, Any]:
     """Return the machine: axes, travel, boards, systems."""
     session = console.session
     known = session.limited_machine
@@ -106,19 +106,19 @@ def machine(console: Shared) -> dict[str, Any]:
 
 
 @router.get("/state")
-def state(console: Shared) -> dict[str, Any]:
+async def state(console: Shared) -> dict[str, Any]:
     """Return the present state, as the event of this name."""
     return as_object(console.session.state)
 
 
 @router.post("/control")
-def take_control(body: TakeControl, console: Shared) -> ControlKey:
+async def take_control(body: TakeControl, console: Shared) -> ControlKey:
     """Take control from the client that has it."""
     return ControlKey(key=console.control.take(body.client), holder=body.client)
 
 
 @router.delete("/control")
-def release_control(console: Controlled) -> Accepted:
+async def release_control(console: Controlled) -> Accepted:
     """Give control up."""
     console.control.release()
     return Accepted()
@@ -185,7 +185,7 @@ async def zero(body: Zero, console: Controlled) -> dict[str, dict[str, float]]:
 
 
 @router.get("/offsets")
-def offsets(console: Shared) -> dict[str, dict[str, float]]:
+async def offsets(console: Shared) -> dict[str, dict[str, float]]:
     """Return the offsets by name and axis, mm."""
     return console.session.offsets
 
@@ -198,7 +198,7 @@ async def choose_system(body: ChooseSystem, console: Controlled) -> Accepted:
 
 
 @router.get("/mdi")
-def entered_lines(console: Shared) -> list[str]:
+async def entered_lines(console: Shared) -> list[str]:
     """Return the lines that were entered."""
     return console.session.history
 
@@ -210,7 +210,7 @@ async def mdi(body: EnteredLine, console: Controlled) -> Accepted:
 
 
 @router.get("/macros")
-def macros(console: Shared) -> list[str]:
+async def macros(console: Shared) -> list[str]:
     """Return the names of the macros."""
     return console.session.macros()
 

@@ -114,11 +114,19 @@ class Guard:
     Args:
         app: The application.
         access: Who may use the server.
+        has_control: Whether a key is that of the client that has control: no rate limits it.
         rates: The limits of rates.
     """
 
-    def __init__(self, app: App, access: Access, rates: Rates | None = None) -> None:
+    def __init__(
+        self,
+        app: App,
+        access: Access,
+        has_control: Callable[[str | None], bool],
+        rates: Rates | None = None,
+    ) -> None:
         self._app, self._access, self._rates = app, access, rates or Rates()
+        self._has_control = has_control
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check one request; ASGI."""
@@ -168,7 +176,9 @@ class Guard:
         """Return the rule that a request breaks, or None."""
         access, path = self._access, scope["path"]
         address = (scope.get("client") or ("",))[0]
-        if path != STOP and not self._rates.allow(address, time.monotonic()):
+        # A flood from the same address delays neither a stop nor the operator.
+        exempt = path == STOP or self._has_control(headers.get("x-control"))
+        if not exempt and not self._rates.allow(address, time.monotonic()):
             return Refusal(429, "too-many-requests", "too many requests", "wait a second")
         if headers.get("host", "").lower() not in access.hosts:
             hint = f"use one of {', '.join(sorted(access.hosts))}"

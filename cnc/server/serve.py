@@ -6,6 +6,7 @@ import ipaddress
 import re
 import secrets
 import socket
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 PING = 5.0
 """Time between two pings of a WebSocket, and for its answer, s."""
 BACKLOG = 128
+SWITCH_S = 0.0005
+"""Time after which a thread gives way to another, s: the machine does not wait for requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,7 @@ def serve(
         library: Folder of the library, which also has the macros and the offsets.
         announce: Called when the server is ready.
     """
+    sys.setswitchinterval(SWITCH_S)
     jobs = Library(library)
     program = machine.program
     if program.parameters is None:

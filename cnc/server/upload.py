@@ -17,10 +17,16 @@ PIECE = 1 << 16
 """Characters that are decoded at a time."""
 _HEAD = re.compile(r'\s*\{\s*"text"\s*:\s*"')
 _HEAD_PART = re.compile(r'\s*(?:\{\s*(?:"(?:t(?:e(?:x(?:t(?:"\s*(?::\s*"?)?)?)?)?)?)?)?)?')
-_PLAIN = re.compile(r'(?:[^"\\\x00-\x1f]|\\(?:["\\/bfnrt]|u[0-9a-fA-F]{4}))*')
+_HIGH, _LOW, _FOUR = "[dD][89abAB][0-9a-fA-F]{2}", "[dD][c-fC-F][0-9a-fA-F]{2}", "[0-9a-fA-F]{4}"
+_PLAIN = re.compile(
+    r'(?:[^"\\\x00-\x1f]|\\["\\/bfnrt]'
+    rf"|\\u(?!{_HIGH}){_FOUR}|\\u{_HIGH}\\u{_LOW}"
+    # Half a character, where the next bytes cannot be the other half.
+    rf"|\\u{_HIGH}(?=[^\\]|\\[^u]|\\u(?!{_LOW}){_FOUR}))*"
+)
 _TAIL = re.compile(r'"\s*\}\s*')
 LONGEST_ESCAPE = 12
-"""Characters of two escapes of four digits, which may be one character together."""
+"""Characters of two escapes, which may be one character together."""
 
 
 class UploadDecoder:
@@ -56,11 +62,6 @@ class UploadDecoder:
             assert found is not None
             end = found.end()
             stays = piece[end:] + self._rest
-            if end == len(piece) and not last:
-                # An escape may be the first half of a character.
-                cut = piece.rfind("\\u", max(0, len(piece) - LONGEST_ESCAPE))
-                if cut >= 0 and not (cut and piece[cut - 1] == "\\"):
-                    end, stays = cut, piece[cut:] + self._rest
             if end:
                 yield json.loads(f'"{piece[:end]}"')
             self._rest = stays

@@ -129,4 +129,5 @@ def board_timing(board: LineSink, machine: Machine) -> BoardTime:
     start = tuple(
         places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in board_axes(machine.axes)
     )
-    return BoardTime(BoardLimits.of_board(machine, board.settings), start)
+    limits = BoardLimits.of_board(machine, board.settings, board.planner_blocks)
+    return BoardTime(limits, start)

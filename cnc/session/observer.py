@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+from cnc.checks.catalogue import ASSUMPTIONS
 from cnc.checks.selection import Selection
 from cnc.executor.run import Progress
 from cnc.model.blocks import Block
@@ -15,6 +16,9 @@ from cnc.model.operator_control import Control
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.checkpoint import CheckpointWriter
+
+if TYPE_CHECKING:
+    from cnc.stock.material import Material
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +43,7 @@ class Callbacks:
         on_kernel: Called before each kernel is compiled: the number that are compiled, the number
             in total, and the name of this one.
         on_sent: Called with the progress of the board.
+        on_cut: Called in a check with the material that the simulated cut leaves.
         on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
             ends before anything moves.
     """
@@ -48,6 +53,7 @@ class Callbacks:
     on_compiling: Callable[[], None] | None = None
     on_kernel: Callable[[int, int, str], None] | None = None
     on_sent: Callable[[Progress], None] | None = None
+    on_cut: Callable[[Material], None] | None = None
     on_beginning: Callable[[Sequence[str]], bool] | None = None
 
 
@@ -77,6 +83,7 @@ class Observer:
         self._requests = (control.held, control.feed_override, control.stopped)
         self._held = False
         self._reported: set[tuple[str, str, int, int]] = set()
+        self._assumptions: dict[str, str] = {}
 
     def checking(self, lines_done: int) -> None:
         """Report progress of the check pass. Raises StoppedBeforeMotion."""
@@ -126,9 +133,15 @@ class Observer:
         if control.stopped and not stopped:
             log.info("operator: stop")
 
+    def assumed(self, from_start: str) -> str:
+        """Return what the reading assumes: from its start on, then the first of each finding."""
+        return "; ".join((*([from_start] if from_start else []), *self._assumptions.values()))
+
     def warn(self, finding: Diagnostic) -> None:
         """Report a warning or note, once for each place in the program."""
         report = self._report
+        if finding.code in ASSUMPTIONS:
+            self._assumptions.setdefault(finding.code, f"line {finding.line}: {finding.message}")
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
             return

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from cnc.checks.block_times import BlockTimes
 from cnc.checks.travel import TravelCheck
 from cnc.grbl_lines.exact_path import exact_path
 from cnc.model.blocks import Block
+from cnc.model.diagnostics import Diagnostic
 from cnc.model.streams import SampleChunk
 from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
@@ -109,14 +111,24 @@ class PlannedMotion:
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )
         clock = RunClock()
+        # With a board the operator's override changes the times.
+        times = BlockTimes(self._machine.path.period) if report.board is None else None
         for item in planned:
             clock.add(item)
+            if times is not None:
+                self._warn(times.add(item))
             report.duration_s = clock.seconds
             if isinstance(item, PlanChunk) and context.on_plan is not None:
                 context.on_plan(item)
             if picture is not None:
                 picture.add(item)
             yield item
+        if times is not None:
+            self._warn(times.end())
+
+    def _warn(self, findings: Iterable[Diagnostic]) -> None:
+        for finding in findings:
+            self._context.observer.warn(finding)
 
     def _sampled(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
         """Yield the plan; sample each chunk and write the trace."""

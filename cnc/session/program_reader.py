@@ -168,14 +168,19 @@ class ProgramReader:
 
     @property
     def assumed(self) -> str:
-        """What the reading of a lathe's program assumes; empty for other programs."""
-        if self.machine.kind != "lathe" or self.dialect_in_use not in dialects.LATHES:
-            return ""
-        system = self.machine.program.g_code_system
-        return (
-            f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
-            "revolution; offsets of T words act with the next move; threads without a chamfer"
-        )
+        """What the reading of the program assumes from its start on; empty for nothing."""
+        assumed = []
+        if self.machine.kind == "lathe" and self.dialect_in_use in dialects.LATHES:
+            system = self.machine.program.g_code_system
+            assumed.append(
+                f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
+                "revolution; offsets of T words act with the next move; threads without a chamfer"
+            )
+        if self.evidence is not None and not self.evidence.units:
+            assumed.append("millimetres, as no G20 or G21 is in the first lines")
+        if self.policy.default_feed is not None:
+            assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")
+        return "; ".join(assumed)
 
     def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""

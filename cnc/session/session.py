@@ -158,7 +158,7 @@ class Session:
                 report.dialect = reader.dialect_in_use
                 if reader.recognition is not None:
                     report.recognition = reader.recognition.described()
-                report.assumed = reader.assumed
+                report.assumed = context.observer.assumed(reader.assumed)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
                         ProgramText(reader.path, report.program, reader.blocks_in_dialect),
@@ -187,6 +187,7 @@ class Session:
         if isinstance(board, RemembersPosition):
             locate(context, board)
         if isinstance(board, LineSink):
+            self._warn(board.unlike(report.machine))
             record.check_position(board)
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
@@ -252,6 +253,8 @@ class Session:
         self._warn(simulation.findings())
         material = simulation.material
         self.report.cut = Cut(material.cell, material.removed_volume())
+        if (on_cut := context.observer.callbacks.on_cut) is not None:
+            on_cut(material)
         if context.options.outputs.stl is not None:
             from cnc.stock.stl import write_stl
 

@@ -6,7 +6,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
-from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline
+from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run
 
@@ -229,3 +229,95 @@ def test_haas_orients_to_an_angle_by_p_or_r(line: str, angle: float) -> None:
 
 def test_p_of_fanucs_orientation_is_unknown() -> None:
     assert error_of("M19 P1", dialect="fanuc").code == "word-unused"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "auto"])
+@pytest.mark.parametrize("before", ["", "G80\n", "G17 G40 G80\n"])
+def test_a_first_move_without_a_motion_code_is_a_traverse_with_a_warning(
+    dialect: str, before: str
+) -> None:
+    program = f"{before}Z5.\nX1."
+    assert points(program, dialect) == [(0.0, 0.0, 5.0), (1.0, 0.0, 5.0)]
+    assert [found.code for found in warnings(program, dialect)] == ["motion-assumed"]
+    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
+
+
+def test_a_cycle_that_ended_leaves_no_motion_code_to_assume() -> None:
+    assert error_of("G0 X1\nG80\nX2", dialect="auto").code == "motion-missing"
+    assert error_of("G31 Z-5 F60\nX2", dialect="auto").code == "motion-missing"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "found"),
+    [("fanuc", 2000.0), ("haas", 2000.0), ("marlin", 2000.0), ("linuxcnc", None), ("grbl", None)],
+)
+def test_the_last_of_two_speeds_counts_where_the_controller_says_so(
+    dialect: str, found: float | None
+) -> None:
+    if found is None or dialect == "marlin":
+        assert error_of("S1000 X1 X2", dialect=dialect).code == "word-repeated"
+    if found is None:
+        assert error_of("M3 S1000 S2000", dialect=dialect).code == "word-repeated"
+        return
+    blocks = run("M3 S1000 S2000", dialect=dialect)
+    assert [block.rpm for block in blocks if isinstance(block, Spindle)] == [found]
+    assert [each.code for each in warnings("M3 S1000 S2000", dialect)] == ["word-replaced"]
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "linuxcnc"])
+def test_machine_coordinates_under_g91_are_never_guessed(dialect: str) -> None:
+    for lenient in (False, True):
+        rules = dialects.load(dialect, lenient=lenient)
+        found = error_of("G91 G53 G0 X1.", dialect=rules)
+        assert found.code == "machine-coordinates-incremental"
+    assert [each.code for each in warnings("G91 G53 G0 X1", "auto")] == [
+        "machine-coordinates-absolute"
+    ]
+    assert points("G0 X5\nG91 G53 G0 X1", "auto")[-1] == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "warned"),
+    [
+        ("G99 G81 X1. R1. Z-2. F100. K2", ""),
+        ("G99 G83 X1. R1. Z-2. Q1 F100.", "Q1"),
+        ("G2 X10. I5 F100.", "I5"),
+        ("G18 G2 X10. I5. K0 F100.", ""),
+        ("G0 X#100", ""),
+        ("G0 X0", ""),
+        ("G0 X100", "X100"),
+    ],
+)
+def test_a_distance_without_a_decimal_point_is_reported(line: str, warned: str) -> None:
+    """FANUC's least increment: X100 may be 0.1 mm. K of a cycle counts holes."""
+    found = warnings(f"#100=1.\nG0 Z1.\n{line}", "fanuc")
+    assert [each.code for each in found] == ["decimal-point-missing"] * bool(warned)
+    assert all(warned in each.message for each in found)
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_block_delete_inside_a_line_skips_the_rest_of_it(dialect: str) -> None:
+    program = "G0 X1. /Y2. (a/b)\nX3. / Z5.\nG0 X[6./2.] /Y7."
+    assert points(program, dialect) == [(1, 2, 0), (3, 2, 5), (3, 7, 5)]
+    rest = run(program, dialect=dialect, block_delete=frozenset({1}))
+    found = [row for block in rest if isinstance(block, Polyline) for row in block.points.tolist()]
+    assert found == [[1, 0, 0], [3, 0, 0], [3, 0, 0]]
+    assert error_of(program, dialect="linuxcnc").code == "block-delete-place"
+
+
+def test_lines_for_the_simulation_of_a_training_mill_are_notes() -> None:
+    program = "[BILLET X50 Y50 Z25\n[EDGEMOVE X0 Y0\nG0 X1"
+    assert points(program, "auto") == [(1.0, 0.0, 0.0)]
+    assert error_of(program, dialect="linuxcnc").code == "letter-missing"
+
+
+def test_an_accessory_of_haas_needs_other_evidence() -> None:
+    assert recognise(["M31", "G0 X1"]).dialect == "auto"
+    assert recognise(["O1000", "G0 X1"]).dialect == "fanuc"
+    assert recognise(["O1000", "G0 X1", "/M31"]).dialect == "haas"
+
+
+def test_a_machine_coordinate_code_without_axes_is_reported_and_does_nothing() -> None:
+    program = "G0 X1\nG53 G90 G40\nX2"
+    assert points(program, "auto") == [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
+    assert [found.code for found in warnings(program, "auto")] == ["code-without-effect"]

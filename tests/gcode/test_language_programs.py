@@ -171,11 +171,15 @@ def test_the_program_has_the_expected_blocks(case: Case, dialect: str) -> None:
     assert [line for block in blocks for line in written(block)] == list(case.blocks)
 
 
+TILTING = {"G43.4", "M428", "M429", "M430"}
+"""Codes of machines with tilting axes, which have tests of their own."""
+
+
 @pytest.mark.parametrize("dialect", dialects.NAMES)
 def test_every_code_has_a_program(dialect: str) -> None:
     """Every legal code of a dialect is in a program that is run in that dialect."""
     shown = {code for case, name in RUNS if name == dialect for code in case.codes}
-    assert _codes(dialect) - shown == set()
+    assert _codes(dialect) - shown - TILTING == set()
 
 
 def test_programs_contain_the_codes_of_their_heading() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import error_of, run
+from tests.support.gcode.gcode_cases import block_summaries, error_of, run
 
 
 def points(source: str) -> list[tuple[float, ...]]:
@@ -73,7 +74,11 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
         ("SCALE X2 Y1\nAROT Z10", "code-not-supported", "different factors"),
         ("SCALE X0", "scaling-factor", "must not be 0"),
         ("POCKET3(1,2)", "code-not-supported", "rectangular pocket"),
-        ("PROC FOO", "code-not-supported", "head of a subprogram"),
+        ("PROC FOO(REAL A)", "code-not-supported", "head of a subprogram"),
+        ("PROC FOO SAVE", "code-not-supported", "PROC with SAVE"),
+        ("G1 X1 F100 RNDM=2", "code-not-supported", "RNDM"),
+        ("G0 X1 M17", "code-unknown", "M17"),
+        ("G1 X=1 M17", "code-not-supported", "M17 beside other words"),
         ("G0 X\N{MINUS SIGN}1", "character-unknown", "U+2212"),
     ],
 )
@@ -117,3 +122,112 @@ def test_frames_are_products_of_matrices(
     reached = frame.moved((x, y, 0.0)).shift
     size = 1.0 + float(np.abs(whole).max()) * 100.0
     assert reached[:2] == pytest.approx(expected[:2], abs=1e-12 * size)
+
+
+def summaries(source: str) -> list[str]:
+    return block_summaries(f"{source}\nM30", dialect="siemens")[:-1]
+
+
+SUBPROGRAMS = """%_N_MAIN_MPF
+N10 G90 G0 X0 Y0
+R1=5
+L10 P2
+POCKET_A
+L11 P0
+M30
+%_N_L10_SPF
+G91 G0 X=R1
+G90
+M17
+%_N_X_SPF
+N5 PROC POCKET_A
+R1=R1+1
+G0 Y=R1
+RET
+%_N_L11_SPF
+G0 X99
+RET"""
+
+
+def test_subprograms_are_called_by_number_and_name() -> None:
+    assert points(SUBPROGRAMS) == [(0, 0, 0), (5, 0, 0), (10, 0, 0), (10, 6, 0)]
+
+
+def test_a_subprogram_may_be_a_file(tmp_path: Path) -> None:
+    (tmp_path / "l20.spf").write_text("G0 X7\nM17\n", encoding="utf-8")
+    (tmp_path / "DRILL.SPF").write_text("%_N_DRILL_SPF\nG0 Y7\nRET\n", encoding="utf-8")
+    blocks = run("L20\nDRILL\nM30", dialect="siemens", folders=[tmp_path])
+    found = [
+        row for block in blocks if isinstance(block, Polyline) for row in block.points.tolist()
+    ]
+    assert found == [[7, 0, 0], [7, 7, 0]]
+
+
+CYCLES = {
+    # 4, then 4 - 1.5, then not below 1.5; the last 2 in two equal strokes, 0.6 above the last depth
+    "CYCLE83(20,0,2,-10,,-4,,1.5,,,1,1)": [
+        "rapid 0 0 2", "line 0 0 -4 F100", "rapid 0 0 2", "rapid 0 0 -3.4", "line 0 0 -6.5 F100",
+        "rapid 0 0 2", "rapid 0 0 -5.9", "line 0 0 -8 F100", "rapid 0 0 2", "rapid 0 0 -7.4",
+        "line 0 0 -9 F100", "rapid 0 0 2", "rapid 0 0 -8.4", "line 0 0 -10 F100", "rapid 0 0 20",
+    ],
+    # chips are broken: 1 mm back, no lift out of the hole
+    "CYCLE83(20,0,2,,10,,4,0,0.5,,1,0)": [
+        "rapid 0 0 2", "line 0 0 -4 F100", "dwell 0.5", "line 0 0 -3 F100", "line 0 0 -8 F100",
+        "dwell 0.5", "line 0 0 -7 F100", "line 0 0 -10 F100", "dwell 0.5", "rapid 0 0 20",
+    ],
+    # M6 has a pitch of 1 mm: 400/min in, 800/min out; then the spindle as before
+    "CYCLE84(20,0,2,-10,,0.5,3,6,,0,400,800)": [
+        "rapid 0 0 2", "spindle cw 400", "line 0 0 -10 F400", "dwell 0.5", "spindle ccw 800",
+        "line 0 0 2 F800", "spindle cw 800", "rapid 0 0 20", "spindle cw 500",
+    ],
+    "CYCLE84(20,0,2,-10,,,5,,-1.5,0,200)": [
+        "rapid 0 0 2", "spindle ccw 200", "line 0 0 -10 F300", "spindle cw 200", "line 0 0 2 F300",
+        "spindle off 0", "rapid 0 0 20",
+    ],
+    "CYCLE85(20,0,2,,10,1,80,160)": [
+        "rapid 0 0 2", "line 0 0 -10 F80", "dwell 1", "line 0 0 2 F160", "rapid 0 0 20",
+    ],
+    # off the wall by RPA, RPO and RPAP, up, back to the middle
+    "CYCLE86(20,0,2,-10,,0.5,3,-1,0,1,45)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "dwell 0.5", "orient 45", "rapid -1 0 -9",
+        "rapid -1 0 2", "rapid 0 0 2", "spindle cw 500", "rapid 0 0 20",
+    ],
+    "CYCLE82(20,0,2,-10,,1,0,1,12)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "rapid 0 0 20",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cycle", CYCLES)
+@pytest.mark.parametrize("modal", [False, True])
+def test_a_cycle_makes_its_moves(cycle: str, modal: bool) -> None:
+    head = "G90 G0 Z50 S500 M3 F100"
+    text = f"{head}\nMCALL {cycle}\nX0\nMCALL" if modal else f"{head}\n{cycle}"
+    found = summaries(text)
+    begin = 2 + modal
+    assert found[begin : begin + len(CYCLES[cycle])] == CYCLES[cycle]
+
+
+def test_the_feed_of_a_cycle_ends_with_it() -> None:
+    found = summaries("G0 Z50 F100\nCYCLE85(20,0,2,,10,1,80,160)\nG1 X1")
+    assert found[-1] == "line 1 0 20 F100"
+
+
+def test_corners_and_angles() -> None:
+    """RND is a radius, CHR the legs and CHF the length of a chamfer; ANG and AR are angles."""
+    leg = 1.5 / math.sqrt(2.0)
+    found = summaries("G1 F60 X10 RND=2\nY10 CHR=3\nX0 CHF=1.5\nY-5")
+    assert found == [
+        "line 8 0 0 F60", "arc xy 8 2 10 2 0 2 0.25 60", "line 10 7 0 F60", "line 7 10 0 F60",
+        f"line {leg:.6g} 10 0 F60", f"line 0 {round(10 - leg, 6):g} 0 F60", "line 0 -5 0 F60",
+    ]  # fmt: skip
+    assert summaries("G1 F60 X10 ANG=45\nY20 ANG=90") == ["line 10 10 0 F60", "line 10 20 0 F60"]
+    assert summaries("F60\nG2 X10 AR=180\nG2 X20 AR=90\nG3 X30 AR=270") == [
+        "arc xy 5 0 10 0 0 5 -0.5 60",
+        f"arc xy 15 -5 20 0 0 {math.sqrt(50.0):.6f} -0.25 60",
+        f"arc xy 25 -5 30 0 0 {math.sqrt(50.0):.6f} 0.75 60",
+    ]
+
+
+def test_a_dwell_in_turns_of_the_spindle() -> None:
+    assert summaries("S600 M3\nG4 S10\nG4 F2")[1:] == ["dwell 1", "dwell 2", "spindle off 0"]

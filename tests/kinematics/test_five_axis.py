@@ -13,7 +13,7 @@ from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.joint_map import JointMap
 from cnc.kinematics.series import Series
-from cnc.machine.models import Machine
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 from cnc.machine.program import Program
 from cnc.planner.joints import ToolTipOf
 from tests.support.five_axis import TYPES, five_axis_machine, table_of, tip_of
@@ -254,3 +254,21 @@ def test_the_shipped_program_cuts_a_cone(tmp_path: Path) -> None:
     narrower = 33.0 - 20.0 * np.sin(np.radians(15.0))
     assert np.abs(np.hypot(above[:, 0], above[:, 1]) - narrower).max() < 1e-5
     assert np.abs(tip[:, 2] + 10.0).max() < 1e-5
+
+
+def test_a_large_turn_on_a_short_path_is_planned(tmp_path: Path) -> None:
+    """35 degrees on 0.014 mm, 80 mm from the start: rounding of the length is one of degrees."""
+    axis = Axis(
+        steps_per_mm=200.0, max_velocity=25.0, max_acceleration=383.897, max_jerk=7677.946844
+    )
+    machine = Machine(
+        axes=dict.fromkeys(("x", "y", "z", "b", "c"), axis),
+        path=PathLimits(max_feed=300.0, period=1e-4),
+        board=Board(max_step_rate=1e9),
+    )
+    file = tmp_path / "part.nc"
+    file.write_text(
+        "G21 G90\nG1 X-0.5267 Y0.5283 Z-80 F125.7462\nG1 X-0.5155 Y0.5373 B35.3727 C-22.1659\nM2\n"
+    )
+    report = check(file, machine, RunOptions(dialect="linuxcnc"))
+    assert report.ok, report.faults

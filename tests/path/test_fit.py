@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import ARC, LINE, SPAN
+from cnc.kernels.path.curve import LINE, SPAN
 from cnc.model.blocks import Dwell, Message, PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
@@ -21,7 +21,7 @@ from tests.support.path.fitted import (
     sampled,
     terrain,
 )
-from tests.support.path.path_cases import XYZ, arc, ends, evaluate, lines
+from tests.support.path.path_cases import XYZ, ends, evaluate, lines
 from tests.support.soak import share
 
 
@@ -91,6 +91,36 @@ def test_lines_beside_an_arc_stay_lines(radius):
     assert np.count_nonzero(np.diff(np.sign(bend))) <= 2
 
 
+@pytest.mark.parametrize(
+    ("turn", "legs"),
+    [
+        (turn, legs)
+        for turn in (40.0, 60.0, 75.0, 90.0)
+        for legs in ((8.0, 0.2), (0.2, 8.0), (0.3, 0.3))
+        if turn < 80.0 or max(legs) < 1.0
+    ],
+)
+@pytest.mark.parametrize("count", [1, 7])
+def test_a_turn_with_a_short_leg_is_rounded(turn, legs, count):
+    """A blend that fits into such a leg is slower than the spline, which is not bound to it."""
+    a = np.radians(turn)
+    u = np.array([[1, 0, 0], [np.cos(a), np.sin(a), 0]])
+    first = np.outer(np.linspace(0, legs[0], count + 1), u[0])
+    points = np.vstack((first, first[-1] + np.outer(np.linspace(0, legs[1], count + 1)[1:], u[1])))
+    chunks = fitted(points)
+    assert_sound(chunks)
+    assert_within(chunks, points, EPS)
+    assert sum((chunk.tolerance > 0).sum() for chunk in chunks) == 0
+
+
+@pytest.mark.parametrize(("turn", "legs"), [(60.0, 1.0), (90.0, 0.5), (100.0, 0.2), (170.0, 0.2)])
+def test_a_turn_with_long_legs_or_a_sharp_one_is_a_corner(turn, legs):
+    a = np.radians(turn)
+    step = legs * np.array([np.cos(a), np.sin(a), 0])
+    chunks = fitted([[0, 0, 0], [legs, 0, 0], [legs, 0, 0] + step])
+    assert sum((chunk.tolerance > 0).sum() for chunk in chunks) == 1
+
+
 def test_corners_are_kept():
     square = np.array([[0, 0], [20, 0], [20, 20], [0, 20], [0, 0]])
     points = np.vstack(
@@ -108,13 +138,10 @@ def test_corners_are_kept():
 
 def test_beside_a_corner_the_path_is_straight_as_far_as_a_blend_needs():
     bow = circle(20, 0.4, turns=0.25)
-    points = np.vstack(
-        (
-            bow,
-            bow[-1]
-            + (bow[-2] - bow[-1]) @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] * np.arange(1, 60)[:, None],
-        )
-    )
+    along = 0.5 * (bow[-1] - bow[-2]) / np.linalg.norm(bow[-1] - bow[-2])
+    straight = bow[-1] + along * np.arange(1, 21)[:, None]
+    aside = along @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    points = np.vstack((bow, straight, straight[-1] + aside * np.arange(1, 60)[:, None]))
     chunks = fitted(points)
     everything = pieces(chunks)
     (corner,) = [k for k, (chunk, i) in enumerate(everything) if chunk.tolerance[i] > 0]
@@ -252,14 +279,3 @@ def test_what_ends_a_chain():
     assert chunk.kind[k] == LINE and np.array_equal(
         evaluate(chunk, k, ends(chunk, k)[0])[0], points[half]
     )
-    (chunk,) = build(
-        [
-            blend(),
-            first,
-            arc(points[half - 1] + [0, 1, 0], points[half - 1][:2] + [0, 0.5], 0.5),
-            second,
-        ],
-        axes=XYZ,
-        start=points[0],
-    )
-    assert ARC in chunk.kind

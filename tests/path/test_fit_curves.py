@@ -158,7 +158,7 @@ def test_the_middle_of_a_long_arc_is_exact():
     [
         ([], []),
         ([lines([[5, 0, 0]], np.nan)], [lines([[50, 0, 0]], np.nan)]),
-        ([lines([[5, 5, 0], [5, 0, 0]])], [lines([[5, 5, 0]])]),
+        ([lines([[10, 5, 0], [5, 0, 0]])], [lines([[0, 5, 0]])]),
         ([Dwell("part.nc", 2, 0.1)], [Dwell("part.nc", 2, 0.1)]),
     ],
 )

@@ -314,4 +314,5 @@ def test_years_of_motion_are_planned_without_delay(machine, tmp_path):
     file.write_text(f"G21 G90 G94 G17\nG64\nG1 X60 Y80 F{60 * speed:f}\nG2 X60 Y0 I0 J-40\nM2\n")
     report = check(file, MACHINES[machine])
     assert report.ok
-    assert report.duration_s == pytest.approx((100.0 + 40.0 * math.pi) / speed, rel=1e-6)
+    # The turn between line and arc is rounded within the tolerance.
+    assert report.duration_s == pytest.approx((100.0 + 40.0 * math.pi) / speed, rel=1e-4)

@@ -1,6 +1,7 @@
 """The time of a program on a GRBL board: by theory, and in the simulator."""
 
 import math
+import random
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +14,7 @@ from cnc.api import parse, start_position
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.executor.packed_lines import PackedLines
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.exact_path import exact_path
@@ -119,7 +121,7 @@ def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
     "file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"]
 )
 def test_shipped_programs_take_as_long_as_in_the_simulator(file):
-    texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
+    texts = lines_of(PROGRAMS / f"{file}.nc", MILL)[: share(None, 4000)]
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
         simulated_seconds(texts, MILL), rel=0.05, abs=0.02
     )
@@ -134,6 +136,69 @@ def test_random_programs_take_as_long_as_in_the_simulator(seed, tmp_path_factory
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
         simulated_seconds(texts, MILL), rel=0.05, abs=0.03
     )
+
+
+def walk(step: float, turn: float, word: str) -> list[str]:
+    """Return moves of one length in random directions near each other."""
+    rng, at, heading = random.Random(4), [50.0, 50.0], 0.0
+    lines = ["G21 G90", "G0 X50 Y50", "G1 F3000"]
+    for _ in range(1000):
+        heading += math.radians(rng.gauss(0.0, turn))
+        at[0] += step * math.cos(heading)
+        at[1] += step * math.sin(heading)
+        lines.append(f"{word} X{at[0]:.3f} Y{at[1]:.3f}")
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("steps_per_mm", "step", "turn", "word"),
+    [
+        # a step of 0.0125 mm turns moves of 0.4 mm by up to 2 degrees
+        (80.0, 0.4, 4.0, "G0"),
+        (80.0, 0.2, 8.0, "G1"),
+        # the planner can't look ahead as far as the board has to brake
+        (800.0, 0.125, 0.7, "G0"),
+    ],
+)
+def test_short_moves_take_as_long_as_in_the_simulator(steps_per_mm, step, turn, word):
+    axes = {
+        letter: axis.model_copy(
+            update={
+                "steps_per_mm": steps_per_mm,
+                "max_velocity": 100.0,
+                "max_acceleration": 1000.0 if steps_per_mm < 100.0 else 250.0,
+                "travel": (-500.0, 500.0),
+            }
+        )
+        for letter, axis in MILL.axes.items()
+    }
+    machine = MILL.model_copy(update={"axes": axes})
+    texts = walk(step, turn, word)
+    expected = simulated_seconds(texts, machine)
+    assert seconds(texts, BoardLimits.of_machine(machine)) == pytest.approx(
+        expected, rel=0.01, abs=0.05
+    )
+
+
+def test_the_look_ahead_is_that_of_the_board():
+    texts = walk(0.125, 0.7, "G0")
+    uno, hal = (BoardLimits.of_board(MILL, {}, places) for places in (15, 35))
+    assert uno.blocks == 14 and hal.blocks == 34
+    assert seconds(texts, hal) < seconds(texts, uno)
+
+
+def test_rows_take_as_long_as_their_lines():
+    texts = [*lines_of(PROGRAMS / "engraving.nc", MILL), *walk(0.2, 8.0, "G1")]
+    lines = list(lines_with_effects(texts))
+    one_by_one, at_once = BoardTime(LIMITS), BoardTime(LIMITS)
+    for line in lines:
+        one_by_one.add(line)
+    at_once.add_rows(PackedLines.of(lines).rows)
+    one_by_one.end()
+    at_once.end()
+    assert at_once.seconds == pytest.approx(one_by_one.seconds, rel=1e-12)
+    for done in range(0, len(lines), 50):
+        assert at_once.remaining(done) == pytest.approx(one_by_one.remaining(done), rel=1e-12)
 
 
 def test_batches_make_no_difference(monkeypatch):

@@ -227,6 +227,9 @@ def test_a_flood_is_refused_and_a_stop_is_not(client_of):
     codes = [client("GET", "/api/state").status_code for _ in range(5)]
     assert codes == [200, 200, 200, 429, 429]
     assert client("POST", "/api/stop").status_code == 200
+    key = client_of()("POST", "/api/control", {"client": "test"}).json()["key"]
+    assert client("POST", "/api/hold", headers={"x-control": key}).status_code == 200
+    assert client("POST", "/api/hold", headers={"x-control": "wrong"}).status_code == 429
 
 
 def test_the_rate_of_each_address_is_its_own():

@@ -75,7 +75,7 @@ class Operated:
             elif request.startswith("feed"):
                 control.override(float(request[4:]))
             else:
-                board.real_time(RealTime[request])
+                board.stream.write(RealTime[request].value)
 
         report = run_with(
             program,

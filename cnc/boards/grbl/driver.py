@@ -12,7 +12,7 @@ from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
 from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
-from cnc.boards.grbl.protocol import RealTime
+from cnc.boards.grbl.setting_comparison import differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, SystemClock
@@ -193,7 +193,7 @@ class GrblBoard:
     @property
     def work_offset(self) -> tuple[float, ...]:
         """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
-        return self._machine_axes(self._g54_offset())
+        return self._machine_axes(self.info.g54_offset(len(self.stream.position)))
 
     @property
     def stored_offsets(self) -> dict[str, tuple[float, ...]]:
@@ -212,6 +212,15 @@ class GrblBoard:
             for number in self.info.settings
             if (value := self.info.number(number)) is not None
         }
+
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return warnings where the settings of the board differ from the machine file."""
+        return differences(self.info, machine)
+
+    @property
+    def planner_blocks(self) -> int:
+        """Moves that the planner of the board holds, 0 where it is not known."""
+        return self.info.blocks
 
     @property
     def mist(self) -> bool:
@@ -250,6 +259,11 @@ class GrblBoard:
         full = (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
         return (self.status.overrides or full)[1]
 
+    @property
+    def rested_at(self) -> float:
+        """Time of the report that last showed the machine at rest with nothing to do, s."""
+        return self.stream.rested_at
+
     def now(self) -> float:
         """Return the time by the clock of the link, s."""
         return self.link.now()
@@ -282,7 +296,7 @@ class GrblBoard:
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        stream.begin(self._g54_offset(), moves=not self.check_only)
+        stream.begin(self.info.g54_offset(len(self.stream.position)), moves=not self.check_only)
 
     def send_line(self, line: GcodeLine) -> None:
         """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
@@ -347,24 +361,9 @@ class GrblBoard:
             self.stop()
         self.link.close()
 
-    def real_time(self, command: RealTime) -> None:
-        """Send a real-time command at once, however full the receive buffer is."""
-        self.stream.write(command.value)
-
     def _machine_axes(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """Return the values of the machine's axes out of those of the board's."""
         return tuple(values[column] for column in self._columns) if values else ()
-
-    def _g54_offset(self) -> tuple[float, ...]:
-        places = self.info.places
-        nothing = (0.0,) * len(self.stream.position)
-        sums = [
-            a + b
-            for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)
-        ]
-        if len(sums) > 2:
-            sums[2] += self.info.tool_length
-        return tuple(sums)
 
     def _check_offset(self, line: int) -> None:
         """Compare the offset of the board with the one that the lines were made for.
@@ -380,7 +379,8 @@ class GrblBoard:
         if stream.stopping or offset is None:
             return
         if any(
-            abs(a - b) > SAME_POSITION for a, b in zip(offset, self._g54_offset(), strict=False)
+            abs(a - b) > SAME_POSITION
+            for a, b in zip(offset, self.info.g54_offset(len(self.stream.position)), strict=False)
         ):
             shown = ", ".join(f"{value:g}" for value in offset)
             message = f"the board uses another offset than its G54: {shown} mm"

@@ -43,6 +43,7 @@ class LineStream:
         monitor: Finds faults in what the board reports.
         state: ``idle``, ``running`` or ``stopped``.
         probed: Contact position of the last probe in mm, and 1 or 0 for contact or none.
+        rested_at: Time of the report that last showed the machine at rest, s.
         wait: Longest wait for the board, s, until the operator's requests are served.
     """
 
@@ -51,6 +52,7 @@ class LineStream:
         self.monitor = FaultMonitor(link.protocol)
         self.state = "idle"
         self.probed: tuple[float, ...] | None = None
+        self.rested_at = 0.0
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
@@ -89,6 +91,7 @@ class LineStream:
             offset: Work offset that the board adds to the numbers of a line, mm.
             moves: Whether lines move the machine.
         """
+        self.link.protocol.begin_program()
         self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
         self._set_first_override()
 
@@ -150,6 +153,8 @@ class LineStream:
             # is Idle for a moment. So the second report counts.
             if link.status_at > before and link.status_at > began:
                 reports = reports + 1 if self.status.state in REST_STATES else 0
+                if reports == 1:
+                    self.rested_at = link.status_at
                 if reports == 2:
                     return
 

@@ -6,17 +6,20 @@ LinuxCNC, G10 L20 and G92, which GRBL follows.
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.driver import SAME_POSITION, GrblBoard
-from cnc.boards.grbl.events import Alarmed, Rejected, Started
+from cnc.boards.grbl.events import Alarmed, Started
 from cnc.boards.grbl.link import POLL_FAST
 from cnc.boards.grbl.protocol import RealTime, State
 from cnc.boards.grbl.settings import STEPS, SYSTEMS
 from cnc.boards.protocols import board_error
 from cnc.model.blocks import AXIS_LETTERS
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 
 SERVED = 0.005
 """Longest time to the next look at the release of a jog, s."""
@@ -24,22 +27,58 @@ REPEATED = 0.1
 """Time after which a cancel that shows no effect is sent again, s: a byte may be lost."""
 RESTS = 2
 """Reports of rest after the last answer: the first may be older than the motion."""
+PIECE_S = 0.05
+"""Length of a piece of a jog, s."""
+AHEAD_S = 0.25
+"""Length of the pieces that the board has, s; it brakes from every speed of a jog within it."""
+SHORTEST_PIECE = 0.05
+"""mm; GRBL reads three decimals."""
 MM_PER_MIN = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class JogLine:
+    """A straight jog.
+
+    Attributes:
+        start: Machine position of the axes that move, mm.
+        end: Its end.
+        feed: Speed, mm/s.
+    """
+
+    start: Mapping[str, float]
+    end: Mapping[str, float]
+    feed: float
+
+    @property
+    def length(self) -> float:
+        """Its length, mm."""
+        return math.dist(tuple(self.start.values()), tuple(self.end.values()))
+
+    def line(self, distance: float) -> str:
+        """Return the line for GRBL that leads to a distance from the start, mm."""
+        part = min(distance / self.length, 1.0) if self.length else 1.0
+        words = "".join(
+            f"{letter.upper()}{place + (self.end[letter] - place) * part:.3f}"
+            for letter, place in self.start.items()
+        )
+        return f"$J=G53G21{words}F{self.feed * MM_PER_MIN:.1f}"
 
 
 def jog(
     board: GrblBoard,
-    target: Mapping[str, float],
-    feed: float,
+    move: JogLine,
     released: Callable[[], bool],
     on_report: Callable[[], None],
 ) -> None:
-    """Move to a machine position in a straight line; return at rest.
+    """Move in a straight line; return at rest.
+
+    The line is sent in pieces, a quarter of a second ahead. So the machine comes to rest, too, when
+    this computer or the cable fails.
 
     Args:
         board: The board, at rest.
-        target: Machine position by axis, mm.
-        feed: Speed, mm/s.
+        move: The jog.
         released: Whether the motion must end now.
         on_report: Called after each status report.
 
@@ -47,29 +86,53 @@ def jog(
         BoardError: ``board-error`` where the board refuses the jog, ``board-alarm``.
     """
     link = board.link
-    words = "".join(f"{letter.upper()}{place:.3f}" for letter, place in target.items())
-    since = 0.0
-    if released():
-        return
-    link.ask(f"$J=G53G21{words}F{feed * MM_PER_MIN:.1f}")
+    length, piece = move.length, max(move.feed * PIECE_S, SHORTEST_PIECE)
+    began, sent = link.now(), 0.0
+    try:
+        while sent < length and not released():
+            if sent / move.feed - (link.now() - began) < AHEAD_S:
+                sent = min(sent + piece, length)
+                link.ask(move.line(sent))
+            else:
+                _serve(board, on_report)
+    except BoardError:
+        with contextlib.suppress(BoardError):
+            _come_to_rest(board, lambda: True, on_report)
+        raise
+    _come_to_rest(board, released, on_report)
+
+
+def _come_to_rest(
+    board: GrblBoard, released: Callable[[], bool], on_report: Callable[[], None]
+) -> None:
+    """Wait for the end of a jog; cancel it when it is released."""
+    link = board.link
+    began = link.now()
+    rests, since, seen = 0, 0.0, began
     link.poll_now()
-    began, rests, seen = link.now(), 0, link.status_at
     while rests < RESTS:
-        if released() and (not since or link.now() - since > REPEATED):
+        # A byte may be lost, so the cancel is repeated.
+        if released() and link.now() - since > REPEATED:
             since = link.now()
             link.send_realtime(RealTime.JOG_CANCEL)
             link.poll_now()
-        for event in link.pump(SERVED, POLL_FAST):
-            if isinstance(event, Alarmed):
-                raise faults.alarmed(event.code, 0, hal=board.info.hal)
-            if isinstance(event, Rejected):
-                raise faults.refused(event.code, "$J", 0, hal=board.info.hal)
-            if isinstance(event, Started):
-                raise faults.restarted(0)
-        if link.status_at > max(seen, began):
+        _serve(board, on_report)
+        if link.status_at > seen:
             seen = link.status_at
             rests = rests + 1 if board.status.state != "Jog" else 0
-            on_report()
+
+
+def _serve(board: GrblBoard, on_report: Callable[[], None]) -> None:
+    """Receive for a moment; BoardError for an alarm or a restart."""
+    link = board.link
+    before = link.status_at
+    for event in link.pump(SERVED, POLL_FAST):
+        if isinstance(event, Alarmed):
+            raise faults.alarmed(event.code, 0, hal=board.info.hal)
+        if isinstance(event, Started):
+            raise faults.restarted(0)
+    if link.status_at > before:
+        on_report()
 
 
 def set_work_position(board: GrblBoard, system: str, values: Mapping[str, float]) -> None:

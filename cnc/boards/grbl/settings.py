@@ -189,6 +189,15 @@ class BoardInfo:
         downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
         return travel[0] + off if travel is not None and downwards else -off
 
+    def g54_offset(self, axes: int) -> tuple[float, ...]:
+        """Return the work offset of each axis in G54, mm: G54, G92 and tool length."""
+        nothing = (0.0,) * axes
+        places = self.places.get("G54", nothing), self.places.get("G92", nothing)
+        sums = [a + b for a, b in zip(*places, strict=False)]
+        if len(sums) > 2:
+            sums[2] += self.tool_length
+        return tuple(sums)
+
     def named_places(self) -> dict[str, dict[str, float]]:
         """Return the offsets by name and axis, mm."""
         return {

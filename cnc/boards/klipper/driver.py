@@ -7,9 +7,7 @@ messages of the board. This module implements the protocols of all boards
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,25 +16,25 @@ from numpy.typing import NDArray
 from cnc.boards.klipper.alarms import RELEASE
 from cnc.boards.klipper.connection import BAUD
 from cnc.boards.klipper.feasibility import KlipperFeasibility
-from cnc.boards.klipper.guards import ArmedInput
+from cnc.boards.klipper.guards import ArmedInput, TooLate
 from cnc.boards.klipper.layout import InputObject, section
-from cnc.boards.klipper.outputs import AHEAD_S, OutputState, actions
+from cnc.boards.klipper.outputs import AHEAD_S, actions
 from cnc.boards.klipper.profile import profile_of
-from cnc.boards.klipper.sender import PIECE_S, TooLate
+from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import BoardTraits, Capabilities, MotionState, board_error
+from cnc.boards.protocols import Capabilities, board_error
+from cnc.boards.pulse_board.driver import PulseBoard, port_name
+from cnc.boards.pulse_board.outputs import OutputState
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Dwell, Held, Probe, Spindle, SwitchMove
-from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
-from cnc.model.operator_control import Control
+from cnc.model.blocks import Block, Dwell, Probe, Spindle, SwitchMove
 from cnc.model.streams import PulseChunk
 
 BACKGROUND_S = 0.01
 """Time between two exchanges of bytes between calls."""
 
 
-class Klipper:
+class Klipper(PulseBoard):
     """A board on an open port; :meth:`from_machine` opens one.
 
     Args:
@@ -52,8 +50,6 @@ class Klipper:
         MachineFileError: The board lacks a pin of the machine file.
     """
 
-    traits = BoardTraits()
-
     def __init__(
         self,
         port: Port,
@@ -64,19 +60,14 @@ class Klipper:
         background: bool = False,
         identity: str = "",
     ) -> None:
-        self._machine = machine
-        self._lock = threading.RLock()
-        self._closed = threading.Event()
-        self._began = False
         self._supervisor = Supervisor(port, machine, name, clock or SystemClock(), identity)
+        super().__init__(machine, self._supervisor)
         self._sender = self._supervisor.sender
-        self._checks = self._supervisor.checks
         self._position = self._supervisor.position
         axes = len(machine.axes)
         self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
-        self._next_alone: tuple[int, int] | None = None
         if background:
-            threading.Thread(target=self._keep_alive, daemon=True, name="Klipper board").start()
+            self.run_in_background(BACKGROUND_S)
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Klipper:
@@ -84,13 +75,7 @@ class Klipper:
         from cnc.boards.serial_port import identity, open_port
 
         section(machine)
-        name = str(target) if target is not None else machine.board.port
-        if not name:
-            hint = (
-                "name it with --port, or board.port in the machine file; "
-                "cncrun boards lists the ports"
-            )
-            raise UsageError(Diagnostic("no-port", "the Klipper board needs a port", hint=hint))
+        name = port_name(machine, target, "Klipper")
         port = open_port(name, baud_of(machine))
         try:
             return cls(port, machine, name, background=True, identity=identity(name))
@@ -121,39 +106,6 @@ class Klipper:
         return KlipperFeasibility(machine, profile_of(machine))
 
     @property
-    def confirmed_line(self) -> int:
-        """Source line of the last motion or command accepted."""
-        if self._supervisor.fault is None:
-            return self._checks.confirmed_line
-        return self._sender.tracker.line or self._checks.confirmed_line
-
-    @property
-    def position_steps(self) -> NDArray[np.int64]:
-        """Grid point at the end of the motion (axes,); after a fault or an abort, as counted."""
-        if self._began and not self._supervisor.stopped_short:
-            return self._checks.position_steps
-        return self._sender.position.copy()
-
-    @property
-    def known_steps(self) -> tuple[int | None, ...]:
-        """Grid point of each axis, None where the board has lost it, as after each reset."""
-        return self._position.known_steps(self._sender.position)
-
-    @property
-    def motion_state(self) -> MotionState:
-        """State by the estimate of the board's clock."""
-        with self._lock:
-            sender = self._sender
-            point = sender.tracker.played(sender.now) if sender.running else None
-            mm = self._position.mm(sender.position if point is None else point)
-            return MotionState(sender.tracker.line, mm, sender.ahead_s)
-
-    @property
-    def switches(self) -> tuple[bool, ...]:
-        """Whether each limit switch is closed, for the first axes that have one."""
-        return tuple(any(each) for each in self.motor_switches)
-
-    @property
     def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
         """Whether each switch of each axis is closed, for the first axes that have one."""
         found: list[tuple[bool, ...]] = []
@@ -167,10 +119,6 @@ class Klipper:
                 found.append(tuple(supervisor.is_pressed(limit) for limit in limits))
         return tuple(found)
 
-    def move_alone(self, column: int, motor: int) -> None:
-        """Let only one motor of an axis move between the next start and its end."""
-        self._next_alone = column, motor
-
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.
 
@@ -182,10 +130,6 @@ class Klipper:
         wanted = np.ones(axes, np.bool_)
         wanted[: len(watched)] = watched
         self._next = wanted, np.array(known, np.bool_)
-
-    def connect_operator(self, control: Control) -> None:
-        """Let a fault during a hold request a stop of ``control``; the board has no buttons."""
-        self._supervisor.control = control
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Set the position of the machine to ``origin_steps``, and switch the motor drivers on."""
@@ -201,8 +145,8 @@ class Klipper:
             supervisor.select(self._next_alone)
             self._next_alone = None
             self._refuse_pressed(supervisor.guards.watched)
-            supervisor.end_stalls()
-            supervisor.check_drivers()
+            supervisor.drivers.end_stalls()
+            supervisor.drivers.check(supervisor.pump)
             self._position.set(supervisor.read_positions(), self._checks.position_steps)
             self._position.known = known
             supervisor.store(moving=True)
@@ -212,90 +156,17 @@ class Klipper:
             supervisor.set_outputs(OutputState(enabled=True, fan=True))
             supervisor.pump(0.0)
 
-    def send(self, chunk: PulseChunk) -> None:
-        """Accept grid moves; returns when all but a horizon and a reserve have been played."""
-        with self._lock:
-            self._supervisor.refuse_after_fault()
-            begin = self._checks.position_steps
-            try:
-                self._checks.send(chunk)
-            except BoardError:
-                self._send_rows(chunk, begin)
-                self._sender.flush()
-                raise
-            self._send_rows(chunk, begin)
-
-    def _send_rows(self, chunk: PulseChunk, begin: NDArray[np.int64]) -> None:
-        rows, self._checks.rows = self._checks.rows, 0
-        if not rows:
-            return
-        part = PulseChunk(chunk.time_ns[:rows], chunk.step[:rows], chunk.line[:rows])
-        points = begin + np.cumsum(part.step, axis=0, dtype=np.int64)
+    def _gather(self, chunk: PulseChunk, points: NDArray[np.int64]) -> None:
         try:
-            self._sender.gather(part, points)
+            self._sender.gather(chunk, points)
         except TooLate:
             raise self._supervisor.too_late() from None
 
-    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
-        """Carry out a block at its time."""
-        with self._lock:
-            self._supervisor.refuse_after_fault()
-            self._checks.execute(block, time_ns)
-            match block:
-                case Held():
-                    self._supervisor.rest(time_ns)
-                case Probe():
-                    self._begin_probe(block, time_ns)
-                case _:
-                    self._set_outputs(block, time_ns)
-        return None
+    def _flush(self) -> None:
+        self._sender.flush()
 
-    def probe_result(self) -> tuple[float, ...] | None:
-        """Return 1 or 0 for contact or none, and the exact position (axes,) of it, mm."""
-        with self._lock:
-            self._supervisor.refuse_after_fault()
-            return self._end_probe() if self._supervisor.probing else None
-
-    def finish(self) -> None:
-        """Wait until everything sent has been carried out."""
-        with self._lock:
-            self._supervisor.refuse_after_fault()
-            if self._checks.state == "running":
-                self._end()
-            self._checks.finish()
-
-    def stop(self) -> None:
-        """Come to rest after everything sent, and refuse later calls."""
-        with self._lock:
-            self._supervisor.raise_pending()
-            if self._supervisor.active:
-                self._end()
-            self._checks.stop()
-
-    def abort(self) -> None:
-        """Come to rest on the path at once, and discard everything that waits."""
-        with self._lock:
-            self._checks.abort()
-            if self._supervisor.active:
-                self._supervisor.active = False
-                self._supervisor.halt()
-                self._supervisor.store(moving=False)
-
-    def revive(self) -> None:
-        """Accept a next program after a stop; BoardError after a fault."""
-        with self._lock:
-            self._supervisor.refuse_after_fault()
-            self._checks.revive()
-
-    def close(self) -> None:
-        """Stop the motion and close the port."""
-        with self._lock:
-            if not self._closed.is_set():
-                with suppress(BoardError):
-                    self.abort()
-                self._closed.set()
-                self._checks.close()
-                self._supervisor.connection.port.close()
+    def _rest(self, time_ns: int) -> None:
+        self._supervisor.rest(time_ns)
 
     def _set_outputs(self, block: Block, time_ns: int) -> None:
         """Schedule the outputs of a block; a dwell passes by the board's clock."""
@@ -370,7 +241,7 @@ class Klipper:
             )
         if isinstance(block, SwitchMove):
             scale = float(self._machine.steps_per_mm[block.switch])
-            supervisor.watch_stalls(block.switch, block.feed * scale)
+            supervisor.drivers.begin_stalls(block.switch, block.feed * scale)
         supervisor.guards.armed = tuple(
             ArmedInput(each, each.active if towards else 1 - each.active) for each in found
         )
@@ -384,18 +255,11 @@ class Klipper:
         point = supervisor.end_cut() if touched else sender.position
         supervisor.guards.armed = ()
         supervisor.probing = False
-        supervisor.end_stalls()
+        supervisor.drivers.end_stalls()
         self._checks.stand_at(point)
         supervisor.stopped_short = False
         sender.stand_at(point)
         return (float(touched), *self._position.mm(point))
-
-    def _keep_alive(self) -> None:
-        """Exchange bytes between calls: the board stops after some tenths of a second."""
-        while not self._closed.wait(BACKGROUND_S):
-            with self._lock:
-                if not self._closed.is_set():
-                    self._supervisor.pump_in_background()
 
 
 def baud_of(machine: Machine) -> int:

@@ -6,6 +6,7 @@ watched, and with a timeout that is renewed while this computer lives.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cnc.boards.klipper.connection import Connection
@@ -30,6 +31,25 @@ class ArmedInput:
 
     input: InputObject
     level: int
+
+
+class TooLate(Exception):
+    """A move whose time has come before it was sent: the board stops dead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """What the sender asks of its owner.
+
+    Attributes:
+        pump: Sends, receives, and raises all faults.
+        arm: Arms switches, timeout and motors, before a motion that begins at a clock.
+        rest: Waits for the end of a motion, as the sender's own ``rest`` does, and disarms.
+    """
+
+    pump: Callable[[float], object]
+    arm: Callable[[int], None]
+    rest: Callable[[int], None]
 
 
 class Guards:

@@ -7,18 +7,17 @@ output that is on is repeated, and a computer that dies leaves no spindle runnin
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal
 
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import MAX_DURATION_S, Layout, OutputObject
 from cnc.boards.protocols import Action
+from cnc.boards.pulse_board.outputs import OutputState
 from cnc.machine.klipper import KlipperBoard
-from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Coolant, End, Spindle
 
 AHEAD_S = 0.1
 """Time from a command to the change of an output."""
+LEAST_AHEAD_S = 0.02
+"""Time from a late repetition to its effect."""
 REPEAT_S = 0.5 * MAX_DURATION_S
 """Time between two repetitions."""
 
@@ -37,45 +36,18 @@ def actions(known: KlipperBoard | None) -> frozenset[Action]:
     return frozenset(found)
 
 
-@dataclass(frozen=True, slots=True)
-class OutputState:
-    """State of all outputs. ``share`` is the speed of the spindle as a share of the highest."""
-
-    enabled: bool = False
-    spindle: Literal["cw", "ccw", "off"] = "off"
-    share: float = 0.0
-    flood: bool = False
-    mist: bool = False
-    fan: bool = False
-
-    def after(self, block: Block, machine: Machine) -> OutputState:
-        """Return the state after a block."""
-        match block:
-            case Spindle(state=state, rpm=rpm):
-                share = 0.0 if state == "off" else rpm / machine.board.max_spindle_rpm
-                return replace(self, spindle=state, share=min(share, 1.0))
-            case Coolant(mist=mist, flood=flood):
-                return replace(self, flood=flood, mist=mist)
-            case End():
-                return self.off()
-        return self
-
-    def off(self) -> OutputState:
-        """Return the state with spindle, coolant and fan off."""
-        return replace(self, spindle="off", share=0.0, flood=False, mist=False, fan=False)
-
-    def share_of(self, output: OutputObject) -> float:
-        """Return the share of full power of an output."""
-        match output.name:
-            case "spindle":
-                on = self.spindle != "off"
-                return (self.share if output.pwm else 1.0) if on else 0.0
-            case "backward":
-                return float(self.spindle == "ccw")
-            case "enable":
-                return float(self.enabled)
-            case name:
-                return float(getattr(self, name))
+def share_of(state: OutputState, output: OutputObject) -> float:
+    """Return the share of full power of an output in a state."""
+    match output.name:
+        case "spindle":
+            on = state.spindle != "off"
+            return (state.share if output.pwm else 1.0) if on else 0.0
+        case "backward":
+            return float(state.spindle == "ccw")
+        case "enable":
+            return float(state.enabled)
+        case name:
+            return float(getattr(state, name))
 
 
 class Outputs:
@@ -104,7 +76,7 @@ class Outputs:
         """Schedule a state at a clock."""
         self.state = state
         for output in self._outputs:
-            value = output.value(state.share_of(output))
+            value = output.value(share_of(state, output))
             if value != self._values[output.oid]:
                 self._repeat_until(output, clock)
                 self._schedule(output, value, clock)
@@ -126,9 +98,12 @@ class Outputs:
         value = self._values[output.oid]
         if not output.limited or value is None or value == output.value(0.0):
             return
-        period = round(REPEAT_S * self._connection.board_clock.frequency)
+        ticks = self._connection.board_clock
+        period = round(REPEAT_S * ticks.frequency)
+        # After a standstill of this computer, the time of a repetition may be over.
+        soon = ticks.at(self._connection.clock.now()) + round(LEAST_AHEAD_S * ticks.frequency)
         while clock - self._at[output.oid] > period:
-            self._schedule(output, value, self._at[output.oid] + period)
+            self._schedule(output, value, max(self._at[output.oid] + period, soon))
 
     def _schedule(self, output: OutputObject, value: int, clock: int) -> None:
         at = max(clock, self._at[output.oid] + 1)

@@ -6,23 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.layout import MotorObject
+from cnc.boards.pulse_board.position import MachinePosition
 from cnc.machine.models import Machine
 
 
-class MachinePosition:
+class MotorPosition(MachinePosition):
     """Conversion between the counts of motors and the grid points of a machine.
 
     Attributes:
-        known: Whether the position of each axis is known (axes,).
         offset: Grid point minus count, for each motor.
         moving: Whether each motor takes part in the motion.
     """
 
     def __init__(self, machine: Machine, motors: list[MotorObject]) -> None:
+        super().__init__(machine)
         self._motors = motors
-        self._letters = [letter.upper() for letter in machine.axes]
-        self._steps_per_mm = machine.steps_per_mm
-        self.known = np.zeros(len(machine.axes), np.bool_)
         self.offset = [0] * len(motors)
         self.moving = [True] * len(motors)
 
@@ -49,7 +47,7 @@ class MachinePosition:
 
     def of(self, positions: list[int]) -> NDArray[np.int64]:
         """Return the grid point (axes,) of positions; of several motors that move the first."""
-        grid = np.zeros(len(self._letters), np.int64)
+        grid = np.zeros(len(self.letters), np.int64)
         for motor, count, offset, moving in reversed(
             list(zip(self._motors, self.counts(positions), self.offset, self.moving, strict=True))
         ):
@@ -63,7 +61,7 @@ class MachinePosition:
         return " ".join(
             sorted(
                 {
-                    self._letters[motor.column]
+                    self.letters[motor.column]
                     for motor, count, offset, moving in zip(
                         self._motors, self.counts(positions), self.offset, self.moving, strict=True
                     )
@@ -72,28 +70,6 @@ class MachinePosition:
             )
         )
 
-    def forget(self) -> None:
-        """Mark the position of all axes as unknown."""
-        self.known = np.zeros_like(self.known)
-
-    def known_steps(self, steps: NDArray[np.int64]) -> tuple[int | None, ...]:
-        """Return a grid point (axes,) with None for each axis whose position is not known."""
-        return tuple(
-            count if known else None
-            for count, known in zip(steps.tolist(), self.known.tolist(), strict=True)
-        )
-
-    def mm(self, steps: NDArray[np.int64]) -> tuple[float, ...]:
-        """Return the machine coordinates of a grid point (axes,), mm."""
-        return tuple((steps / self._steps_per_mm).tolist())
-
-    def text(self, steps: NDArray[np.int64]) -> str:
-        """Return the machine coordinates of a grid point (axes,) as text."""
-        return " ".join(
-            f"{letter}{value:.4f}".rstrip("0").rstrip(".")
-            for letter, value in zip(self._letters, self.mm(steps), strict=True)
-        )
-
     def letter(self, column: int) -> str:
         """Return the letter of an axis."""
-        return self._letters[column]
+        return self.letters[column]

@@ -12,13 +12,11 @@ an axis get the same runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.connection import POLL_S, Connection
+from cnc.boards.klipper.guards import Guard, TooLate
 from cnc.boards.klipper.layout import Layout, MotorObject
 from cnc.boards.klipper.line_tracker import LineTracker
 from cnc.boards.klipper.motion_limits import MotionLimits
@@ -49,25 +47,6 @@ Timers compare clocks by the sign of a 32-bit difference.
 """
 SPARE_SLOTS = 4
 """Slots of the queue that stay free, besides two for each output."""
-
-
-class TooLate(Exception):
-    """A move whose time has come before it was sent: the board stops dead."""
-
-
-@dataclass(frozen=True, slots=True)
-class Guard:
-    """What the sender asks of its owner.
-
-    Attributes:
-        pump: Sends, receives, and raises all faults.
-        arm: Arms switches, timeout and motors, before a motion that begins at a clock.
-        rest: Waits for the end of a motion, as :meth:`Sender.rest` does, and disarms.
-    """
-
-    pump: Callable[[float], object]
-    arm: Callable[[int], None]
-    rest: Callable[[int], None]
 
 
 class Sender:
@@ -290,6 +269,14 @@ class Sender:
 
     def _release(self, until_ns: int) -> None:
         """Send the moves before a time, piece by piece."""
+        # What waits is sent at once, so a short standstill of this computer needs no ramp.
+        self._sending = True
+        try:
+            self._release_pieces(until_ns)
+        finally:
+            self._sending = False
+
+    def _release_pieces(self, until_ns: int) -> None:
         piece = round(PIECE_S * 1e9)
         while (
             self._waiting
@@ -359,14 +346,10 @@ class Sender:
             found += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
         found.sort(key=lambda each: each[:3])
         self.tracker.add(clocks, points, line)
-        self._sending = True
-        try:
-            for begin, column, k, runs in found:
-                self._queue(begin, column, k, runs)
-                if self.cut:
-                    return
-        finally:
-            self._sending = False
+        for begin, column, k, runs in found:
+            self._queue(begin, column, k, runs)
+            if self.cut:
+                return
         self.position = points[-1]
         self._guard.pump(0.0)
 

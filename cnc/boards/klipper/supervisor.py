@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
 from cnc.boards.klipper.connection import POLL_S, Connection
-from cnc.boards.klipper.guards import Guards
+from cnc.boards.klipper.guards import Guard, Guards, TooLate
 from cnc.boards.klipper.layout import (
     BY_HOST,
     InputObject,
@@ -18,67 +18,61 @@ from cnc.boards.klipper.layout import (
     section,
 )
 from cnc.boards.klipper.motion_limits import MotionLimits
-from cnc.boards.klipper.outputs import AHEAD_S, Outputs, OutputState
-from cnc.boards.klipper.position import MachinePosition
-from cnc.boards.klipper.position_store import PositionStore, StoredPosition
+from cnc.boards.klipper.outputs import AHEAD_S, Outputs
+from cnc.boards.klipper.position import MotorPosition
+from cnc.boards.klipper.position_keeper import PositionKeeper
 from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
-from cnc.boards.klipper.sender import Guard, Sender, TooLate
-from cnc.boards.klipper.setup import configure, shutdown_reason
-from cnc.boards.klipper.trinamic.drivers import CHECK, MotorDriver, motor_drivers
+from cnc.boards.klipper.sender import Sender
+from cnc.boards.klipper.setup import shutdown_reason
+from cnc.boards.klipper.trinamic.drivers import CHECK, motor_drivers
 from cnc.boards.klipper.trinamic.watch import DriverWatch
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
-from cnc.boards.protocols import board_error
+from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.pulse_board.outputs import OutputState
+from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
-from cnc.model.operator_control import Control
 
 
-class Supervisor:
+class Supervisor(PulseSupervisor):
     """An open board, whose every message is checked.
 
     Attributes:
         connection: The connection.
         layout: The objects of the board.
         slots: Entries of its move queue.
-        drivers: Motor drivers that the board configures.
+        drivers: Watch on the motor drivers that the board configures.
         position: Conversion of positions.
         least_ns: Least time between two steps of an axis, ns.
-        checks: Checks of all pulses before they are sent, and their counts.
         sender: The motion.
         guards: Switches and timeout.
         outputs: Spindle, coolant, enable.
-        active: A program runs, so that triggers and resets are faults.
-        probing: An armed input may end the motion.
-        stopped_short: The board is elsewhere than the pulses sent lead to.
-        fault: The fault that ended the use of the board.
-        pending_fault: A fault of the background thread, not raised yet.
-        control: Requests of the operator.
     """
 
     def __init__(
         self, port: Port, machine: Machine, name: str, clock: Clock, identity: str = ""
     ) -> None:
         known = section(machine)
-        self.active = self.probing = self.stopped_short = self._stopping = False
-        self.control: Control | None = None
-        self.fault: BoardError | None = None
-        self.pending_fault: BoardError | None = None
+        axes = len(machine.axes)
+        self.least_ns = 1e9 / machine.board.max_step_rate
+        super().__init__(Loopback(axes, self.least_ns))
+        self._stopping = False
         self.connection = Connection(port, clock, name)
         self.connection.open()
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
-        self.position = MachinePosition(machine, self.layout.motors)
-        self._store = PositionStore(identity)
-        self._open_store()
-        self.drivers = motor_drivers(self.connection, self.layout, machine)
-        for driver in self.drivers:
+        self.position = MotorPosition(machine, self.layout.motors)
+        self._keeper = PositionKeeper(identity, self.layout)
+        self.slots, same = self._keeper.configure(self.connection)
+        positions = self.read_positions()
+        if same:
+            self._keeper.restore(self.position)
+        self.store(moving=False)
+        drivers = motor_drivers(self.connection, self.layout, machine)
+        for driver in drivers:
             driver.configure(machine)
-        self._stalls: list[MotorDriver] = []
-        self._watch = DriverWatch(self.connection, self.drivers)
-        self.least_ns = 1e9 / machine.board.max_step_rate
-        axes = len(machine.axes)
-        self.checks = Loopback(axes, self.least_ns)
+        self.drivers = DriverWatch(self.connection, drivers)
         self.guards = Guards(self.connection, self.layout, axes)
         limits = MotionLimits(
             known.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)
@@ -86,33 +80,38 @@ class Supervisor:
         guard = Guard(self.pump, self.guards.arm, self._rest_between)
         self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
         self.outputs = Outputs(self.connection, self.layout, self.sender.slots.add)
-        self.sender.position = self.position.of(self._counts)
+        self.sender.position = self.position.of(positions)
 
-    def _open_store(self) -> None:
-        """Configure the board, and take over the position that it has kept."""
-        layout = self.layout.crc
-        stored = self._store.read()
-        kept = stored.number if stored is not None and stored.layout == layout else layout
-        self._number = self._store.number(layout)
-        self.slots, same = configure(self.connection, self.layout, kept, self._number)
-        if same:
-            self._number = kept
-        self._counts = self.read_positions()
-        motors, axes = len(self.layout.motors), len(self.position.known)
-        if same and stored is not None and len(stored.offset) == motors:
-            self.position.offset = list(stored.offset)
-            # A program that was killed has left the motors without a ramp.
-            if len(stored.known) == axes and not stored.moving:
-                self.position.known = np.array(stored.known, np.bool_)
-        self.store(moving=False)
+    @property
+    def confirmed_line(self) -> int:
+        """Source line that the board has reached for certain."""
+        return self.sender.tracker.line or self.checks.confirmed_line
+
+    @property
+    def grid_point(self) -> NDArray[np.int64]:
+        """Grid point at the end of what was sent (axes,), or where the board stopped."""
+        return self.sender.position
+
+    @property
+    def known_steps(self) -> tuple[int | None, ...]:
+        """Grid point of each axis, None where it is not known."""
+        return self.position.known_steps(self.sender.position)
+
+    @property
+    def motion_state(self) -> MotionState:
+        """State by the estimate of the board's clock."""
+        sender = self.sender
+        point = sender.tracker.played(sender.now) if sender.running else None
+        mm = self.position.mm(sender.position if point is None else point)
+        return MotionState(sender.tracker.line, mm, sender.ahead_s)
+
+    def close_port(self) -> None:
+        """Close the port."""
+        self.connection.port.close()
 
     def store(self, *, moving: bool) -> None:
         """Keep the position for the next program."""
-        known = self.position.known.tolist()
-        layout = self.layout.crc
-        self._store.write(
-            StoredPosition(layout, self._number, list(self.position.offset), known, moving)
-        )
+        self._keeper.write(self.position, moving=moving)
 
     def pump(self, seconds: float) -> list[Message]:
         """Send what is due and what waits, receive bytes and check the messages.
@@ -127,7 +126,7 @@ class Supervisor:
             self.outputs.repeat()
             if self.sender.running:
                 self.guards.renew()
-                self._driver_fault(self._watch.ask())
+                self._driver_fault(self.drivers.ask())
             if self.sender.watch():
                 self._underrun()
         try:
@@ -138,16 +137,6 @@ class Supervisor:
             self._check(message)
         return messages
 
-    def pump_in_background(self) -> None:
-        """Exchange bytes between calls; a fault ends a hold and is raised by the next call."""
-        if self.fault is None:
-            try:
-                self.pump(0.0)
-            except BoardError as error:
-                self.pending_fault = error
-                if self.control is not None:
-                    self.control.stop()  # A thread that waits for the end of a hold must wake up.
-
     def _check(self, message: Message) -> None:
         match message.name:
             case "shutdown" | "is_shutdown" if not self._stopping:
@@ -155,7 +144,7 @@ class Supervisor:
             case "starting" if not self._stopping:
                 raise self._reset()
             case "tmcuart_response" | "spi_transfer_response":
-                self._driver_fault(self._watch.take(message))
+                self._driver_fault(self.drivers.take(message))
             case "trsync_state" if not message["can_trigger"] and self.sender.running:
                 self._triggered(message["trigger_reason"])
 
@@ -174,30 +163,6 @@ class Supervisor:
         if text and self.active and not self._stopping:
             raise self._dead_stop("motor-driver", text, CHECK)
 
-    def check_drivers(self) -> None:
-        """Read the state of all motor drivers; raise the fault of one."""
-        while self._watch.is_waiting and not self._stopping:
-            self.pump(POLL_S)
-            self._watch.ask()
-        for driver in self.drivers:
-            driver.check()
-
-    def watch_stalls(self, column: int, speed: float) -> None:
-        """Let the drivers of an axis tell stalls of a homing move at a speed, steps/s."""
-        for driver in self.drivers:
-            if driver.column == column and driver.driver.stallguard is not None:
-                driver.watch_stalls(speed)
-                self._stalls.append(driver)
-
-    def end_stalls(self) -> None:
-        """Let the drivers go back to the mode of the machine file."""
-        while self._stalls:
-            self._stalls.pop().watch_stalls(None)
-
-    def ask(self, command: str, response: str, oid: int) -> Message:
-        """Return the answer to a question about an object."""
-        return self.connection.ask(command, response, self.pump, oid=oid)
-
     def select(self, alone: tuple[int, int] | None) -> None:
         """Let one motor of an axis (column, motor) take part in the next motion, or all."""
         self.position.select(alone)
@@ -205,9 +170,9 @@ class Supervisor:
 
     def is_pressed(self, each: InputObject) -> bool:
         """Return whether an input is pressed."""
-        return (
-            self.ask("endstop_query_state", "endstop_state", each.oid)["pin_value"] == each.active
-        )
+        ask = self.connection.ask
+        state = ask("endstop_query_state", "endstop_state", self.pump, oid=each.oid)
+        return state["pin_value"] == each.active
 
     def read_positions(self) -> list[int]:
         """Return the position of each motor as the board counts it."""
@@ -314,6 +279,7 @@ class Supervisor:
         finally:
             self._stopping = False
             sender.stop()
+        self.store(moving=False)
 
     def _underrun(self) -> None:
         """Come to rest on the path, because no more motion comes."""
@@ -350,18 +316,14 @@ class Supervisor:
         return self._dead_stop(alarm.code, alarm.message, alarm.hint)
 
     def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
-        """Read the position after a stop of the motors, which is not to be trusted."""
+        """Stop the motors, and read the position, which is not to be trusted."""
         self._stopping = True
-        text, line = "", self.sender.tracker.line
         try:
-            with suppress(BoardError):
-                self.connection.link.drop_waiting()
-                self.guards.disarm()
-                self.guards.trigger()
-                self.set_outputs(self.outputs.state.off())
-                point = self.take_position()
-                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
-                line = self.sender.tracker.line_at(point) or line
+            self.connection.link.drop_waiting()
+            self.guards.disarm()
+            self.guards.trigger()
+            self.set_outputs(self.outputs.state.off())
+            text, line = self._after_stop()
         finally:
             self._stopping = False
         self.position.forget()
@@ -371,20 +333,34 @@ class Supervisor:
         """End the use of the board after a shutdown; its counts are read after its end."""
         reason = shutdown_reason(self.connection, number)
         self._stopping = True
-        text, line = "", self.sender.tracker.line
         try:
-            with suppress(BoardError):
-                self.connection.link.drop_waiting()
-                self.connection.send("clear_shutdown")
-                self.outputs.forget()
-                point = self.take_position()
-                text = f"; the machine is at {self.position.text(point)}, which may be wrong"
-                line = self.sender.tracker.line_at(point) or line
+            self.connection.link.drop_waiting()
+            text, line = self._after_stop()
         finally:
             self._stopping = False
         self.position.forget()
         message = f"the board has shut down: {reason}{text}"
         return self.fail(board_error("klipper-shutdown", message, line=line, hint=DEAD_STOP))
+
+    def _after_stop(self) -> tuple[str, int]:
+        """Read the position of motors that were stopped, and end a shutdown of the board.
+
+        Returns:
+            The position for a message, "" if the board does not answer, and the source line.
+        """
+        tracker = self.sender.tracker
+        try:
+            if self.connection.ask("get_config", "config", self.pump)["is_shutdown"]:
+                self.connection.send("clear_shutdown")
+                self.outputs.forget()
+            point = self.take_position()
+        except BoardError:
+            known = tracker.played(self.sender.now)
+            if known is not None:
+                self.sender.position, self.stopped_short = known, True
+            return "", tracker.line
+        text = f"; the machine is at {self.position.text(point)}, which may be wrong"
+        return text, tracker.line_at(point) or tracker.line
 
     def _reset(self) -> BoardError:
         message = f"the board on {self.connection.name} was reset; its position is lost"
@@ -404,25 +380,10 @@ class Supervisor:
             error = type(error)(replace(known, line=self.sender.tracker.line))
         return self.fail(error)
 
-    def raise_pending(self) -> None:
-        """Raise a fault of the background thread."""
-        if self.pending_fault is not None:
-            error, self.pending_fault = self.pending_fault, None
-            raise error
-
-    def refuse_after_fault(self) -> None:
-        """Raise a pending fault, and refuse calls after a fault."""
-        self.raise_pending()
-        if self.fault is not None:
-            raise board_error("board-stopped", "the board has been stopped", hint="open it again")
-
     def fail(self, error: BoardError) -> BoardError:
         """End the use of the board by a fault, and return the fault."""
-        if self.fault is None:
-            self.fault = error
-        self.checks.abort()
         self.sender.stop()
-        self.active = False
+        super().fail(error)
         self.store(moving=False)
         return error
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.pulse_board.position import MachinePosition
 from cnc.boards.stepper.motor_outputs import MotorOutputs
 from cnc.boards.stepper.protocol import Alarm, Status
 from cnc.machine.models import Machine
@@ -16,19 +17,16 @@ LOST = 1 << 30
 """Count at which an axis with an unknown position starts, so that the board remembers this."""
 
 
-class BoardPosition:
+class BoardPosition(MachinePosition):
     """Conversion between the counts of the board and the grid points of a machine.
 
     Attributes:
-        known: Whether the position of each axis is known (axes,).
         outputs: The motors at the outputs of the board.
     """
 
     def __init__(self, machine: Machine) -> None:
+        super().__init__(machine)
         self.outputs = MotorOutputs(machine)
-        self.known = np.zeros(len(machine.axes), np.bool_)
-        self._letters = [letter.upper() for letter in machine.axes]
-        self._steps_per_mm = machine.steps_per_mm
         self._can_home = machine.can_home
 
     def restore(self, status: Status) -> NDArray[np.int64]:
@@ -59,7 +57,7 @@ class BoardPosition:
         """Return the letters of the axes whose moving motors do not agree."""
         counts, point = self._counts(status) - self._lost(), self.of(status)
         wrong = self.outputs.moving & (counts != point[self.outputs.column])
-        return [self._letters[column] for column in np.unique(self.outputs.column[wrong])]
+        return [self.letters[column] for column in np.unique(self.outputs.column[wrong])]
 
     def payload(self, steps: NDArray[np.int64]) -> bytes:
         """Return the payload of SET_POSITION for a grid point (axes,)."""
@@ -78,29 +76,7 @@ class BoardPosition:
         lost: NDArray[np.int64] = np.where(self.known[outputs.column], 0, LOST).astype(np.int64)
         return lost * outputs.direction
 
-    def forget(self) -> None:
-        """Mark the position of all axes as unknown."""
-        self.known = np.zeros_like(self.known)
-
-    def known_steps(self, steps: NDArray[np.int64]) -> tuple[int | None, ...]:
-        """Return a grid point (axes,) with None for each axis whose position is not known."""
-        return tuple(
-            count if known else None
-            for count, known in zip(steps.tolist(), self.known.tolist(), strict=True)
-        )
-
-    def mm(self, steps: NDArray[np.int64]) -> tuple[float, ...]:
-        """Return the machine coordinates of a grid point (axes,), mm."""
-        return tuple((steps / self._steps_per_mm).tolist())
-
-    def text(self, steps: NDArray[np.int64]) -> str:
-        """Return the machine coordinates of a grid point (axes,) as text."""
-        return " ".join(
-            f"{letter}{value:.4f}".rstrip("0").rstrip(".")
-            for letter, value in zip(self._letters, self.mm(steps), strict=True)
-        )
-
-    def letters(self, bits: int) -> Sequence[str]:
+    def letters_of(self, bits: int) -> Sequence[str]:
         """Return the letters of the axes of the limit inputs in a mask."""
         columns = {int(c) for k, c in enumerate(self.outputs.column) if bits >> k & 1}
-        return [self._letters[column] for column in sorted(columns)]
+        return [self.letters[column] for column in sorted(columns)]

@@ -10,27 +10,26 @@ from numpy.typing import NDArray
 
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
-from cnc.boards.protocols import board_error
+from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.boards.stepper.connection import (
     ALARMS,
     ANSWER_TIMEOUT_S,
     POLL_S,
     AlarmText,
     Connection,
-    min_spacing_ns,
-    open_board,
 )
 from cnc.boards.stepper.position import BoardPosition
 from cnc.boards.stepper.protocol import Alarm, Kind, State, Status
 from cnc.boards.stepper.sender import Sender
+from cnc.boards.stepper.setup import min_spacing_ns, open_board
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
-from cnc.model.operator_control import Control
 
 UNKNOWN_ALARM = AlarmText("board-alarm", "the board has stopped", "open it again")
 
 
-class Supervisor:
+class Supervisor(PulseSupervisor):
     """An open board, whose every status report is checked.
 
     Attributes:
@@ -39,15 +38,8 @@ class Supervisor:
         status: Last status received.
         position: Conversion of positions.
         least_ns: Least time between two steps of an axis, ns.
-        checks: Checks of all pulses before they are sent, and their counts.
         sender: The stream to the board.
         limits: Bits of the switches that end the motion.
-        active: A program runs, so that alarms and resets are faults.
-        probing: An armed input may end the motion.
-        stopped_short: The board is elsewhere than the pulses sent lead to.
-        fault: The fault that ended the use of the board.
-        pending_fault: A fault of the background thread, not raised yet.
-        control: Requests of the operator, which the buttons add to.
     """
 
     def __init__(self, port: Port, machine: Machine, name: str, clock: Clock) -> None:
@@ -55,17 +47,37 @@ class Supervisor:
         self.position = BoardPosition(machine)
         self.welcome, self.status = open_board(self.connection, machine)
         self.least_ns = min_spacing_ns(self.welcome, machine)
-        axes = len(machine.axes)
-        self.checks = Loopback(axes, self.least_ns)
+        super().__init__(Loopback(len(machine.axes), self.least_ns))
         outputs = self.position.outputs
         self.sender = Sender(self.connection, outputs.count, self.pump, self.status.taken)
         self.sender.position = self.position.restore(self.status)
         self.limits = outputs.limits
-        self.active = self.probing = self.stopped_short = False
-        self.control: Control | None = None
-        self.fault: BoardError | None = None
-        self.pending_fault: BoardError | None = None
         self._pressed = self.status.holds, self.status.resumes
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line that the board is known to have received."""
+        return self.connection.link.confirmed_note
+
+    @property
+    def grid_point(self) -> NDArray[np.int64]:
+        """Grid point at the end of what was sent (axes,), or where the board stopped."""
+        return self.sender.position
+
+    @property
+    def known_steps(self) -> tuple[int | None, ...]:
+        """Grid point of each axis, None where it is not known."""
+        return self.position.known_steps(self.sender.position)
+
+    @property
+    def motion_state(self) -> MotionState:
+        """State according to the last status, some hundredths of a second old."""
+        mm = self.position.mm(self.position.of(self.status))
+        return MotionState(self.sender.tracker.line, mm, self.sender.ahead_s)
+
+    def close_port(self) -> None:
+        """Close the port."""
+        self.connection.port.close()
 
     def pump(self, seconds: float) -> None:
         """Send waiting frames, receive bytes and check the statuses.
@@ -105,16 +117,6 @@ class Supervisor:
                 self.control.hold()
             elif status.resumes != resumes:
                 self.control.resume()
-
-    def pump_in_background(self) -> None:
-        """Exchange bytes without a program; a fault ends a hold and is raised by the next call."""
-        if self.fault is None:
-            try:
-                self.pump(0.0)
-            except BoardError as error:
-                self.pending_fault = error
-                if self.control is not None:
-                    self.control.stop()  # A thread that waits for the end of a hold must wake up.
 
     def ask(self) -> Status:
         """Return a new status."""
@@ -170,25 +172,10 @@ class Supervisor:
         self.sender.position = point
         return point
 
-    def raise_pending(self) -> None:
-        """Raise a fault of the background thread."""
-        if self.pending_fault is not None:
-            error, self.pending_fault = self.pending_fault, None
-            raise error
-
-    def refuse_after_fault(self) -> None:
-        """Raise a pending fault, and refuse calls after a fault."""
-        self.raise_pending()
-        if self.fault is not None:
-            raise board_error("board-stopped", "the board has been stopped", hint="open it again")
-
     def fail(self, error: BoardError) -> BoardError:
         """End the use of the board by a fault, and return the fault."""
-        if self.fault is None:
-            self.fault = error
-        self.checks.abort()
-        self.sender.running = self.active = False
-        return error
+        self.sender.running = False
+        return super().fail(error)
 
     def _at_line(self, error: BoardError) -> BoardError:
         """Return a fault with the last line that the board is known to have received."""
@@ -210,7 +197,7 @@ class Supervisor:
         alarm = ALARMS.get(status.alarm, UNKNOWN_ALARM)
         cause = alarm.message
         if status.alarm == Alarm.LIMIT:
-            hit = self.position.letters(status.inputs & self.limits)
+            hit = self.position.letters_of(status.inputs & self.limits)
             cause = f"the limit switch of {' and '.join(hit)} was hit" if hit else cause
         sender = self.sender
         message = f"{cause}; the machine is at {self.position.text(sender.position)}"

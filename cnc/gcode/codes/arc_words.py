@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cnc.gcode.codes.move_feeds import MoveFeeds
@@ -58,12 +60,19 @@ class ArcMoves:
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
         i, j = self.plane_columns(at)
+        opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
         radius = words.take("R", user)
         letters = _PLANE_LETTERS[state.plane]
         centers = [words.take(letter, user) for letter in letters]
         self._take_idle_center(words, user)
         turns = self._turns(words, user)
+        if opening and radius is None and not any(centers):
+            radius = self._radius_of_angle(opening, end, (i, j))
+        elif opening:
+            beside = next(each for each in (radius, *centers) if each)
+            message = f"{beside.written} beside the angle of an arc, which has an end point only"
+            raise fault("arc-radius-and-center", message, beside)
         if radius:
             if clash := next(filter(None, centers), None):
                 later = max(radius, clash, key=lambda word: word.column)
@@ -76,6 +85,25 @@ class ArcMoves:
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         return self._block(arc, end, feed)
+
+    def _radius_of_angle(self, word: Word, end: list[float], plane: tuple[int, int]) -> Word:
+        """Return the radius of an arc whose end and opening angle are given (SINUMERIK's AR).
+
+        It is negative for an arc of more than half a turn.
+        """
+        i, j = plane
+        chord = math.dist(
+            (end[i], end[j]), (self._axis_words.position[i], self._axis_words.position[j])
+        )
+        if not 0.0 < word.number < 360.0 or chord == 0.0:
+            message = f"{word.number:g}: an arc has more than 0 and less than 360 degrees"
+            raise fault("arc-angle", message, word)
+        factor = self._axis_words.coordinates.figure.scale(plane) or 1.0
+        radius = chord / (2.0 * math.sin(math.radians(word.number) / 2.0))
+        radius *= -1.0 if word.number > 180.0 else 1.0
+        return Word(
+            "R", radius / self._state.scale / factor, word.written, word.column, word.length
+        )
 
     def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
         """Return the columns of the two axes of the plane.

@@ -49,6 +49,17 @@ class BuilderCodes:
         self._out = out
         self._reported: set[tuple[str, float]] = set()
 
+    def replace(self, first: Word, second: Word) -> bool:
+        """Return whether the last of two words with one letter counts, and report it.
+
+        A 0 after another number never does: it would stop the spindle or the feed.
+        """
+        if first.letter not in self._dialect.repeated or (first.number and not second.number):
+            return False
+        message = f"{first.written} has no effect: {second.written} in the same line replaces it"
+        self._here.report_warning("word-replaced", message, first, "remove one of them")
+        return True
+
     def take(self, words: LineWords) -> tuple[ExtraCode, ...]:
         """Take these codes out of the words of a line."""
         if self._dialect.extruder and "E" in words.rest:

@@ -9,7 +9,13 @@ import numpy as np
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.corner_words import Corner
-from cnc.gcode.geometry.corner_rounds import Arc, Line, Round, round_between
+from cnc.gcode.geometry.corner_rounds import (
+    Arc,
+    Line,
+    Round,
+    chamfer_between,
+    round_between,
+)
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import Word, fault
@@ -28,13 +34,14 @@ class CornerMoves:
     """
 
     def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, *, arcs: bool
+        self, motion: Motion, state: ModalState, here: SourceLocation, *, corners: str
     ) -> None:
+        """``corners``: see the key of the dialect."""
         self.corner: Corner | None = None
         self._motion = motion
         self._state = state
         self._here = here
-        self._arcs = arcs
+        self._corners = corners
 
     def hold(
         self, word: Word, start: list[float], end: list[float], feed: float, line: int
@@ -49,12 +56,16 @@ class CornerMoves:
         Raises:
             GcodeError: ``corner-next``.
         """
-        if word.letter == ",C" or not self._arcs:
+        if not self._may_have_arc(word):
             message = f"{word.written} at an arc: it needs two straight moves"
             raise fault("corner-next", message, word)
         plane, size = self._size(word)
         end = block.end.tolist()
         self.corner = Corner(word, size, start, end, block.feed, block.line, plane, block)
+
+    def _may_have_arc(self, word: Word) -> bool:
+        """Whether one of the moves of a corner may be an arc."""
+        return self._corners == "all" or (self._corners == "rounds" and word.letter == ",R")
 
     def _size(self, word: Word) -> tuple[tuple[int, int], float]:
         """Return the plane of a corner, and its size in mm."""
@@ -94,7 +105,7 @@ class CornerMoves:
             GcodeError: ``corner-next``, ``corner-plane``, ``corner-too-large``.
         """
         assert self.corner is not None
-        if self.corner.word.letter == ",C" or not self._arcs:
+        if not self._may_have_arc(self.corner.word):
             raise self.fault("an arc")
         corner = self._taken()
         arc = self._arc(corner, corner.end, block)
@@ -115,7 +126,8 @@ class CornerMoves:
             if corner.arc is None
             else self._arc(corner, corner.start, corner.arc)
         )
-        found = round_between(first, second, corner.size)
+        make = round_between if corner.word.letter == ",R" else chamfer_between
+        found = make(first, second, corner.size)
         if found is None:
             message = f"{corner.word.written} does not fit between the two moves"
             hint = "make it smaller; tangential moves have no corner"
@@ -132,6 +144,9 @@ class CornerMoves:
             arc = self._arc(corner, corner.start, corner.arc)
             turns = arc.spin * arc.part(found.begin)
             motion.make_arc(replace(corner.arc, end=np.array(begin), turns=turns))
+        if found.centre is None:
+            motion.make_straight(end, corner.feed, corner.line)
+            return end
         centre = found.centre.real, found.centre.imag
         motion.make_arc(self._block(corner, centre, end, corner.size, found.turns))
         return end
@@ -178,4 +193,6 @@ class CornerMoves:
     def fault(self, what: str) -> CncError:
         """Return the error of a corner that ``what`` follows, and no feed move."""
         assert self.corner is not None
-        return corner_words.not_followed(self.corner, what, arcs=self._arcs)
+        return corner_words.not_followed(
+            self.corner, what, arcs=self._may_have_arc(self.corner.word)
+        )

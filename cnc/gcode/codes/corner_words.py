@@ -18,6 +18,9 @@ _ROUNDING = 1e-9
 _STRAIGHT = 1e-9
 """Sine of an angle between two moves that counts as none."""
 
+_CORNERS = (",C", ",R", ",H")
+"""Chamfer by its legs, round, chamfer by its own length (SINUMERIK's CHF)."""
+
 Point = tuple[float, float]
 
 
@@ -25,7 +28,7 @@ class Corner(NamedTuple):
     """A corner whose second move is not known yet.
 
     Attributes:
-        word: ``,C`` or ``,R``.
+        word: ``,C``, ``,R``, or ``,H`` for SINUMERIK's CHF.
         size: mm.
         start: Machine position at the start of the first move.
         end: The corner.
@@ -69,14 +72,47 @@ def take(words: LineWords, user: str) -> Word | None:
     """
     if ",A" in words.rest:
         angle = words.rest[",A"]
-        raise fault("corner-angle", f"{angle.written}: the angle of a line is not supported", angle)
-    chamfer, rounding = words.take(",C", user), words.take(",R", user)
-    if chamfer and rounding:
-        raise fault("word-wanted-twice", "a corner takes ,C or ,R, not both", rounding)
-    word = chamfer or rounding
+        raise fault("corner-angle", f"{angle.written}: only a G1 has the angle of a line", angle)
+    given = [word for letter in _CORNERS if (word := words.take(letter, user))]
+    if len(given) > 1:
+        raise fault("word-wanted-twice", "a corner takes one of ,C and ,R", given[1])
+    word = given[0] if given else None
     if word is not None and word.number <= 0.0:
         raise fault("value-out-of-range", f"{word.written}: the size must be more than 0", word)
     return word
+
+
+def line_with_angle(
+    word: Word, start: list[float], end: list[float], plane: tuple[int, int], given: list[int]
+) -> list[float]:
+    """Return the end of a straight move of which one axis and the angle are given (``,A``).
+
+    The angle counts from the first axis of the plane, anticlockwise. Source: FANUC Series 0i,
+    "Direct input of drawing dimensions"; Siemens, "Fundamentals", "Contour definitions" (ANG).
+
+    Args:
+        word: The angle, degrees.
+        start: Machine position at the start.
+        end: Machine position at the end by the axis words alone.
+        plane: Columns of the axes of the plane.
+        given: Columns of the axes of the plane that the line gives.
+
+    Raises:
+        GcodeError: ``corner-angle``.
+    """
+    if len(given) != 1:
+        message = f"{word.written} needs one axis of the plane; the angle gives the other"
+        raise fault("corner-angle", message, word, "give one of the two axes")
+    (known,) = given
+    (other,) = (index for index in plane if index != known)
+    angle, found = math.radians(word.number), end.copy()
+    first, second = math.cos(angle), math.sin(angle)
+    along, across = (first, second) if known == plane[0] else (second, first)
+    if abs(along) < _STRAIGHT:
+        message = f"{word.written} is at right angles to the axis that the line gives"
+        raise fault("corner-angle", message, word, "give the other axis of the plane")
+    found[other] = start[other] + (end[known] - start[known]) * across / along
+    return found
 
 
 def cut(corner: Corner, following: list[float]) -> Cut:
@@ -104,6 +140,8 @@ def cut(corner: Corner, following: list[float]) -> Cut:
         raise fault("corner-too-large", f"{word.written}: the moves have no corner", word)
     is_round = word.letter == ",R"
     length = corner.size * math.tan(abs(turn) / 2.0) if is_round else corner.size
+    if word.letter == ",H":
+        length = corner.size / (2.0 * math.cos(turn / 2.0))
     if length > min(first, second) + _ROUNDING:
         message = f"{word.written} needs {length:.6g} mm of both moves; they have {first:.6g} mm "
         message += f"and {second:.6g} mm"
@@ -125,7 +163,7 @@ def out_of_plane(word: Word) -> GcodeError:
 
 def not_followed(corner: Corner, what: str, *, arcs: bool) -> CncError:
     """Return the error of a corner that ``what`` follows; ``arcs``: whether arcs may follow."""
-    wanted = "a G1, G2 or G3" if arcs and corner.word.letter == ",R" else "a G1"
+    wanted = "a G1, G2 or G3" if arcs else "a G1"
     message = f"{corner.word.written} needs {wanted} in the next line, not {what}"
     return fault("corner-next", message, corner.word).at(line=corner.line)
 

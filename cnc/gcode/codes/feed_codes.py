@@ -51,6 +51,7 @@ class FeedCodes:
             if mode != self._state.feed_mode:
                 self._state.feed_mode, self._state.feed = mode, None
                 self._unused_words.mark_used("F")
+                self._motion.set_timed(mode == "inverse-time")
 
     def units(self, codes: Codes) -> None:
         """Execute G20, G21, G7 and G8."""

@@ -18,7 +18,6 @@ from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 from cnc.model.blocks import (
     Coolant,
-    Dwell,
     End,
     Orient,
     Overrides,
@@ -29,11 +28,6 @@ from cnc.model.blocks import (
     Tool,
 )
 from cnc.model.units import MM_PER_INCH
-
-LONG_DWELL = 100.0
-"""s. A whole number of seconds from here on may be meant as milliseconds."""
-MAX_DWELL = 1e6
-"""s. A longer dwell is a typing error: this is more than eleven days."""
 
 _DIRECTIONS = ("shortest", "cw", "ccw")
 _OVERRIDE_SWITCHES: dict[G | M, str] = {
@@ -80,7 +74,7 @@ class MachineCodes:
         """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
         dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
-        is_time = dwell and "S" in self._dialect.dwell
+        is_time = dwell and "S" in (*self._dialect.dwell, *self._dialect.dwell_turns)
         if self._dialect.lathe and code is not None and code.number == G.G92:
             self._limit_speed(words, codes)
         if (
@@ -275,51 +269,7 @@ class MachineCodes:
             )
         )
 
-    # Dwell, path control
-
-    def dwell(self, words: LineWords, code: Code) -> None:
-        """Execute G4."""
-        word, letters = code.word, self._dialect.dwell_units(words)
-        times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
-        if not times:
-            raise fault(
-                "dwell-time-missing",
-                f"{word.written} needs a time",
-                word,
-                f"give {' or '.join(letters)}",
-            )
-        if len(times) > 1:
-            raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
-        letter, time = times[0]
-        unit = letters[letter]
-        if "." in time.written:
-            unit = self._dialect.dwell_point.get(letter, unit)
-            if self._dialect.lenient and unit < 1.0:
-                unit = 1.0
-                message = f"{time.written} is read as seconds; FANUC allows no decimal point here"
-                hint = "write whole milliseconds, or name the --dialect"
-                self._here.report_warning("dwell-point", message, time, hint)
-        if unit == 0.0:
-            message = (
-                f"{time.written} without a decimal point is {time.number / 1000:g} s for FANUC"
-            )
-            raise fault("decimal-point-needed", message, time, f"write {time.written}. for seconds")
-        seconds = not_negative(time, "the time") * unit
-        if seconds > MAX_DWELL:
-            raise fault(
-                "value-out-of-range",
-                f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
-                time,
-            )
-        if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
-            message = (
-                f"{time.written} is {seconds:g} s here; controls that count milliseconds "
-                f"take {seconds / 1000.0:g} s"
-            )
-            self._here.report_warning(
-                "dwell-long", message, time, f"write {time.written}. if seconds are meant"
-            )
-        self._out.add(Dwell(self._here.file, self._here.line, seconds))
+    # Path control
 
     def path_control(self, words: LineWords, code: Code) -> None:
         """Execute G61, G61.1 or G64. P0 is the exact path.

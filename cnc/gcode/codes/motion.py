@@ -54,6 +54,7 @@ class Motion(MoveFeeds):
         repeat_words: Letters that repeat the move of a motion code without an axis word.
         tip_controlled: Whether tool-tip control is on.
         corners: The corner whose second move is not known yet (,C and ,R).
+        may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
 
     def __init__(
@@ -76,8 +77,9 @@ class Motion(MoveFeeds):
         self.tip_controlled = False
         self._out = out
         self._resting: G | None = dialect.motion
+        self.may_assume = dialect.motion_assumed
         self.arcs = ArcMoves(self, dialect, here, state)
-        self.corners = CornerMoves(self, state, here, arcs=dialect.corners == "all")
+        self.corners = CornerMoves(self, state, here, corners=dialect.corners)
 
     @property
     def compensated(self) -> bool:
@@ -130,23 +132,29 @@ class Motion(MoveFeeds):
                         code.word,
                     )
                 if taker.number not in _FIGURE_TAKES_AXES:
+                    self.may_assume = False
                     state.motion = code.g if beside else None
             return None
         if code:
+            self.may_assume = self.may_assume and code.number == _CANCEL
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
+                return None
             orient = codes.get("spindle")
             letters = self.repeat_words.get(state.motion or _TRAVERSE, frozenset())
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
+
+    def _machine_without_axes(self, at: Word) -> None:
+        """Refuse a G53 without axis words, or report it: it acts in its own line only."""
+        if not self._dialect.lenient:
+            hint = "such as G53 G0 Z0"
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, hint)
+        message = f"{at.written} without axis words has no effect"
+        self._here.report_warning("code-without-effect", message, at, "it is not modal")
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
         """Whether a line with G4 has axis words of a move.
@@ -175,12 +183,7 @@ class Motion(MoveFeeds):
                     special.word,
                 )
             if not has_axis:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
         before = self._state.motion
         if before in QUICK_MOTIONS:
             self._resting = before
@@ -209,13 +212,15 @@ class Motion(MoveFeeds):
         if special and not self._machine_words:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
+        if motion is None and self.may_assume:
+            self.may_assume, self._state.motion = False, _TRAVERSE
+            message = f"{word.written} without a motion code in effect is read as a traverse (G0)"
+            hint = "begin with G0 or G1: controllers differ"
+            self._here.report_warning("motion-assumed", message, word, hint)
+            return _TRAVERSE
         if motion is None:
-            raise fault(
-                "motion-missing",
-                f"{word.written} without a motion code in effect",
-                word,
-                "begin with G0 or G1",
-            )
+            message = f"{word.written} without a motion code in effect"
+            raise fault("motion-missing", message, word, "begin with G0 or G1")
         if motion == G.G6_2:
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
@@ -236,7 +241,11 @@ class Motion(MoveFeeds):
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
+            angled = words.take(",A", "G1") if self._dialect.corners else None
+            given = set(words.rest) if angled else set()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
+            if angled:
+                end = self._end_at_angle(angled, given, end)
             feed = self.feed(words, end, self.distance(end), at)
             if self._dialect.corners and (word := corner_words.take(words, "G1")):
                 start = self.position
@@ -255,6 +264,15 @@ class Motion(MoveFeeds):
                 self.compensation.refuse_curve(code)
             self.handlers[motion](words, explicit)
 
+    def _end_at_angle(self, angle: Word, given: set[str], end: list[float]) -> list[float]:
+        """Return the end of a straight move of which one axis and the angle are given."""
+        if self.coordinates.turned or self._machine_words:
+            message = f"{angle.written} in machine coordinates, or under a rotation or scaling"
+            raise fault("corner-angle", message, angle, "give both axes of the plane")
+        plane = self.arcs.plane_columns(angle, angle.letter)
+        columns = [index for index in plane if self.axes[index].upper() in given]
+        return corner_words.line_with_angle(angle, self.position, end, plane, columns)
+
     def traverse(self, end: list[float]) -> None:
         """Make a straight move at the speed of the axes."""
         self.feed_to(end, math.nan)
@@ -267,6 +285,10 @@ class Motion(MoveFeeds):
             self.corners.finish(end)
         self.make_straight(end, feed, self._here.line)
         self.position = end
+
+    def set_timed(self, on: bool) -> None:
+        """State whether F is the time of each move from here on (G93)."""
+        self._out.set_timed(on)
 
     def make_straight(self, end: list[float], feed: float, line: int) -> None:
         """Put a straight move out, without setting the position."""
@@ -339,6 +361,7 @@ class Motion(MoveFeeds):
             self._unused_words.mark_used("F")
         state.feed = feed
         state.motion = motion
+        self.may_assume = False
         return True
 
     def _is_quick(self, move: QuickMove, motion: G) -> bool:

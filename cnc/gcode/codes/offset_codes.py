@@ -13,6 +13,7 @@ from cnc.gcode.codes.turret_offsets import set_turret_offset
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
 from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation, whole
 
@@ -25,9 +26,15 @@ class OffsetCodes:
     """Execution of the codes of offsets. Most are an error under cutter compensation."""
 
     def __init__(
-        self, dialect: Dialect, state: ModalState, motion: Motion, tools: ToolCodes
+        self,
+        dialect: Dialect,
+        here: SourceLocation,
+        state: ModalState,
+        motion: Motion,
+        tools: ToolCodes,
     ) -> None:
         self._dialect = dialect
+        self._here = here
         self._state = state
         self._motion = motion
         self._coordinates: Coordinates = motion.coordinates
@@ -110,12 +117,18 @@ class OffsetCodes:
     def _check_machine_move(self, at: Word) -> None:
         """Refuse G53 under G91 if the dialect does.
 
-        Some controllers read its axis words as absolute.
+        Some controllers read its axis words as absolute. FANUC's ignore G53 there.
         """
-        if not self._state.absolute and not self._dialect.machine_in_incremental:
+        if self._state.absolute:
+            return
+        if not self._dialect.machine_in_incremental:
             raise fault(
                 "machine-coordinates-incremental", f"{at.written} under G91", at, "give G90"
             )
+        if self._dialect.name == "auto":
+            message = f"{at.written} under G91: its axis words are read as machine coordinates"
+            hint = "FANUC controls ignore G53 there: give G90"
+            self._here.report_warning("machine-coordinates-absolute", message, at, hint)
 
     # Reference positions
 

@@ -22,7 +22,6 @@ from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
 
 NEAR_CODE = 1e-3
 """Largest distance of ten times a computed code from a whole number."""
-_DISTANCES = AXES | frozenset("IJKR")
 _MOTION_OF = {motion.code: motion for motion in QUICK_MOTIONS}
 _ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
 _EXPONENT = re.compile(r"E(?:[+-][0-9]{1,2}|[0-9]{2})")
@@ -94,7 +93,7 @@ class PreparedLine:
                 words[index] = Word(word.letter, number, word.written, word.column, word.length)
         for index in reversed(vacant):
             del words[index]
-        found = LineWords.of(words)
+        found = LineWords.of(words, self.builder.replace)
         self.builder.take(found)
         return found
 
@@ -120,7 +119,7 @@ def prepare(
     Raises:
         GcodeError: The words or codes are wrong.
     """
-    words = LineWords.of(statement.words)
+    words = LineWords.of(statement.words, builder.replace)
     if "E" in words.rest:
         _refuse_exponent(statement)
     extra = builder.take(words)
@@ -204,28 +203,6 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
         elif number < 0.0 or not number.is_integer():
             return None
     return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
-
-
-def without_point(statement: Statement, *, collected: bool) -> Word | None:
-    """Return the first distance or angle that is not 0 and has no decimal point.
-
-    In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
-    K is a knot and R a weight.
-    """
-    words = statement.words
-    letters = (
-        AXES
-        if collected or any(word.letter == "G" and word.number == G.G6_2.code for word in words)
-        else _DISTANCES
-    )
-    return next(
-        (
-            word
-            for word in words
-            if word.letter in letters and word.number and "." not in word.written
-        ),
-        None,
-    )
 
 
 def _quick(

@@ -1,8 +1,10 @@
-"""Probing moves: G38.2 to G38.5.
+"""Probing moves: G38.2 to G38.5, and G31 of FANUC, Haas and Mach3.
 
 The program continues from the contact (or its loss), which only the board reports; without a board,
 from the end of the move. The contact in program coordinates and units is stored in #5061 to #5069,
-and in #5070 whether there was one. Source: LinuxCNC 2.9, "G-codes", G38.n.
+and in #5070 whether there was one. G31 is a G38.3 that is not modal: without contact the program
+goes on from the end of the move. Source: LinuxCNC 2.9, "G-codes", G38.n; FANUC Series 0i, "Skip
+function (G31)"; "Using Mach3Mill", G31.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import numpy as np
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
+from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
@@ -21,6 +24,7 @@ from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, Probe
 from cnc.model.parameter_numbers import PROBE_CONTACT, PROBE_POSITION
 
 PROBES = {
+    G.G31: (True, False),
     G.G38_2: (True, True),
     G.G38_3: (True, False),
     G.G38_4: (False, True),
@@ -32,13 +36,14 @@ LINEAR = "XYZUVW"
 
 def register(
     motion: Motion,
+    dialect: Dialect,
     state: ModalState,
     here: SourceLocation,
     out: BlockBuffer,
     parameters: Parameters,
 ) -> None:
-    """Register the handlers of G38.2 to G38.5."""
-    made = Probing(motion, state, here, out, parameters)
+    """Register the handlers of G38.2 to G38.5 and G31."""
+    made = Probing(motion, dialect, state, here, out, parameters)
     motion.handlers |= dict.fromkeys(PROBES, made.probe)
 
 
@@ -48,12 +53,15 @@ class Probing:
     def __init__(
         self,
         motion: Motion,
+        dialect: Dialect,
         state: ModalState,
         here: SourceLocation,
         out: BlockBuffer,
         parameters: Parameters,
     ) -> None:
         self._motion = motion
+        self._copies = dialect.skip_parameters
+        self._stays = dialect.flavour == "macro-b"
         self._state = state
         self._here = here
         self._out = out
@@ -78,6 +86,9 @@ class Probing:
         refuse_axes(words, name, LINEAR)
         end = motion.target(words, name, motion.position)
         towards, must = PROBES[state.motion]
+        if state.motion == G.G31:
+            # In FANUC's group 00 the code before it stays. Others' manuals do not say.
+            state.motion = motion.motion_before if self._stays else None
         if must and end == motion.position:
             raise fault(
                 "probe-length", f"{name} has no length: its end is the present position", at
@@ -103,4 +114,6 @@ class Probing:
                 number = program[motion.axes.index(letter)]
                 number /= 1.0 if letter in ROTARY_LETTERS else self._state.scale
             values[PROBE_POSITION + place] = number
+            if self._copies:
+                values[self._copies + place] = number
         values[PROBE_CONTACT] = answer[0]

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from cnc.gcode.codes.machine_codes import MAX_DWELL
+from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.polar import stepped
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
@@ -27,7 +27,7 @@ from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.blocks import Plane
 
 FINE_BORING = G.G76
@@ -55,10 +55,10 @@ class Series:
 
 
 def register(
-    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
+    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner, dwells: Dwells
 ) -> DrillingCycles:
     """Register the handlers of the canned cycles of the dialect, and return the cycles."""
-    cycles = DrillingCycles(motion, dialect, state, performer)
+    cycles = DrillingCycles(motion, dialect, state, performer, dwells)
     motion.handlers |= dict.fromkeys(cycles.cycles, cycles.make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
@@ -74,7 +74,12 @@ class DrillingCycles:
     """
 
     def __init__(
-        self, motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
+        self,
+        motion: Motion,
+        dialect: Dialect,
+        state: ModalState,
+        performer: CycleRunner,
+        dwells: Dwells,
     ) -> None:
         self.cycles = frozenset(DRILLING) | (
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
@@ -84,6 +89,7 @@ class DrillingCycles:
         self._rules = dialect.cycles
         self._state = state
         self._performer = performer
+        self._dwells = dwells
         self.series: Series | None = None
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -189,7 +195,7 @@ class DrillingCycles:
                 if optional
                 else self._word(words, series, "P", name, at)
             )
-            dwell = self._seconds(found) if found else 0.0
+            dwell = self._dwells.seconds(found) if found else 0.0
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
         turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
@@ -227,19 +233,6 @@ class DrillingCycles:
             message = f"{name}: I and K must be more than 0, K not more than I, and J not negative"
             raise fault("value-out-of-range", message, found[0])
         return first, less, least
-
-    def _seconds(self, word: Word) -> float:
-        unit = self._dialect.dwell.get("P", 1.0)
-        if "." in word.written:
-            unit = self._dialect.dwell_point.get("P", unit)
-        seconds = not_negative(word, "the dwell") * unit
-        if seconds > MAX_DWELL:
-            raise fault(
-                "value-out-of-range",
-                f"{word.written}: a dwell of {seconds:g} s is more than eleven days",
-                word,
-            )
-        return seconds
 
     def _check_spindle(self, cycle: G, name: str, at: Word) -> None:
         state = self._state

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cnc.gcode.codes.machine_codes import MAX_DWELL
+from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling import MOST_PECKS
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, peck_count, steps
@@ -19,7 +19,7 @@ from cnc.gcode.cycles.turning_moves import TurningMoves
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
 _CODES = (G.G81, G.G82, G.G83, G.G84, G.G85, G.G86, G.G87, G.G88, G.G89)
 _ALONG_X = {G.G87: G.G83, G.G88: G.G84, G.G89: G.G85}
@@ -41,6 +41,7 @@ class TurningHoles:
         self._dialect = dialect
         self._moves = moves
         self._state = moves.state
+        self._dwells = Dwells(dialect, moves.here, moves.state, moves.out)
         self._runner = CycleRunner(moves.motion, moves.state, moves.here, moves.out)
         self._words: dict[str, Word] = {}
         self._bottom = 0.0
@@ -113,7 +114,7 @@ class TurningHoles:
         rules = self._dialect.cycles
         return HoleSettings(
             feed=0.0,
-            dwell=self._seconds(found["P"]) if "P" in found else 0.0,
+            dwell=self._dwells.seconds(found["P"]) if "P" in found else 0.0,
             peck=peck,
             clearance=rules.clearance,
             turning=turning,
@@ -124,13 +125,3 @@ class TurningHoles:
     def _depth(self, word: Word) -> float:
         """Q in mm; FANUC counts thousandths without a decimal point."""
         return self._moves.length(word, self._dialect.integer_unit)
-
-    def _seconds(self, word: Word) -> float:
-        unit = self._dialect.dwell["P"]
-        if "." in word.written:
-            unit = self._dialect.dwell_point.get("P", unit)
-        seconds = not_negative(word, "the dwell") * unit
-        if seconds > MAX_DWELL:
-            message = f"{word.written}: a dwell of {seconds:g} s is more than eleven days"
-            raise fault("value-out-of-range", message, word)
-        return seconds

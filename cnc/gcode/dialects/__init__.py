@@ -135,6 +135,11 @@ class Dialect:
     home_beside_motion: bool
     home_needs_axes: bool
     machine_in_incremental: bool
+    motion_assumed: bool
+    repeated: str
+    same_code_twice: bool
+    repeats_in_call: bool
+    skip_parameters: int
     program_number: bool
     decimal_points: bool
     program_end: bool
@@ -146,9 +151,10 @@ class Dialect:
     first_bracket: bool
     after_g80: Literal["none", "previous"]
     local_calls: bool
+    hole_patterns: bool
     scale_unit: float
     extruder: str
-    corners: Literal["", "lines", "all"]
+    corners: Literal["", "lines", "rounds", "all"]
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
     turret_offsets: Literal["", "P", "L"]
@@ -156,6 +162,7 @@ class Dialect:
     feed_of_all_axes: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
+    dwell_turns: str
     lathe: bool
     increments: str
     integer_unit: float
@@ -273,7 +280,7 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
 
 _LENIENT = (
     "lenient", "axes", "arc_turns", "arc_idle_center", "home_beside_motion", "program_end",
-    "machine_in_incremental", "dollar", "program_number", "units_before_feed",
+    "dollar", "program_number", "units_before_feed", "same_code_twice",
 )  # fmt: skip
 """Keys in which ``auto`` is at least as tolerant as any dialect."""
 
@@ -282,8 +289,8 @@ _LENIENT_ON_LATHES = (
     "lenient",
     "arc_idle_center",
     "program_end",
-    "machine_in_incremental",
     "dollar",
+    "same_code_twice",
 )
 
 
@@ -330,8 +337,10 @@ _PLAIN = (
     "home_beside_motion", "home_needs_axes", "machine_in_incremental", "program_number",
     "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
-    "dwell", "dwell_point", "lathe", "increments", "integer_unit", "retract_is_distance",
-    "two_line_cycles", "orient_angle", "turret_offsets", "wrap", "feed_of_all_axes",
+    "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
+    "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
+    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns", "wrap",
+    "feed_of_all_axes",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -361,6 +370,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     name = word.written
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
+    if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
+        return fault("code-not-supported", f"{name} ({own}) is not supported", word)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"

@@ -29,6 +29,7 @@ _LATHES = ("auto", "fanuc", "haas")
 _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
+_UNITS = re.compile(r"G\s*0?(?:2[01]|7[01]0?)(?![0-9.])")
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -74,6 +75,7 @@ class Recognition(NamedTuple):
         rival: Another dialect with evidence of its own; empty if there is none.
         lathe: The evidence for a lathe in FANUC's or Haas' language.
         turns: Whether that evidence is enough to refuse the program on another machine.
+        units: Whether the first lines have a code of the units.
     """
 
     dialect: DialectName = "auto"
@@ -82,6 +84,7 @@ class Recognition(NamedTuple):
     rival: str = ""
     lathe: tuple[Reason, ...] = ()
     turns: bool = False
+    units: bool = False
 
     def described(self) -> str:
         """Return the dialect and its reasons as one line."""
@@ -123,12 +126,13 @@ def recognise(lines: Iterable[str]) -> Recognition:
     """Return the language of a program, from its first lines."""
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
-    has_y, plane = False, None
+    has_y, has_units, plane = False, False, None
     left = list(table.evidence)
     for number, line in _first(lines):
         code = _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
         comments = _COMMENT.findall(line)
         has_y = has_y or _Y_WORD.search(code) is not None
+        has_units = has_units or _UNITS.search(code) is not None
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         for each in tuple(left):
@@ -140,7 +144,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     found.setdefault(each.language, []).append((each, reason))
                     break
     lathe = found.pop("lathe", [])
-    choice = _choice(table, found)
+    choice = _choice(table, found)._replace(units=has_units)
     if has_y or choice.refusal or choice.dialect not in _LATHES:
         return choice
     lathe.sort(key=lambda row: -row[0].points)

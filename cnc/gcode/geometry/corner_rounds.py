@@ -1,4 +1,4 @@
-"""Rounds between two moves of a plane, of which at least one is an arc.
+"""Rounds and chamfers between two moves of a plane, of which at least one is an arc.
 
 The centre of a round of radius r lies at the distance r from both moves, on the inner side of the
 corner: on a parallel of a line, and on a circle around the centre of an arc. Points are complex
@@ -77,12 +77,41 @@ Move = Line | Arc
 
 
 class Round(NamedTuple):
-    """A round: end of the first move, start of the second one, centre, turns."""
+    """A round: end of the first move, start of the second one, centre (None: chamfer), turns."""
 
     begin: complex
     end: complex
-    centre: complex
+    centre: complex | None
     turns: float
+
+
+def chamfer_between(first: Move, second: Move, size: float) -> Round | None:
+    """Return the chamfer whose ends are at a straight distance from the corner of two moves.
+
+    None if the moves have no corner, or one of them is too short.
+    """
+    corner = first.end
+    turn = (first.direction(corner).conjugate() * second.direction(corner)).imag
+    begin, end = _at_distance(first, corner, size, back=True), _at_distance(second, corner, size)
+    if abs(turn) < _STRAIGHT or begin is None or end is None:
+        return None
+    return Round(begin, end, None, 0.0)
+
+
+def _at_distance(move: Move, corner: complex, size: float, *, back: bool = False) -> complex | None:
+    """Return the point of a move at a straight distance from the corner; None past its end."""
+    sign = -1.0 if back else 1.0
+    if isinstance(move, Line):
+        point = corner + sign * size * move.direction(corner)
+        return point if move.holds(point) else None
+    ray = corner - move.centre
+    half = size / (2.0 * abs(ray))
+    if half > 1.0:
+        return None
+    angle = 2.0 * math.asin(half)
+    if angle > abs(move.turns) * math.tau + _ROUNDING:
+        return None
+    return move.centre + ray * cmath.exp(1j * sign * move.spin * angle)
 
 
 def round_between(first: Move, second: Move, radius: float) -> Round | None:
@@ -96,7 +125,7 @@ def round_between(first: Move, second: Move, radius: float) -> Round | None:
     if abs(turn) < _STRAIGHT:
         return None
     side = math.copysign(1.0, turn)
-    found: list[Round] = []
+    found: list[tuple[float, Round]] = []
     for centre in _meetings(_centres(first, side * radius), _centres(second, side * radius)):
         if any(isinstance(move, Arc) and centre == move.centre for move in (first, second)):
             continue
@@ -106,8 +135,8 @@ def round_between(first: Move, second: Move, radius: float) -> Round | None:
         angle = cmath.phase((end - centre) / (begin - centre))
         if angle * side < 0.0:
             angle += side * math.tau
-        found.append(Round(begin, end, centre, angle / math.tau))
-    return min(found, key=lambda each: abs(each.centre - corner), default=None)
+        found.append((abs(centre - corner), Round(begin, end, centre, angle / math.tau)))
+    return min(found, key=lambda each: each[0])[1] if found else None
 
 
 _Locus = tuple[complex, complex] | tuple[complex, float]

@@ -152,10 +152,10 @@ class Repeat:
 
     def run(self, flow: Flow, line: int) -> int:
         """Enter the loop or pass it."""
+        self.loop.since = flow.executed
         count = round(self.count(self.parameters))
         if count < 1:
             return self.loop.last + 1
-        self.loop.since = flow.executed
         flow.frame.counts[self] = count
         return line + 1
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from cnc.gcode import dialects
 from cnc.gcode.codes import (
     circular_pocket,
+    decimal_points,
     macro_variables,
     probing,
     system_parameters,
@@ -19,17 +20,18 @@ from cnc.gcode.codes import (
 )
 from cnc.gcode.codes.builder_codes import BuilderCodes, ExtraCode
 from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.feed_codes import FeedCodes
 from cnc.gcode.codes.figure_codes import FigureCodes
 from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
-from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
+from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
-from cnc.gcode.cycles import drilling, threading, turning_cycles
+from cnc.gcode.cycles import drilling, hole_patterns, threading, turning_cycles
 from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.program.assignments import Assignments
@@ -38,14 +40,7 @@ from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import (
-    PLANES,
-    Code,
-    Codes,
-    ModalState,
-    codes_of,
-    feed_of,
-)
+from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState, codes_of, feed_of
 from cnc.gcode.state.position_parameters import bind_position
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.rotary_axes import RotaryAxes
@@ -104,14 +99,16 @@ class Interpreter:
             axes, parameters, systems=dialect.systems, fanuc=own_zero,
             shift_stays=dialect.shift_stays,
         )  # fmt: skip
+        single = dialect.flavour == "siemens"
         self._assignments = Assignments(
-            parameters, self.coordinates, one_by_one=dialect.flavour == "siemens"
+            parameters, self.coordinates, self.here, self.out, one_by_one=single
         )
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
         self.machine_codes = MachineCodes(
             dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
+        self._dwells = Dwells(dialect, self.here, self.modal, self.out)
         self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
             axes, dialect, self.here, self.modal, position, self.coordinates, self.out,
@@ -131,7 +128,9 @@ class Interpreter:
             zero_without_table=policy.tool_lengths == "zero",
         )
         self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
-        self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
+        self.offset_codes = OffsetCodes(
+            dialect, self.here, self.modal, self.motion, self.tool_codes
+        )
         self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
         self.compensation_codes = CompensationCodes(
             dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
@@ -156,10 +155,12 @@ class Interpreter:
         g5_2.register(motion, modal, here, self.feed_codes.feed)
         bspline.register(motion, modal, here, self.feed_codes.feed)
         runner = CycleRunner(motion, modal, here, self.out)
-        self.drilling_cycles = drilling.register(motion, dialect, modal, runner)
+        self.drilling_cycles = drilling.register(motion, dialect, modal, runner, self._dwells)
+        if dialect.hole_patterns:
+            hole_patterns.register(motion, modal, self.drilling_cycles)
         threading.register(motion, dialect, modal, runner)
         circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
-        probing.register(motion, modal, here, self.out, self.parameters)
+        probing.register(motion, dialect, modal, here, self.out, self.parameters)
         if not dialect.lathe:
             return None
         return turning_cycles.register(motion, dialect, modal, here, self.out)
@@ -266,13 +267,11 @@ class Interpreter:
         prepared = self._prepared[id(statement)] = prepare(
             statement, self.dialect, self._builder_codes, self.motion.column
         )
-        if self.points_wanted and (
-            word := without_point(statement, collected=self.motion.collector is not None)
-        ):
-            self.points_wanted = False
-            message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
-            hint = f"other controls would read a thousandth of it or less: write {word.written}."
-            self.here.report_warning("decimal-point-missing", message, word, hint)
+        if self.points_wanted:
+            collected = self.motion.collector is not None
+            self.points_wanted = not decimal_points.report_missing(
+                statement, self.dialect, self.here, collected=collected
+            )
         return prepared
 
     def update_plain(self) -> None:
@@ -359,7 +358,7 @@ class Interpreter:
         functions.coolant(codes)
         functions.overrides(words, codes)
         if (code := codes.get("non-modal")) and code.number == G.G4:
-            functions.dwell(words, code)
+            self._dwells.execute(words, code)
 
     def _execute_settings(self, words: LineWords, codes: Codes) -> None:
         """Execute the second half of the order up to the motion: plane to G92."""

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.syntax.parser import MAX_LINE, Syntax
+from cnc.gcode.syntax.mending import inner_slash
+from cnc.gcode.syntax.parser import MAX_LINE, Syntax, parse_line
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
@@ -118,6 +119,10 @@ class LineIndex:
             if switch in self._block_delete:
                 return None
         try:
+            if 1 in self._block_delete and self._syntax.skips_inside:
+                text = window.text(index)
+                if (inner := inner_slash(text)) is not None:
+                    return parse_line(text[:inner], self._syntax)
             return window.statement(index, self._syntax)
         except GcodeError as error:
             raise self.placed(error, window.first + index) from None

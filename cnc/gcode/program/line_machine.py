@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.codes.machine_codes import LONG_DWELL
+from cnc.gcode.codes.dwells import LONG_DWELL
 from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
@@ -101,7 +101,7 @@ class LineMachine:
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
-        self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
+        self._actions: dict[tuple[frozenset[G], bool], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
 
     def leaves(self, letters: list[int], numbers: list[float]) -> bool:
@@ -184,7 +184,8 @@ class LineMachine:
             idle.add(SYSTEM_CODES[coordinates.system])
         if not any(coordinates.tool_offset):
             idle.add(G.G49)
-        key = frozenset(idle)
+        may_assume = interpreter.motion.may_assume
+        key = frozenset(idle), may_assume
         found = self._actions.get(key)
         if found is None:
             found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
@@ -197,7 +198,8 @@ class LineMachine:
                 meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
                 if code in dialect.g and not meant:
                     found[code] = action
-            if dialect.after_g80 != "none":
+            # The interpreter knows whether a motion code came before this G80.
+            if dialect.after_g80 != "none" or may_assume:
                 found[G.G80] = kernel.STOP
         return found
 
@@ -243,6 +245,8 @@ class LineMachine:
             *series, _, _,
         ) = self._state[0].item()  # fmt: skip
         modal.motion = _MOTION_OF[mode]
+        if modal.motion is not None:
+            self._interpreter.motion.may_assume = False
         modal.initial_level = bool(initial)
         modal.plane = _PLANES[plane]
         modal.absolute = bool(absolute)

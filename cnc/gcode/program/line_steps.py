@@ -16,6 +16,7 @@ from cnc.gcode.program import (
     siemens_cycles,
     siemens_flow,
     siemens_frames,
+    siemens_subprograms,
     subprograms,
 )
 from cnc.gcode.program.builder_files import file_call
@@ -39,6 +40,7 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     | siemens_cycles.MAKERS
     | siemens_flow.MAKERS
     | siemens_frames.MAKERS
+    | siemens_subprograms.MAKERS
 )
 
 
@@ -187,13 +189,23 @@ class StepMaker:
     def _of_words(self, line: int, statement: Statement) -> Step | Statement:
         if statement.percent:
             return _PERCENT
+        if self._dialect.flavour == "siemens" and (
+            step := siemens_subprograms.plain_step(line, statement)
+        ):
+            return step
         for word in statement.words:
             if (word.letter, word.number) in numbered_programs.CODES:
                 if word.letter == "M":
                     self._dialect.check_m(word)
                 else:
                     self._dialect.check_g(word)
-                return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+                return numbered_programs.call_or_return(
+                    line,
+                    statement,
+                    word,
+                    macro=self._macro,
+                    packed=self._dialect.repeats_in_call,
+                )
         if self._dialect.lathe and (cycle := profile_cycle(line, statement, self._dialect)):
             return cycle
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):

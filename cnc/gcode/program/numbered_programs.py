@@ -108,11 +108,12 @@ class _CallWords:
 class ProgramCall:
     """``M98 P L``, and ``G65 P L`` with arguments."""
 
-    __slots__ = ("arguments", "at", "code", "macro", "words")
+    __slots__ = ("arguments", "at", "code", "packed", "words")
 
-    def __init__(self, line: int, statement: Statement, code: Word, *, macro: bool) -> None:
+    def __init__(self, line: int, statement: Statement, code: Word, *, packed: bool) -> None:
+        """``packed``: whether P of M98 over 9999 has the repeats before its last four digits."""
         self.at = Place(line, code.column, code.length)
-        self.code, self.macro = code, macro
+        self.code, self.packed = code, packed
         self.arguments: list[Argument] | None = None
         if code.letter == "G":
             statement, self.arguments = _split_arguments(statement, code)
@@ -168,7 +169,7 @@ class ProgramCall:
             message = f"{written} needs P, the program number"
             raise fault("program-number-missing", message, self.code, f"such as {written} P100")
         repeats = self.words.whole("L", parameters, "the number of repeats", MAX_REPEATS)
-        if repeats is None and self.macro and self.arguments is None and number > LONGEST_NUMBER:
+        if repeats is None and self.packed and self.arguments is None and number > LONGEST_NUMBER:
             return number % (LONGEST_NUMBER + 1), number // (LONGEST_NUMBER + 1)
         return number, 1 if repeats is None else repeats
 
@@ -371,12 +372,22 @@ CODES = {
 """Letters and numbers of the words that call and return."""
 
 
-def call_or_return(line: int, statement: Statement, code: Word, *, macro: bool) -> Step:
-    """Return the step of a line with one of the codes."""
+def call_or_return(
+    line: int, statement: Statement, code: Word, *, macro: bool, packed: bool
+) -> Step:
+    """Return the step of a line with one of the codes.
+
+    Args:
+        line: The line.
+        statement: Its words.
+        code: The code.
+        macro: Whether the language is FANUC's macro B.
+        packed: Whether P of M98 over 9999 has the repeats before its last four digits.
+    """
     if code.letter == "G" and code.number == G.G66.code:
-        return ModalCall(line, statement, code, macro=macro)
+        return ModalCall(line, statement, code, packed=packed)
     if code.letter == "G" and code.number == G.G67.code:
         return ModalEnd(statement, code)
     if code.letter == "M" and code.number == M.M99:
         return ProgramReturn(line, statement, code, macro=macro)
-    return ProgramCall(line, statement, code, macro=macro)
+    return ProgramCall(line, statement, code, packed=packed)

@@ -60,7 +60,9 @@ class RowBlocks:
             planes = map(_PLANES.__getitem__, rows.data[numbers, 4].astype(np.intp).tolist())
             centers = zip(first, second, strict=True)
             ends, feeds = list(rows.points[numbers]), rows.feeds[numbers].tolist()
-            return blocks_of(ArcFeed, files, lines, planes, centers, ends, third, fourth, feeds)
+            return blocks_of(
+                ArcFeed, files, lines, planes, centers, ends, third, fourth, feeds, repeat(False)
+            )
         if kind == kernel.SPINDLE:
             states = map(SPINDLE_STATES.__getitem__, map(int, first))
             in_motion = map(bool, third) if self._laser else repeat(False)

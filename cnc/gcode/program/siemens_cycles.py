@@ -1,25 +1,50 @@
-"""SINUMERIK's drilling cycles CYCLE81, CYCLE82 and CYCLE83, once or after each move (MCALL).
+"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86, once or after each move (MCALL).
 
-The arguments are RTP (return plane), RFP (reference plane), SDIS (safety distance), DP (depth) or
-DPR (depth from the reference plane); then DTB (dwell, s) of CYCLE82, and FDEP or FDPR (first depth)
-and DAM (degression) of CYCLE83. All are absolute, whatever the distance mode. Source: Siemens,
-"SINUMERIK 840D sl/828D Programming Manual, Cycles", drilling.
+All heights are absolute, whatever the distance mode. Source: Siemens, "SINUMERIK 840D sl/828D
+Programming Manual, Cycles", drilling.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
+from cnc.model.diagnostics import CncError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole. More are a typing error."""
 _END = 0
 _ROUNDING = 1e-9
+_HEIGHTS = "RTP RFP SDIS DP DPR"
+_NAMES = {
+    81: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
+    82: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
+    83: f"{_HEIGHTS} FDEP FDPR DAM DTB DTS FRF VARI AXN MDEP VRT DTD DIS1",
+    84: f"{_HEIGHTS} DTB SDAC MPIT PIT POSS SST SST1 AXN PTAB TECHNO VARI",
+    85: f"{_HEIGHTS} DTB FFR RFF",
+    86: f"{_HEIGHTS} DTB SDIR RPA RPO RPAP POSS",
+}
+"""Arguments of each cycle in their order: return plane, reference plane, safety distance, depth and
+depth from the reference plane; then those of the cycle. Later ones must be 0 or left out."""
+_MODES = {"AXN": (0, 3), "GMODE": (0,), "DMODE": (0, 1), "AMODE": (0, 2, 10, 12)}
+"""Values of modes: the tool axis is Z, the depth is absolute and of the tip, dwells are in s."""
+_COARSE = dict(
+    zip(
+        (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
+        (
+            0.5, 0.7, 0.8, 1, 1.25, 1.5, 1.75, 2, 2, 2.5, 2.5, 2.5, 3, 3, 3.5, 3.5, 4, 4, 4.5, 4.5,
+            5,
+        ),
+        strict=True,
+    )
+)  # fmt: skip
+"""Pitch of metric threads by size, mm (MPIT). Source: ISO 261, coarse pitches."""
+
+Fault = Callable[[str, str], CncError]
 
 
 class Cycle:
@@ -40,76 +65,185 @@ class Cycle:
         if kind == _END:
             flow.modal = None
             return line + 1
-        heights = [value(flow.parameters) for value in self.control.values]
-        moves = list(self._moves(flow, kind, heights))
+        given = [value(flow.parameters) for value in self.control.values]
+
+        def fault(code: str, message: str) -> CncError:
+            return flow.listing.fault(self.at, code, f"CYCLE{kind}{message}")
+
+        if flow.interpreter.modal.plane != "XY":
+            raise fault("code-not-supported", " in another plane than G17")
+        moves = list(_Hole(kind, given, fault).moves())
         if not self.modal:
             return _perform(flow, moves, line)
         flow.modal = None
         flow.begin_modal(lambda after: _perform(flow, moves, after))
         return line + 1
 
-    def _moves(self, flow: Flow, kind: int, given: list[float]) -> Iterator[str]:
-        """Yield the moves of the cycle as words: a code and a height, or a dwell."""
-        names = ("RTP", "RFP", "SDIS", "DP", "DPR")
-        known = dict(zip(names, [*given, *[math.nan] * 5], strict=False))
-        more = [*given[5:], *[math.nan] * 8]
-        back, top, safe = (known[name] for name in names[:3])
-        depth = known["DP"]
-        if depth != depth:
-            depth = top - abs(known["DPR"])
-        if any(value != value for value in (back, top, safe, depth)):
-            message = f"CYCLE{kind} needs RTP, RFP, SDIS, and DP or DPR"
-            raise flow.listing.fault(self.at, "cycle-word-missing", message)
-        start = top + abs(safe)
-        if depth > start or back < start - _ROUNDING:
-            message = f"CYCLE{kind}: the return plane, start and depth are not in this order"
-            raise flow.listing.fault(self.at, "cycle-retract-below-bottom", message)
-        yield f"G0 Z{start:.9f}"
-        if kind == 83:
-            yield from self._pecks(flow, top, start, depth, more)
-        else:
-            yield f"G1 Z{depth:.9f}"
-        if kind == 82 and more[0] == more[0] and more[0] > 0.0:
-            yield f"G4 F{more[0]:.9f}"
-        yield f"G0 Z{back:.9f}"
 
-    def _pecks(
-        self, flow: Flow, top: float, start: float, depth: float, more: list[float]
-    ) -> Iterator[str]:
-        """Yield the pecks of CYCLE83, each with a retraction out of the hole."""
-        first = more[0] if more[0] == more[0] else top - abs(more[1])
-        if first != first or first >= top:
-            message = "CYCLE83 needs FDEP or FDPR, the first depth"
-            raise flow.listing.fault(self.at, "cycle-word-missing", message)
-        peck, less = top - first, 0.0 if more[2] != more[2] else abs(more[2])
-        at, count = first, 0
-        while True:
-            reached = max(at, depth)
+class _Hole:
+    """A hole of a cycle."""
+
+    def __init__(self, kind: int, given: list[float], fault: Fault) -> None:
+        names = _NAMES[kind].split()
+        self.kind, self.fault = kind, fault
+        self.values = dict(zip(names, given, strict=False))
+        for index, value in enumerate(given[len(names) :], len(names) + 1):
+            if value == value and value != 0.0:
+                raise fault("code-not-supported", f": argument {index} is not supported")
+        for name, known in _MODES.items():
+            if (mode := self.get(name, 0.0)) not in known:
+                raise fault("code-not-supported", f": {name} {mode:g} is not supported")
+        back, top, safe = (self.get(name) for name in ("RTP", "RFP", "SDIS"))
+        depth = self.get("DP", top - abs(self.get("DPR")))
+        if any(value != value for value in (back, top, safe, depth)):
+            raise fault("cycle-word-missing", " needs RTP, RFP, SDIS, and DP or DPR")
+        self.back, self.top, self.depth = back, top, depth
+        self.start = top + abs(safe)
+        if depth > self.start or back < self.start - _ROUNDING:
+            message = ": the return plane, start and depth are not in this order"
+            raise fault("cycle-retract-below-bottom", message)
+
+    def get(self, name: str, default: float = math.nan) -> float:
+        """Return an argument; ``default`` if it is left out."""
+        value = self.values.get(name, math.nan)
+        return default if value != value else value
+
+    def moves(self) -> Iterator[str]:
+        """Yield the lines of the cycle: codes, heights, feeds and dwells."""
+        yield f"G0 Z{self.start:.9f}"
+        match self.kind:
+            case 83:
+                yield from self._pecks()
+            case 84:
+                yield from self._tap()
+            case 85:
+                yield from self._ream()
+            case 86:
+                yield from self._bore()
+            case _:
+                yield f"G1 Z{self.depth:.9f}"
+                yield from self._wait("DTB")
+        yield f"G0 Z{self.back:.9f}"
+
+    def _wait(self, name: str) -> Iterator[str]:
+        time = self.get(name, 0.0)
+        if time < 0.0:
+            raise self.fault("code-not-supported", f": {name} in turns of the spindle")
+        if time > 0.0:
+            yield f"G4 F{time:.9f}"
+
+    def _needs(self, name: str, meaning: str) -> float:
+        """Return an argument that must be more than 0."""
+        value = self.get(name)
+        if not value > 0.0:
+            raise self.fault("cycle-word-missing", f" needs {name}, {meaning}")
+        return value
+
+    def _pecks(self) -> Iterator[str]:
+        """Yield the pecks of CYCLE83: chips are broken (VARI 0) or brought out of the hole (1)."""
+        out = self.get("VARI", 0.0)
+        factor = self.get("FRF", 1.0) or 1.0
+        if out not in (0.0, 1.0) or factor != 1.0 or self.get("DTD", 0.0) != 0.0:
+            message = ": VARI other than 0 and 1, FRF other than 1, or DTD"
+            raise self.fault("code-not-supported", message)
+        ahead = self.get("DIS1", 0.0) or min(max(0.6, (self.top - self.depth) / 50.0), 7.0)
+        back = self.get("VRT", 0.0) or 1.0
+        reached = self.top
+        for stroke in self._strokes():
+            if reached < self.top and out:
+                yield f"G0 Z{self.start:.9f}"
+                yield from self._wait("DTS")
+                yield f"G0 Z{min(reached + ahead, self.start):.9f}"
+            elif reached < self.top:
+                yield f"G1 Z{min(reached + back, self.start):.9f}"
+            reached -= stroke
             yield f"G1 Z{reached:.9f}"
-            if reached <= depth + _ROUNDING:
+            yield from self._wait("DTB")
+
+    def _strokes(self) -> Iterator[float]:
+        """Yield the depth of each stroke.
+
+        A stroke is shorter than the one before by DAM, but not shorter than DAM. What is left at
+        the end, if more than DAM and less than twice DAM, is divided into two equal strokes.
+        """
+        first = self.get("FDEP", self.top - abs(self.get("FDPR")))
+        less = self.get("DAM", 0.0)
+        if first != first or first >= self.top:
+            raise self.fault("cycle-word-missing", " needs FDEP or FDPR, the first depth")
+        if less < 0.0 or first < self.depth - _ROUNDING:
+            message = ": DAM below 0, or a first depth below the last one"
+            raise self.fault("code-not-supported", message)
+        left, stroke = self.top - self.depth, self.top - first
+        for _ in range(MOST_PECKS):
+            if less and stroke <= less and less < left - _ROUNDING and left <= 2.0 * less:
+                stroke = left / 2.0
+            stroke = left if stroke > left - _ROUNDING else stroke
+            yield stroke
+            left -= stroke
+            if left <= _ROUNDING:
                 return
-            yield f"G0 Z{start:.9f}"
-            yield f"G0 Z{reached + min(peck, abs(start - top) or peck) / 2.0:.9f}"
-            peck = max(peck - less, less) if less else peck
-            at -= peck
-            count += 1
-            if count > MOST_PECKS:
-                message = f"CYCLE83 makes more than {MOST_PECKS} pecks"
-                raise flow.listing.fault(self.at, "cycle-too-long", message)
+            stroke = max(stroke - less, less) if less else stroke
+        raise self.fault("cycle-too-long", f" makes more than {MOST_PECKS} pecks")
+
+    def _tap(self) -> Iterator[str]:
+        """Yield the thread of CYCLE84; a negative pitch is a left-hand thread."""
+        size, pitch = self.get("MPIT", 0.0), self.get("PIT", 0.0)
+        if self.get("VARI", 0.0) or self.get("PTAB", 0.0) not in (0.0, 1.0):
+            raise self.fault("code-not-supported", ": VARI, or a pitch in inches (PTAB)")
+        if not pitch and abs(size) in _COARSE:
+            pitch = math.copysign(_COARSE[int(abs(size))], size)
+        if not pitch:
+            raise self.fault("cycle-word-missing", " needs PIT, the pitch, or MPIT, the size")
+        speed = self._needs("SST", "the speed of the spindle")
+        out = self.get("SST1", 0.0) or speed
+        turn, back = (3, 4) if pitch > 0.0 else (4, 3)
+        yield f"G94 S{speed:.9f} M{turn}"
+        yield f"G1 Z{self.depth:.9f} F{abs(pitch) * speed:.9f}"
+        yield from self._wait("DTB")
+        yield f"S{out:.9f} M{back}"
+        yield f"G1 Z{self.start:.9f} F{abs(pitch) * out:.9f}"
+        after = self.get("SDAC", 5.0)
+        if after not in (3.0, 4.0, 5.0):
+            raise self.fault("code-not-supported", ": SDAC other than 3, 4 and 5")
+        yield f"M{after:.0f}"
+
+    def _ream(self) -> Iterator[str]:
+        """Yield the moves of CYCLE85: in and out, each at a feed of its own."""
+        yield f"G1 Z{self.depth:.9f} F{self._needs('FFR', 'the feed'):.9f}"
+        yield from self._wait("DTB")
+        yield f"G1 Z{self.start:.9f} F{self._needs('RFF', 'the feed out of the hole'):.9f}"
+
+    def _bore(self) -> Iterator[str]:
+        """Yield the moves of CYCLE86: the spindle stops oriented, and the tool leaves the wall."""
+        turn = self.get("SDIR")
+        if turn not in (3.0, 4.0):
+            raise self.fault("cycle-word-missing", " needs SDIR, 3 or 4")
+        away = [self.get(name, 0.0) for name in ("RPA", "RPO", "RPAP")]
+        yield f"M{turn:.0f}"
+        yield f"G1 Z{self.depth:.9f}"
+        yield from self._wait("DTB")
+        yield f"M19 R{self.get('POSS', 0.0):.9f}"
+        shift = " ".join(f"{axis}{value:.9f}" for axis, value in zip("XYZ", away, strict=True))
+        yield f"G91 G0 {shift}"
+        yield f"G90 G0 Z{max(self.start, self.depth + away[2]):.9f}"
+        yield f"G91 G0 X{-away[0]:.9f} Y{-away[1]:.9f}"
+        yield f"G90 M{turn:.0f}"
 
 
 def _perform(flow: Flow, moves: list[str], line: int) -> int:
     """Make the moves, and restore the modes that the cycle changes."""
     interpreter = flow.interpreter
     modal = interpreter.modal
-    motion, absolute = modal.motion, modal.absolute
-    for move in ("G90", *moves):
-        words = tuple(Word(text[0], float(text[1:]), text, 1, 1) for text in move.split())
-        try:
+    before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
+    try:
+        for move in ("G90", *moves):
+            words = tuple(Word(text[0], float(text[1:]), text, 1, 1) for text in move.split())
             interpreter.execute(Statement(words), line)
-        finally:
-            modal.absolute = absolute if move == moves[-1] else modal.absolute
-    modal.motion = motion
+    finally:
+        modal.motion, modal.absolute, modal.feed, modal.feed_mode, speed = before
+        if modal.speed != speed and speed is not None:
+            interpreter.execute(Statement((Word("S", speed, "S", 1, 1),)), line)
+        interpreter.update_plain()
     return line + 1
 
 

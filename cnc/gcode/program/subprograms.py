@@ -25,7 +25,7 @@ MAX_LABEL = 999_999_999
 """Highest label that a call may compute."""
 
 _FILE_NAME = re.compile(r"[a-z0-9_-]+")
-_SUFFIXES = (".ngc", ".nc")
+_SUFFIXES = (".ngc", ".nc", ".spf", ".mpf")
 
 
 class Library:
@@ -96,7 +96,8 @@ def _file_names(name: str) -> list[str]:
     stems = [name]
     if name.isdigit():
         stems += [f"o{name}", f"o{name:0>4}"] if len(name) < 4 else [f"o{name}"]
-    return [stem + suffix for stem in stems for suffix in _SUFFIXES]
+    names = [stem + suffix for stem in stems for suffix in _SUFFIXES]
+    return [*names, *(f"{stem}.spf".upper() for stem in stems)]
 
 
 def _outside(message: str, at: Place) -> CncError:

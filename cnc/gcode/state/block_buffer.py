@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.model.blocks import (
     AnalogOutput,
+    ArcFeed,
     Block,
     BoardCommand,
     Coolant,
     DigitalOutput,
+    NurbsFeed,
     Orient,
     Overrides,
     PathMode,
@@ -68,6 +71,7 @@ class BlockBuffer:
         self._lines: list[int] = []
         self._pieces: list[_Piece] = []
         self._held = 0
+        self._timed = False
         self._commands: dict[int, tuple[Block, ...]] = {}
         self.in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
@@ -148,6 +152,7 @@ class BlockBuffer:
             map(feeds.__getitem__, spans),
             map(lines.__getitem__, spans),
             repeat(None),
+            repeat(False),
         )
         ordered: list[Block | None] = [None] * (2 * len(blocks) - 1)
         ordered[::2] = blocks
@@ -203,7 +208,12 @@ class BlockBuffer:
         self.flush()
         self.ready.append(
             Polyline(
-                file, line, np.array([end]), np.array([feed]), np.array([line], dtype=np.int32)
+                file,
+                line,
+                np.array([end]),
+                np.array([feed]),
+                np.array([line], dtype=np.int32),
+                timed=self._timed,
             )
         )
 
@@ -214,7 +224,15 @@ class BlockBuffer:
             self._commands[place] = (*self._commands.get(place, ()), block)
             return
         self.flush()
+        if self._timed and isinstance(block, ArcFeed | NurbsFeed):
+            block = replace(block, timed=True)
         self.ready.append(block)
+
+    def set_timed(self, on: bool) -> None:
+        """State whether the moves from here on take the time of their F (G93)."""
+        if on != self._timed:
+            self.flush()
+            self._timed = on
 
     def ask(self, block: Question, take: TakeAnswer) -> None:
         """Add a block that the board answers.
@@ -260,7 +278,9 @@ class BlockBuffer:
             lines = np.concatenate([piece[2] for piece in self._pieces])
         behind = self._commands.pop(self._held, ()) if self._commands else ()
         commands = command_array(self._held, self._commands)
-        self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands))
+        self.ready.append(
+            Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands, self._timed)
+        )
         self.ready.extend(behind)
         self._pieces, self._held, self._commands = [], 0, {}
 

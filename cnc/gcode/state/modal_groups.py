@@ -21,8 +21,8 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
         G.G12, G.G13,
         G.G0, G.G1, G.G2, G.G3, G.G5, G.G5_1, G.G5_2, G.G5_3, G.G6_2, G.BSPLINE, G.G33, G.G33_1,
-        G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80, G.G81, G.G82, G.G83, G.G84,
-        G.G85, G.G86, G.G87, G.G88, G.G89, G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
+        G.G31, G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80, G.G81, G.G82, G.G83,
+        G.G84, G.G85, G.G86, G.G87, G.G88, G.G89, G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
     ),
     "non-modal": (
         G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G66, G.G92, G.G92_1,
@@ -110,12 +110,12 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
         number = dialect.check_g(word) if word.letter == "G" else G.BSPLINE
         if number in _MACRO_CALLS and number is not G.G67:
             raise _call_left(word)
-        _add(found, GROUP_OF_G[number], Code(number, word))
+        _add(found, GROUP_OF_G[number], Code(number, word), dialect)
     for word in m:
         code = dialect.check_m(word)
         if code in _CALLS:
             raise _call_left(word)
-        _add(found, GROUP_OF_M[code], Code(code, word))
+        _add(found, GROUP_OF_M[code], Code(code, word), dialect)
     return found
 
 
@@ -130,8 +130,10 @@ def _call_left(word: Word) -> GcodeError:
     )
 
 
-def _add(found: Codes, group: str, code: Code) -> None:
+def _add(found: Codes, group: str, code: Code, dialect: Dialect) -> None:
     other = found.get(group)
+    if other and other.number == code.number and dialect.same_code_twice:
+        return
     if other and {other.number, code.number} in _ENDS_ANYWAY:
         # G0 to G3 end canned cycles too, so G80 beside one of them is redundant.
         if code.number == G.G80:

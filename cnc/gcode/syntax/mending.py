@@ -21,6 +21,11 @@ _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 """Text that could be executed if it stood outside of a comment."""
 
 
+_INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]", re.I)
+"""Block delete between two words."""
+_ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
+_SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF|SUBROUTINE|STEP|CLEAR)\b", re.I)
+
 MENDED = "mended"
 """Kind of the remark that reports a repair."""
 
@@ -44,6 +49,22 @@ def as_program_start(text: str) -> str:
         rest = text[colon.end() :].lstrip(" \t")
         return text[: colon.end() - 1] + (" " if rest[:1] in "Oo" else "O") + text[colon.end() :]
     return text
+
+
+def inner_slash(text: str) -> int | None:
+    """Return the place of a ``/`` between two words, from which on block delete skips the line.
+
+    None if there is none. Source: FANUC Series 0i, "Optional block skip".
+    """
+    if "/" not in text:
+        return None
+    found = _INNER_SLASH.search(_ANY_COMMENT.sub(lambda each: " " * len(each[0]), text))
+    return found.start(1) if found else None
+
+
+def is_for_simulation(text: str) -> bool:
+    """Whether a line is for the simulation of a training mill, such as ``[BILLET X50 Y50 Z25``."""
+    return _SIMULATION.match(text) is not None
 
 
 def without_text(text: str) -> str:

@@ -18,7 +18,14 @@ from typing import TYPE_CHECKING, Literal
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
-from cnc.gcode.syntax.mending import as_program_start, mend, to_first_bracket, without_text
+from cnc.gcode.syntax.mending import (
+    as_program_start,
+    inner_slash,
+    is_for_simulation,
+    mend,
+    to_first_bracket,
+    without_text,
+)
 from cnc.gcode.syntax.siemens import NOTED, translate
 from cnc.gcode.syntax.siemens_control import ControlLine
 from cnc.gcode.syntax.statement import Control, Remark, Statement, Value
@@ -74,6 +81,11 @@ class Syntax:
     lenient: bool = False
     first_bracket: bool = False
     dialect: str = "auto"
+
+    @property
+    def skips_inside(self) -> bool:
+        """Whether a ``/`` may stand inside a line, which block delete then skips from there."""
+        return self.lenient or self.flavour == "macro-b"
 
 
 AUTO = Syntax(siemens=True)
@@ -139,6 +151,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return _siemens_line(text, syntax)
     if text.lstrip(" \t").startswith("$"):
         return _board_line(text, syntax)
+    if syntax.lenient and is_for_simulation(text):
+        what = "a line for the simulation of a training mill has no effect here"
+        return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
@@ -196,8 +211,10 @@ def _siemens_control(
 
 def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
     """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
-    if syntax.lenient or syntax.flavour == "macro-b":
+    if syntax.skips_inside:
         text = as_program_start(text)
+        if (slash := inner_slash(text)) is not None:
+            text = f"{text[:slash]} {text[slash + 1 :]}"
     if syntax.lenient and (switch := _SWITCH.match(text)):
         text = f"{switch[1]} {text[switch.end() :]}"
     if syntax.dialect == "marlin":

@@ -16,7 +16,7 @@ from importlib.resources import files
 from typing import NamedTuple
 
 from cnc.gcode.syntax.error_context import about_character
-from cnc.gcode.syntax.siemens_control import ControlLine, control_line
+from cnc.gcode.syntax.siemens_control import ControlLine, call_line, control_line
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -34,14 +34,17 @@ _HEAD = re.compile(
 _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
-_EQUAL = re.compile(r"(CR|TURN|AP|RP|RPL|S1|M1|[A-Z])\s*=(?!=)\s*", re.I)
+_EQUAL = re.compile(r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|S1|M1|[A-Z])\s*=(?!=)\s*", re.I)
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
 _OPERAND = re.compile(
     r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|[A-Z][A-Z0-9]*(?=\s*\())", re.I
 )
 _OPERATOR = re.compile(r"\s*(\*\*|==|<>|<=|>=|[-+*/<>]|\bMOD\b|\bAND\b|\bOR\b)", re.I)
-_LETTERS = {"CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M"}
+_LETTERS = {
+    "CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M", "RND": ",R", "CHR": ",C", "CHF": ",H",
+    "ANG": ",A", "AR": ",O",
+}  # fmt: skip
 _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
@@ -69,6 +72,15 @@ class Translation(NamedTuple):
 def _words() -> dict[str, dict[str, str]]:
     file = files("cnc.gcode.dialects").joinpath("siemens_words.toml")
     return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+@lru_cache(maxsize=1)
+def _no_names() -> frozenset[str]:
+    """Return the words that are no names of subprograms."""
+    tables = _words()
+    return frozenset(
+        (*tables["not-needed"], *tables["refused"], *_TRANSFORMATIONS, "SUPA", "BSPLINE")
+    )
 
 
 def translate(text: str) -> Translation:
@@ -103,7 +115,8 @@ class _Line:
         if message := _MESSAGE.fullmatch(rest):
             self.remarks.append(Remark("msg", message[1] or "", self.at + 1, len(rest)))
             return self._done(deletable)
-        if control := control_line(rest, lambda what, hint: self._fault(what, len(rest), hint)):
+        control = control_line(rest, lambda what, hint: self._fault(what, len(rest), hint))
+        if control := control or call_line(rest, _no_names()):
             values = tuple(self._ngc(value) if value else "" for value in control.values)
             return self._done(deletable)._replace(control=control._replace(values=values))
         while self._skip():
@@ -157,8 +170,8 @@ class _Line:
             return ""
         if letter == "G" and number in ("60",):
             return "G61.1"
-        if letter == "M" and number in ("17",):
-            return "M2"
+        if letter == "M" and number == "17":
+            raise self._fault("M17 beside other words", 1, "write M17 in a line of its own")
         if letter == "L":
             raise self._fault(f"L{number} (call of a subprogram)", 1, "")
         return letter + number
@@ -181,6 +194,10 @@ class _Line:
             raise self._fault(f"{name}={mode}(..)", 1, hint)
         if name == "RPL":
             raise self._fault("RPL without ROT or AROT", 1, "")
+        if name == "RNDM":
+            if value.strip("0.") == "":
+                return
+            raise self._fault("RNDM (rounding of each corner)", 1, "write RND= at each corner")
         if name == "TURN":
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
@@ -211,8 +228,6 @@ class _Line:
         elif name in _TRANSFORMATIONS:
             self._pass_value()
             self.out.append(_TRANSFORMATIONS[name])
-        elif name == "RET":
-            self.out.append("M2")
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"

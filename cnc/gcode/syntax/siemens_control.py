@@ -8,14 +8,19 @@ Only their form is recognised here; expressions stay as they are written. Source
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import NamedTuple
 
 from cnc.gcode.syntax.statement import Keyword
 
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
-_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[123])\s*\((.*)\))?\s*", re.I)
+_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-6])\s*\((.*)\))?\s*", re.I)
+_END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
+_HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
+_CALL = re.compile(
+    r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
+)
 _FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
 _STRUCTURES: dict[Keyword, re.Pattern[str]] = {
     "s-if": re.compile(r"IF\b\s*(.+)", re.I),
@@ -38,7 +43,8 @@ class ControlLine(NamedTuple):
     Attributes:
         keyword: Its kind.
         label: The target of a jump after its direction (F, B or a blank), the number of a cycle,
-            the name of a frame, or the R parameter of a FOR.
+            the name of a frame, the R parameter of a FOR, the number of M2 or M30, or the name of a
+            subprogram and its repeats.
         values: Its expressions, as they are written; empty where one is left out.
     """
 
@@ -69,12 +75,31 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
             if keyword == "s-for":
                 return ControlLine(keyword, str(int(groups[0])), groups[1:])
             return ControlLine(keyword, "", groups)
+    if end := _END.fullmatch(text):
+        return ControlLine("s-end", end[1] or "")
+    if head := _HEAD.fullmatch(text):
+        if "SAVE" in head[1].upper():
+            raise refuse("PROC with SAVE", "write the codes again after the call")
+        return ControlLine("s-proc")
     if frame := _FRAME.fullmatch(text):
         return _frame(frame[1].upper(), frame[2], refuse)
     if text and (cycle := _CYCLE.fullmatch(text)):
         keyword = "mcall" if cycle[1] else "cycle"
         return ControlLine(keyword, cycle[2] or "0", tuple(_arguments(cycle[3] or "")))
     return None
+
+
+def call_line(text: str, known: Container[str]) -> ControlLine | None:
+    """Return the call of a subprogram, with its repeats behind its name; None for another line.
+
+    Args:
+        text: The text without line number and comment.
+        known: Words that are no names.
+    """
+    call = _CALL.fullmatch(text)
+    if call is None or call[1].upper() in known:
+        return None
+    return ControlLine("s-call", f"{call[1].upper()} {call[2] or ''}".rstrip())
 
 
 def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:

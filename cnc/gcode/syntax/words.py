@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -105,8 +105,15 @@ class LineWords:
     users: dict[str, tuple[str, Word]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, written: Iterable[Word]) -> LineWords:
+    def of(
+        cls, written: Iterable[Word], replace: Callable[[Word, Word], bool] | None = None
+    ) -> LineWords:
         """Sort the words of a line. The line number is left out.
+
+        Args:
+            written: The words in the order written.
+            replace: Called with both words where a letter is given again: returns whether the last
+                one counts. None if a repeated letter is an error.
 
         Raises:
             GcodeError: ``word-repeated``, ``line-number-place``, ``line-number-bad``.
@@ -120,7 +127,7 @@ class LineWords:
                 words.m.append(word)
             elif letter == "N":
                 _check_line_number(word, first=index == 0)
-            elif letter in words.rest:
+            elif letter in words.rest and not (replace and replace(words.rest[letter], word)):
                 message = f"{letter} is given twice in this line"
                 hint = "remove one: FANUC takes the last one, other controllers refuse the line"
                 raise fault("word-repeated", message, word, hint)

@@ -30,8 +30,6 @@ from cnc.kernels.jit import njit
 _A = 65
 _ROUNDING = 1e-9
 """As :data:`cnc.gcode.cycles.steps.ROUNDING`."""
-_LONGEST_DWELL = 1e6
-"""As :data:`cnc.gcode.codes.machine_codes.MAX_DWELL`."""
 _HOLE_ROWS = 8
 """Most rows of a hole besides its pecks, and of a peck."""
 
@@ -176,7 +174,7 @@ def _series(
         dwell = 0.0
     elif waits:
         # Not for NaN, too.
-        known = known and 0.0 <= dwell <= _LONGEST_DWELL and setup["cycle_dwell"] != 0.0
+        known = known and 0.0 <= dwell < setup["longest_dwell"] and setup["cycle_dwell"] != 0.0
     level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
     top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
     bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)

@@ -33,6 +33,13 @@ KNOT = np.dtype(
 the spline is broken there (ends). Of the span behind it: whether it is a straight line, and whether
 it is left to the polyline.
 """
+ON_LINE = 1e-9
+"""mm. Vertices this near to a line lie on it."""
+STEEP = math.radians(80.0)
+SHARPEST = math.radians(92.0)
+"""See find_corners."""
+ROUNDED = 100.0
+"""A short leg has so many tolerances, divided by the square of the turn in rad."""
 FAR = 256
 """Most vertices that are searched on either side of a corner."""
 LEAST = 0.5
@@ -65,13 +72,53 @@ def distance(x: Floats, metric: Ints, i: int, j: int) -> float:
 
 
 @njit
+def _turns(x: Floats, metric: Ints, i: int, cosine: float) -> bool:
+    """Return whether the direction turns at vertex i by more than an angle."""
+    dot = aa = bb = 0.0
+    for c in metric:
+        a = x[i, c] - x[i - 1, c]
+        b = x[i + 1, c] - x[i, c]
+        dot += a * b
+        aa += a * a
+        bb += b * b
+    return dot < cosine * math.sqrt(aa * bb)
+
+
+@njit
+def _leg(
+    x: Floats, metric: Ints, i: int, k: int, far: float, cosine: float, straight: bool
+) -> float:
+    """Return the distance from vertex i to the end of its leg through k; ``far`` is enough, mm.
+
+    The leg ends at the next turn by more than the angle, or if ``straight`` where it leaves a line.
+    """
+    way = 1 if k > i else -1
+    length = distance(x, metric, i, k)
+    after = k + way
+    while length < far and 0 <= after < x.shape[0] and abs(after - i) < FAR:
+        whole = distance(x, metric, i, after)
+        off = 0.0
+        if straight:
+            for c in metric:
+                off = max(off, abs(x[k, c] - x[i, c] - length / whole * (x[after, c] - x[i, c])))
+        if whole <= length or off > ON_LINE or _turns(x, metric, k, cosine):
+            break
+        length = whole
+        k = after
+        after += way
+    return length
+
+
+@njit
 def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corner: Flags) -> None:
     """Mark the vertices where the direction turns by more than an angle.
 
     The direction is taken over three tolerances at least. The first and the last vertex are no
     corners, nor are vertices with no other at that distance. No corner either is a turn that
     chords of a smooth curve within the tolerance have: by less than 8 tolerances over the length
-    of the shorter leg.
+    of the shorter leg. A turn of up to STEEP is none where a leg is short and straight, and one of
+    up to SHARPEST where both legs are short: the spline is faster than a blend that fits into the
+    leg, or than overlapping ramps.
 
     Args:
         x: (m, n): vertices, mm.
@@ -85,20 +132,15 @@ def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corne
     for i in range(m):
         corner[i] = False
     for i in range(1, m - 1):
-        dot = aa = bb = 0.0
-        for c in metric:
-            a = x[i, c] - x[i - 1, c]
-            b = x[i + 1, c] - x[i, c]
-            dot += a * b
-            aa += a * a
-            bb += b * b
-        if dot < cosine * math.sqrt(aa * bb):
+        if _turns(x, metric, i, cosine):
             # Moves shorter than the reach may turn by their rounding alone.
             before = i - 1
+            aa = distance(x, metric, before, i) ** 2
             while aa < reach * reach and before > 0 and i - before < FAR and not corner[before]:
                 before -= 1
                 aa = distance(x, metric, before, i) ** 2
             after = i + 1
+            bb = distance(x, metric, i, after) ** 2
             while bb < reach * reach and after < m - 1 and after - i < FAR:
                 after += 1
                 bb = distance(x, metric, i, after) ** 2
@@ -108,7 +150,14 @@ def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corne
             shorter = math.sqrt(min(aa, bb))
             if shorter >= reach and dot < cosine * math.sqrt(aa * bb):
                 angle = math.acos(max(dot / math.sqrt(aa * bb), -1.0))
-                corner[i] = shorter * angle > 8.0 * tolerance
+                if angle > SHARPEST:
+                    corner[i] = shorter * angle > 8.0 * tolerance
+                else:
+                    far = ROUNDED * tolerance / (angle * angle)
+                    one = angle <= STEEP
+                    first = _leg(x, metric, i, before, far, cosine, one)
+                    second = _leg(x, metric, i, after, far, cosine, one)
+                    corner[i] = (min(first, second) if one else max(first, second)) >= far
 
 
 @njit

@@ -24,6 +24,7 @@ from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.path.fit_chain import (
     KNOT,
     LEAST,
+    ON_LINE,
     Chain,
     Flags,
     Knots,
@@ -38,8 +39,6 @@ BESIDE = 4.2
 """A blend that turns by theta within eps of the corner begins 4 eps / sin(theta / 2) before it:
 that much stays straight.
 """
-ON_LINE = 1e-9
-"""mm. Vertices this near to a line lie on it."""
 AWAY, BENDS, SPARE = 4.0, 4.0, 3.0
 TRANSITIONS = 4
 """Spans between a straight stretch and the curve."""

@@ -1,10 +1,19 @@
 // Data of the page: columns of numbers and the bytes of the programs, deflated and in base 64. None of it ever
 // becomes markup.
 
-/** Return the bytes of an element of the page, and remove the element. */
+/** Where the data stands: in elements of the page, each removed when it is taken. */
+let packages = {
+  has: id => document.getElementById(id) !== null,
+  take: id => {
+    const element = document.getElementById(id), text = element.textContent;
+    element.remove();
+    return text;
+  },
+};
+
+/** Return the bytes of a package. */
 async function packed(id) {
-  const element = document.getElementById(id), text = element.textContent;
-  element.remove();
+  const text = packages.take(id);
   let bytes;
   if (Uint8Array.fromBase64) bytes = Uint8Array.fromBase64(text);
   else {
@@ -49,9 +58,9 @@ async function scaled(name, unit) {
   return out;
 }
 
-/** Return all data: `about`, the strokes of the path, the curves, the source lines over time, the program texts. */
-async function load() {
-  const about = JSON.parse(new TextDecoder().decode(await packed("about")));
+/** Return all data: `about` (read from its package unless it is given), the strokes of the path, the curves, the source lines over time, the program texts. */
+async function load(given = null) {
+  const about = given ?? JSON.parse(new TextDecoder().decode(await packed("about")));
   const {tick, quantum, units} = about;
   const t = await times("t", tick), n = t.length;
   const at = [];
@@ -73,11 +82,10 @@ async function load() {
   }
   const origins = {t: await times("origin-t", tick), first: await integers("origin-first")};
   for (const name of ["more", "file"]) {
-    const there = document.getElementById("column-origin-" + name);
-    origins[name] = there ? await integers("origin-" + name) : new Int32Array(origins.t.length);
+    origins[name] = packages.has("column-origin-" + name) ? await integers("origin-" + name) : new Int32Array(origins.t.length);
   }
   const texts = [];
-  for (let k = 0; k < about.files.length; k++) texts.push(await packed("text-" + k));
+  for (let k = 0; k < about.files.length; k++) texts.push(packages.has("text-" + k) ? await packed("text-" + k) : new Uint8Array());
   return {about, strokes, curves, origins, texts};
 }
 

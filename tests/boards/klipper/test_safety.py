@@ -220,7 +220,7 @@ def test_shutdown_is_reported_with_its_reason(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fault", ["damaged", "dropped", "doubled"])
 @pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
-@pytest.mark.parametrize("seed", range(share(25, 1)))
+@pytest.mark.parametrize("seed", range(share(50, 1)))
 def test_bad_cable(fault: str, mcu: str, seed: int, tmp_path: Path) -> None:
     """With 1 % of the bytes spoilt, the steps are right, or the fault and the position are told."""
     known = machine(mcu)

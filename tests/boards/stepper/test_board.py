@@ -176,7 +176,7 @@ braking has the rest, at worst.
 @pytest.mark.parametrize(
     ("text", "moment", "braking"),
     [
-        ("G1 X30 F2400", 0.01, SPEEDING_UP),
+        *share([("G1 X30 F2400", 0.01, SPEEDING_UP)], []),
         ("G1 X30 F2400", 0.3, ON_A_LINE),
         ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
         *(

@@ -80,7 +80,7 @@ def test_codes_without_effect_are_named_once(dialect: str, line: str, codes: lis
 def test_a_code_is_recognised_by_its_words() -> None:
     assert block_summaries("G8\nG0 X2") == ["rapid 2 0 0"]
     assert block_summaries("G70\nG0 X1\nG71 G91.1\nX1") == ["rapid 25.4 0 0", "rapid 1 0 0"]
-    assert error_of("G71 P1 Q2").code == "code-not-supported"
+    assert error_of("G71 P1 Q2").code == "code-not-in-dialect"
     assert isinstance(run("G5.1 X10 I5 J10 F60")[0], NurbsFeed)
 
 
@@ -157,7 +157,8 @@ def test_a_decimal_point_in_a_dwell_of_milliseconds() -> None:
     lenient = dialects.load("fanuc", lenient=True)
     assert block_summaries("G4 P0.5\nG4 P500", dialect=lenient) == ["dwell 0.5", "dwell 0.5"]
     assert warnings_of("G4 P0.5", dialect=lenient) == ["dwell-point"]
-    assert block_summaries("G4 P0.5", dialect="fanuc") == ["dwell 0.0005"]
+    assert error_of("G4 P0.5", dialect="fanuc").code == "decimal-point-place"
+    assert block_summaries("G4 P0.5", dialect="marlin") == ["dwell 0.0005"]
 
 
 def test_h_stays_in_effect() -> None:

@@ -66,11 +66,41 @@ def test_rounds_and_chamfers_in_a_row() -> None:
         assert is_smooth(start, block)
 
 
+@pytest.mark.parametrize("dialect", ["haas", "siemens"])
+def test_other_controllers_have_no_chamfers_at_arcs(dialect: str) -> None:
+    word = "CHR=2" if dialect == "siemens" else ",C2."
+    found = error_of(f"{START}G1 X10. F60. {word}\nG3 X0. Y10. I-10.", dialect=dialect)
+    assert found.code == "corner-next"
+
+
+def test_a_chamfer_at_an_arc_begins_at_a_straight_distance_from_the_corner() -> None:
+    """Of a circle of radius 10 a chord of 2 spans 2 asin(0.1)."""
+    blocks = run(f"{START}G1 X10 F60 ,C2\nG3 X0 Y10 I-10 ,C2\nG1 Y15", dialect="fanuc")
+    angle = 2.0 * math.asin(0.1)
+    begin = 10.0 * math.cos(angle), 10.0 * math.sin(angle)
+    assert ends(blocks)[1:] == [
+        pytest.approx((8.0, 0.0)), pytest.approx(begin), pytest.approx((begin[1], begin[0])),
+        pytest.approx((0.0, 12.0)), (0.0, 15.0),
+    ]  # fmt: skip
+    (arc,) = arcs(blocks)
+    assert is_smooth(begin, arc)
+    assert arc.turns == pytest.approx(0.25 - 2.0 * angle / math.tau)
+
+
+def test_the_angle_of_a_line_completes_its_end() -> None:
+    blocks = run(f"{START}G1 X10 ,A30 F60 ,R1\nY20 ,A120", dialect="fanuc")
+    y = 10.0 * math.tan(math.radians(30.0))
+    x = 10.0 - (20.0 - y) / math.tan(math.radians(60.0))
+    assert ends(blocks)[-1] == pytest.approx((x, 20.0))
+    (arc,) = arcs(blocks)
+    assert (arc.radius, arc.turns) == (1.0, pytest.approx(0.25))
+
+
 @pytest.mark.parametrize(
     ("source", "code", "line"),
     [
-        ("G1 X10 F60 ,C2\nG3 X0 Y10 I-10", "corner-next", 2),
-        ("G2 X10 I5 F60 ,C2\nG1 X20", "corner-next", 2),
+        ("G2 X10 I5 F60 ,C11\nG1 X20", "corner-too-large", 2),
+        ("G1 X10 F60 ,C2\nG3 X10 Y10 J5", "corner-too-large", 2),
         ("G1 X10 F60 ,R2\nG0 X0", "corner-next", 2),
         ("G1 X10 F60 ,R20\nG3 X0 Y10 I-10", "corner-too-large", 2),
         ("G1 X10 F60 ,R2\nG3 X20 Y10 J10", "corner-too-large", 2),

@@ -21,7 +21,6 @@ ERRORS = {
     "G43.2 with H and axes": ("axis-words-wanted-twice", "G0\nG43.2 H2 ¦Z1"),
     "G43.1 and G53": ("axis-words-wanted-twice", "G53 ¦G43.1 Z1"),
     "G43.1 and G92": ("axis-words-wanted-twice", "¦G43.1 G92 Z1"),
-    "G43 Z without a motion": ("motion-missing", "G43 H1 ¦Z1"),
     "H without G43": ("word-unused", "G0 X1 ¦H1"),
     "two lengths": ("modal-conflict", "G43 H1 ¦G49"),
     "L1 of a tool not in the table": ("tool-unknown", "G10 L1 ¦P9 Z1"),

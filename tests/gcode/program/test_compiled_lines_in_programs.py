@@ -145,7 +145,7 @@ def agree(
 
 @pytest.mark.timeout(3600)
 def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 150)):
+    for seed in range(share(30_000, 100)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         lines = [
@@ -213,7 +213,7 @@ def cam_line(rng: random.Random, axes: tuple[str, ...]) -> str:
 
 @pytest.mark.timeout(3600)
 def test_lines_of_any_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(60_000, 100)):
+    for seed in range(share(60_000, 70)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         dialect = rng.choice(NAMES)
@@ -238,7 +238,7 @@ def _wrong_line(lines: list[str], axes: tuple[str, ...], dialect: str) -> int:
 
 @pytest.mark.timeout(3600)
 def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 150)):
+    for seed in range(share(30_000, 100)):
         written = Author(seed).program()
         agree(
             monkeypatch,

@@ -177,4 +177,4 @@ def test_random_sequences_of_control_lines(dialect: str, words: list[str]) -> No
             assert 1 <= found.line <= len(lines), (found, lines)
             assert found.text == lines[found.line - 1], found
             assert min(1, len(found.text)) <= found.column <= len(found.text), (found, lines)
-    assert ended > amount * 0.02
+    assert ended > amount * 0.01

@@ -82,6 +82,7 @@ class Simulator:
         assert self._board
         self._edges = np.empty(0, EDGE)
         self._buffer = np.empty(MOST_EDGES, EDGE)
+        self._bytes = ctypes.create_string_buffer(65536)
 
     def close(self) -> None:
         if self._board:
@@ -106,9 +107,9 @@ class Simulator:
         self._library.simulator_send(self._board, data, len(data))
 
     def received(self) -> bytes:
-        buffer = ctypes.create_string_buffer(65536)
+        buffer = self._bytes
         count = self._library.simulator_received(self._board, buffer, len(buffer))
-        return buffer.raw[:count]
+        return ctypes.string_at(buffer, count)
 
     @property
     def on_its_way(self) -> int:

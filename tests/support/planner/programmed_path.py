@@ -117,10 +117,21 @@ class Piece:
         return best
 
 
+def path_columns(machine: Machine) -> list[int]:
+    """Return the columns of the axes that make the path: under tool-tip control X, Y and Z."""
+    names = machine.axis_names
+    return [
+        k
+        for k, axis in enumerate(names)
+        if axis in "xyz" or not machine.kinematics.with_tip_control
+    ]
+
+
 def programmed(blocks: list[dict], machine: Machine) -> list[Piece]:
     """Return the moves of a blocks file."""
-    axes = machine.axis_names
-    here, tolerance = np.array(start_position(machine), float), 0.0
+    columns = path_columns(machine)
+    axes = tuple(machine.axis_names[k] for k in columns)
+    here, tolerance = np.array(start_position(machine), float)[columns], 0.0
     pieces: list[Piece] = []
 
     def add(
@@ -194,6 +205,8 @@ def _nurbs(
     degree, knots, weights = block["degree"], np.array(block["knots"]), np.array(block["weights"])
     points = np.tile(start, (len(weights), 1))
     for column, axis in enumerate(block["axes"]):
+        if axis not in axes:
+            continue
         points[:, axes.index(axis)] = np.array(block["control_points"])[:, column]
     above, below = (
         BSpline(knots, points * weights[:, None], degree),

@@ -6,7 +6,7 @@ has lost its settings. Both end the motion.
 
 from __future__ import annotations
 
-from cnc.boards.klipper.connection import Connection
+from cnc.boards.klipper.connection import POLL_S, Connection, Pump
 from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.trinamic.drivers import MotorDriver
 from cnc.boards.klipper.trinamic.settings import DRV_STATUS, GSTAT, fault_of, reset_of
@@ -32,6 +32,8 @@ class DriverWatch:
 
     def __init__(self, connection: Connection, drivers: list[MotorDriver]) -> None:
         self._connection = connection
+        self._drivers = drivers
+        self._stalls: list[MotorDriver] = []
         self._turns = [(driver, register) for driver in drivers for register in REGISTERS]
         self._turn = 0
         self._asked_at: float | None = None
@@ -40,10 +42,30 @@ class DriverWatch:
         self._unreadable = [0] * len(self._turns)
         self._lost = [0] * len(self._turns)
 
-    @property
-    def is_waiting(self) -> bool:
-        """Whether a question has no answer yet."""
-        return self._asked_at is not None
+    def check(self, pump: Pump) -> None:
+        """Read the state of all drivers at rest; ``pump`` exchanges bytes.
+
+        Raises:
+            BoardError: ``motor-driver``, the fault of one.
+        """
+        while self._asked_at is not None:
+            pump(POLL_S)
+            if self._asked_at is not None:
+                self.ask()
+        for driver in self._drivers:
+            driver.check()
+
+    def begin_stalls(self, column: int, speed: float) -> None:
+        """Let the drivers of an axis tell stalls of a homing move at a speed, steps/s."""
+        for driver in self._drivers:
+            if driver.column == column and driver.driver.stallguard is not None:
+                driver.watch_stalls(speed)
+                self._stalls.append(driver)
+
+    def end_stalls(self) -> None:
+        """Let the drivers go back to the mode of the machine file."""
+        while self._stalls:
+            self._stalls.pop().watch_stalls(None)
 
     def ask(self) -> str:
         """Send the next question if it is due.

@@ -1,0 +1,137 @@
+"""Steps of SINUMERIK's subprograms: calls by number or name, PROC, M17, RET.
+
+A subprogram follows a line ``%_N_NAME_SPF`` or ``PROC NAME`` of the same text, or is the file
+``name.spf`` in a folder of subroutines. R parameters belong to all programs. Source: Siemens,
+"SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Subprogram technique".
+"""
+
+from __future__ import annotations
+
+import re
+
+from cnc.gcode.program.call_stack import NOTHING, Flow, Frame, Listing, Step
+from cnc.gcode.program.line_index import Place
+from cnc.gcode.syntax.statement import Control, Statement
+from cnc.gcode.syntax.words import Word
+
+
+class Call:
+    """``L10``, ``NAME``, or one of them with ``P3`` repeats."""
+
+    __slots__ = ("at", "control")
+
+    def __init__(self, line: int, control: Control) -> None:
+        self.at = Place(line, control.column, control.length)
+        self.control = control
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Enter the subprogram."""
+        assert isinstance(self.control.label, str)
+        name, _, repeats = self.control.label.partition(" ")
+        count = int(repeats or 1)
+        if not count:
+            return line + 1
+        flow.interpreter.begun = True
+        listing, scope = self._found(flow, name)
+        return flow.enter(
+            Frame(
+                "program",
+                name,
+                listing,
+                scope,
+                flow.listing,
+                self.at,
+                line + 1,
+                repeats_left=count - 1,
+                is_repeated=count > 1,
+            )
+        )
+
+    def _found(self, flow: Flow, name: str) -> tuple[Listing, int]:
+        """Return the text of a subprogram and the line of its head; 0 for a file without one."""
+        for listing in (flow.listing, flow.main):
+            if line := _head(listing, name):
+                return listing, line
+        file = flow.library.find(f"<{name.lower()}>", self.at)
+        if file is not None:
+            return file, _head(file, name)
+        message = f"there is no subprogram {name}, and {name} is no word that is known"
+        hint = f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
+        raise flow.listing.fault(self.at, "sub-unknown", message, hint)
+
+
+def _head(listing: Listing, name: str) -> int:
+    """Return the line that begins a subprogram; 0 if the text does not have it."""
+    pattern = re.compile(
+        rb"(?<![^\r\n])[ \t]*(?:%_N_" + name.encode() + rb"_[MS]PF\b"
+        rb"|(?:N[0-9]+[ \t]*)?PROC[ \t]+" + name.encode() + rb"\b)",
+        re.IGNORECASE,
+    )
+    line = 1
+    while (window := listing.window(line)) is not None:
+        index = window.find(pattern, 0, window.count)
+        if index < window.count:
+            return window.first + index
+        line = window.first + window.count
+    return 0
+
+
+class End:
+    """``M17``, ``RET``, M2 or M30: the end of a subprogram, or of the main program."""
+
+    __slots__ = ("at", "code")
+
+    def __init__(self, line: int, control: Control) -> None:
+        assert isinstance(control.label, str)
+        self.at = Place(line, control.column, control.length)
+        self.code = control.label
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Return to the caller, or end the program."""
+        frame = flow.frame
+        if frame.kind == "main":
+            end = Word("M", float(self.code or 2), f"M{self.code or 2}", *self.at[1:])
+            flow.interpreter.execute(Statement((end,)), line)
+            return line + 1
+        if self.code:
+            message = f"M{self.code} in the subprogram {frame.name}"
+            hint = "a subprogram ends with M17 or RET"
+            raise flow.listing.fault(self.at, "call-style-mixed", message, hint)
+        if frame.repeats_left:
+            frame.repeats_left -= 1
+            return frame.first
+        return flow.leave()
+
+
+_ENDS = {17.0: "", 2.0: "2", 30.0: "30"}
+
+
+def plain_step(line: int, statement: Statement) -> Step | None:
+    """Return the step of ``L10 P3``, M17, M2 or M30 alone in a line; None for another line."""
+    words = {word.letter: word for word in statement.words if word.letter != "N"}
+    first = next(iter(words.values()), None)
+    if first is None or statement.computed or not words.keys() <= {"L", "P", "M"}:
+        return None
+    if words.keys() == {"M"} and len(statement.words) <= 2 and first.number in _ENDS:
+        return End(line, Control("s-end", _ENDS[first.number], (), first.column, first.length))
+    if "L" in words and "M" not in words and all(word.number >= 0 for word in words.values()):
+        repeats = f" {words['P'].whole or 0}" if "P" in words else ""
+        label = f"{words['L'].written}{repeats}"
+        return Call(line, Control("s-call", label, (), first.column, first.length))
+    return None
+
+
+def _call(_: Flow, line: int, control: Control) -> Step:
+    return Call(line, control)
+
+
+def _end(_: Flow, line: int, control: Control) -> Step:
+    return End(line, control)
+
+
+def _nothing(_: Flow, line: int, control: Control) -> Step:
+    return NOTHING
+
+
+MAKERS = {"s-call": _call, "s-end": _end, "s-proc": _nothing}
+"""Functions that make the step of a control line, by keyword."""

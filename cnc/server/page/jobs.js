@@ -1,0 +1,228 @@
+// Jobs: library, upload, check with findings, program text, run.
+
+import {attempt, get, on, post, put, remove} from "./api.js";
+import {say} from "./machine.js";
+import * as picture from "./picture.js";
+
+const element = id => document.getElementById(id);
+const WINDOW = 500;  // lines that are fetched at a time
+const ROW = 19;      // px, height of a line of text
+
+let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
+
+export async function begin() {
+  element("jobs").addEventListener("change", () => open(element("jobs").value));
+  element("upload").addEventListener("change", upload);
+  element("check").addEventListener("click", () => attempt(() => check()));
+  element("simulate").addEventListener("click", () => attempt(async () => {
+    if (job === null) return;
+    await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null});
+    element("outcome").textContent = "cutting";
+  }));
+  on("job-cut", event => { if (event.name === job) attempt(() => showCut(event)); });
+  element("run").addEventListener("click", run);
+  element("remove").addEventListener("click", () => {
+    if (job !== null && confirm(`Remove ${job} from the library?`)) attempt(() => remove(path()));
+  });
+  element("text").addEventListener("scroll", showText);
+  on("jobs", () => attempt(list));
+  on("job-checked", event => { if (event.name === job) attempt(showCheck); });
+  on("job-progress", event => {
+    if (event.program === job) element("outcome").textContent = event.stage === "checking"
+      ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
+  });
+  on("job-ended", ended);
+  on("state", event => {
+    const line = event.program === job ? event.line : 0;
+    if (line === now) return;
+    now = line;
+    if (line) follow(line);
+    showText();
+  });
+  await list();
+}
+
+const path = (rest = "") => `jobs/${encodeURIComponent(job)}${rest}`;
+
+async function list() {
+  const jobs = await get("jobs"), select = element("jobs");
+  select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${name} (${outcome})` : name, name)));
+  if (!jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
+  select.value = job ?? "";
+}
+
+async function open(name) {
+  job = name;
+  windows = new Map();
+  found = new Map();
+  total = now = 0;
+  element("findings").replaceChildren();
+  element("limits").hidden = element("stl").hidden = true;
+  element("outcome").textContent = "";
+  picture.clear();
+  if (job !== null) await attempt(async () => {
+    const mine = job, about = await get(path());
+    if (mine !== job) return;
+    total = about.lines;
+    if (about.check !== null) await showCheck(about.check);
+    else await check();
+  });
+  element("lines").style.height = `${total * ROW}px`;
+  element("text").scrollTop = 0;
+  showText();
+}
+
+async function upload(event) {
+  const file = event.target.files[0];
+  event.target.value = "";
+  if (!file) return;
+  const text = await file.text();
+  await attempt(async () => {
+    await put(`jobs/${encodeURIComponent(file.name)}`, {text});
+    await list();
+    element("jobs").value = file.name;
+    await open(file.name);
+  });
+}
+
+async function check() {
+  if (job === null) return;
+  element("outcome").textContent = "checking";
+  await post(path("/check"));
+}
+
+async function showCheck(given) {
+  const mine = job, summary = given ?? await get(path("/check"));
+  if (mine !== job) return;
+  const errors = summary.errors.filter(({severity}) => severity === "error").length, others = summary.errors.length - errors;
+  element("outcome").textContent = summary.ok
+    ? `checked: ${time(summary.duration_s)}, ${summary.path_length_mm.toFixed(1)} mm, ${others} warnings and notes`
+    : `refused: ${errors} errors`;
+  showFindings(summary.errors);
+  showLimits(summary);
+  if (summary.ok) await picture.show(await get(path("/toolpath")), mine);
+}
+
+/** Show what a simulated cut found, and the part. */
+async function showCut({name, ok, findings}) {
+  if (!ok) {
+    element("outcome").textContent = "not cut";
+    if (findings.length) showFindings(findings);
+    return;
+  }
+  const part = await get(path("/part"));
+  if (name !== job) return;
+  element("outcome").textContent = `cut: ${(part.removed_mm3 / 1000).toPrecision(4)} cm³ removed, cells of ${part.resolution_mm.toPrecision(2)} mm, ${findings.length} findings`;
+  element("stl").href = `/api/${path("/stl")}`;
+  element("stl").download = name.replace(/\.[^.]*$/, ".stl");
+  element("stl").hidden = false;
+  showFindings(findings);
+  await picture.showPart(part, name);
+}
+
+function showFindings(findings) {
+  found = new Map();
+  element("findings").replaceChildren(...findings.slice(0, 200).map(finding => {
+    const item = document.createElement("li"), go = document.createElement("button");
+    go.type = "button";
+    go.className = finding.severity;
+    go.textContent = `${finding.line ? `line ${finding.line}: ` : ""}${finding.severity} ${finding.code}: ${finding.message}`;
+    go.title = finding.hint ?? "";
+    go.addEventListener("click", () => { if (finding.line) follow(finding.line); });
+    if (finding.line) found.set(finding.line, finding);
+    item.append(go);
+    return item;
+  }));
+  showText();
+}
+
+/** Show the largest use of each limit. */
+function showLimits({max, limits}) {
+  const body = element("limits").tBodies[0], rows = [];
+  for (const name of ["feed", "accel", "jerk", "normal_accel"]) if (limits[name] && max[name] !== null) rows.push([name.replace("_", " "), max[name], limits[name]]);
+  for (const [axis, values] of Object.entries(max.axes ?? {})) {
+    for (const [name, value] of Object.entries(values)) {
+      const limit = limits.axes?.[axis]?.[name];
+      if (limit && value !== null) rows.push([`${axis.toUpperCase()} ${name}`, value, limit]);
+    }
+  }
+  body.replaceChildren();
+  for (const [name, value, limit] of rows.sort((a, b) => b[1] / b[2] - a[1] / a[2]).slice(0, 8)) {
+    const row = body.insertRow(), head = document.createElement("th");
+    head.scope = "row";
+    head.textContent = name;
+    row.append(head);
+    row.insertCell().textContent = `${value.toPrecision(4)} of ${limit.toPrecision(4)}`;
+    // A traverse is limited by the axes, not by the highest feed.
+    row.insertCell().textContent = name === "feed" && value > limit ? "traverse" : `${Math.round(100 * value / limit)} %`;
+  }
+  element("limits").hidden = !rows.length;
+}
+
+const time = seconds => seconds < 60 ? `${seconds.toFixed(1)} s` : `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
+
+async function run() {
+  if (job === null) return;
+  const from = Number(element("from-line").value) || null;
+  picture.restart();
+  say("");
+  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked}));
+}
+
+function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {
+  const errors = findings.filter(({severity}) => severity === "error");
+  let text = `${program}: ${outcome} after ${time(seconds)}`;
+  if (stopped) text += `, stopped at line ${stopped}`;
+  if (resume) {
+    text += `; it can go on from line ${resume}`;
+    if (program === job) element("from-line").value = resume;
+  }
+  if (program === job) element("outcome").textContent = text;
+  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done"});
+}
+
+/** Scroll to a line. */
+function follow(line) {
+  const place = element("text"), top = (line - 1) * ROW;
+  if (top < place.scrollTop || top > place.scrollTop + place.clientHeight - 2 * ROW) place.scrollTop = top - place.clientHeight / 3;
+}
+
+function showText() {
+  if (job === null) {
+    element("lines").replaceChildren();
+    return;
+  }
+  const place = element("text"), first = Math.max(Math.floor(place.scrollTop / ROW) - 5, 0), last = Math.min(first + Math.ceil(place.clientHeight / ROW) + 10, total);
+  const rows = [];
+  for (let index = first; index < last; index++) {
+    const text = line(index), row = document.createElement("li");
+    row.style.top = `${index * ROW}px`;
+    row.textContent = `${String(index + 1).padStart(6)}  ${text ?? ""}`;
+    if (index + 1 === now) {
+      row.className = "now";
+      row.setAttribute("aria-current", "step");
+    }
+    const finding = found.get(index + 1);
+    if (finding) {
+      row.classList.add("found");
+      row.title = `${finding.code}: ${finding.message}`;
+    }
+    rows.push(row);
+  }
+  element("lines").replaceChildren(...rows);
+}
+
+/** Return the text of a line, or null while it is on its way. */
+function line(index) {
+  const start = Math.floor(index / WINDOW) * WINDOW;
+  if (!windows.has(start)) {
+    windows.set(start, null);
+    const mine = job;
+    get(path(`/text?first=${start + 1}&count=${WINDOW}`)).then(({lines}) => {
+      if (mine !== job) return;
+      windows.set(start, lines);
+      showText();
+    }).catch(() => windows.delete(start));
+  }
+  return windows.get(start)?.[index - start] ?? null;
+}

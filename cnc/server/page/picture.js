@@ -1,0 +1,214 @@
+// The toolpath with the tool, and the planned and the reported speed over time. The scene is that of `cncrun view`.
+
+/* global Scene, load, packages, upTo, VIEWS, FLOATS, NO_DASH */
+import {on} from "./api.js";
+import {Part, decoded} from "./part.js";
+
+const element = id => document.getElementById(id);
+const RAMP = {
+  light: ["#440154", "#481a6c", "#414487", "#31688e", "#2a788e", "#1f988b", "#35b779", "#54c568"],
+  dark: ["#4f63ad", "#3f7c9c", "#2f9594", "#35ab86", "#58bf70", "#86cc5e", "#b3d457", "#dbdb70"],
+};
+const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
+const MOST_REPORTS = 20000;
+const LEFT = 46, BOTTOM = 16, TOP = 6;
+
+let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [];
+
+const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255);
+
+export function begin() {
+  for (const name of Object.keys(VIEWS)) {
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
+    made.addEventListener("click", () => {
+      scene?.look(name);
+      redraw();
+    });
+    element("views").append(made);
+  }
+  on("state", event => {
+    state = event;
+    if (event.program === job && event.state === "running" && event.feed !== null) {
+      reports.push([event.run_time, event.feed / 60]);
+      if (reports.length > MOST_REPORTS) reports = reports.filter((_, k) => k % 2);
+    }
+    redraw();
+  });
+  pointer(element("space"));
+  new ResizeObserver(redraw).observe(element("space"));
+}
+
+/** Forget the picture. */
+export function clear() {
+  model = scene = part = job = null;
+  reports = [];
+  element("picture-note").textContent = "";
+  redraw();
+}
+
+/** A run begins: the reported speeds of the last one go. */
+export function restart() {
+  reports = [];
+}
+
+/** Show the toolpath of a job. */
+export async function show(found, name) {
+  const stored = new Map(Object.entries(found.columns).map(([key, text]) => [`column-${key}`, text]));
+  packages = {has: id => stored.has(id), take: id => stored.get(id)};  // eslint-disable-line no-global-assign
+  const loaded = await load(found.about), {about, strokes} = loaded, {origin} = strokes;
+  model = loaded;
+  job = name;
+  model.size = Math.max(Math.hypot(...about.extent.map(([low, high]) => high - low)), 1e-3);
+  const boxes = [about.extent, about.travel, about.stock].filter(Boolean);
+  model.reach = Math.max(model.size, ...boxes.map(box => Math.hypot(...box.map(([low, high], k) => Math.max(Math.abs(low - origin[k]), Math.abs(high - origin[k]))))));
+  scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
+  if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
+  else element("picture-note").textContent = about.facts;
+  scene.look("3d");
+  redraw();
+}
+
+/** Show the part that a simulated cut leaves. */
+export async function showPart(found, name) {
+  if (name !== job || !scene?.gl) return;
+  const surface = await decoded(found, model.strokes.origin);
+  scene.shown = [...edges(model.about.travel, model.strokes.origin, "travel"), ...edges(found.box, model.strokes.origin, "stock")];
+  scene.prepare();
+  part = new Part(scene.gl, surface);
+  scene.look("3d");
+  redraw();
+}
+
+function edges(box, origin, name) {
+  if (!box) return [];
+  const corner = k => [0, 1, 2].map(axis => box[axis][k >> axis & 1] - origin[axis]);
+  const data = EDGES.flatMap(([a, b]) => [...corner(a), 0, 0, 0, 0, NO_DASH, ...corner(b), 0, 0, 0, 0, NO_DASH]);
+  return [{data: new Float32Array(data), whole: name === "stock", colour: () => triple(shade(name))}];
+}
+
+export function redraw() {
+  if (due) return;
+  due = true;
+  requestAnimationFrame(() => {
+    due = false;
+    draw();
+    chart();
+  });
+}
+
+const runs = () => state !== null && state.program === job && job !== null && ["running", "held", "door"].includes(state.state);
+
+function draw() {
+  if (!scene?.gl || !element("space").clientWidth) return;
+  const {origin} = model.strokes, dark = document.documentElement.dataset.theme === "dark";
+  const at = state?.machine ?? {}, place = ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]);
+  scene.choose(place.some(Number.isNaN) ? null : tool(place));
+  scene.draw({
+    channel: 0, range: [0, Math.max(model.about.limits[0] || 1, 1e-6)], ramp: RAMP[dark ? "dark" : "light"].map(triple),
+    paper: triple(shade("paper")), rapid: triple(shade("rapid")), accent: triple(shade("reported")),
+    now: runs() ? state.run_time : Infinity,
+  });
+  if (!runs()) part?.draw(scene, triple(shade("stock")));
+}
+
+/** Return the strokes of a tool whose tip is at a place: a tip and a shank. */
+function tool([x, y, z]) {
+  const size = Math.max(30 / scene.scale, 1e-3), r = size / 4, out = [];
+  const line = (a, b) => out.push(...a, 0, 0, 0, 0, NO_DASH, ...b, 0, 0, 0, 0, NO_DASH);
+  for (const [dx, dy] of [[r, 0], [-r, 0], [0, r], [0, -r]]) {
+    line([x, y, z], [x + dx, y + dy, z + size / 2]);
+    line([x + dx, y + dy, z + size / 2], [x + dx, y + dy, z + 2 * size]);
+  }
+  return new Float32Array(out);
+}
+
+/** Planned and reported speed over time: each column of pixels shows the greatest planned speed in it. */
+function chart() {
+  const canvas = element("chart"), dpr = devicePixelRatio, w = canvas.clientWidth, h = canvas.clientHeight, pen = canvas.getContext("2d");
+  if (!w) return;
+  if (canvas.width !== Math.round(w * dpr) || canvas.height !== Math.round(h * dpr)) [canvas.width, canvas.height] = [Math.round(w * dpr), Math.round(h * dpr)];
+  pen.setTransform(dpr, 0, 0, dpr, 0, 0);
+  pen.clearRect(0, 0, w, h);
+  pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+  pen.fillStyle = shade("faint");
+  if (model === null) return;
+  const {curves, about} = model, end = about.duration || 1, width = w - LEFT - 6, height = h - TOP - BOTTOM;
+  const values = curves.exact ? curves.start[0] : curves.high[0], n = values.length;
+  let most = 1e-6;
+  for (let i = 0; i < n; i++) most = Math.max(most, values[i]);
+  for (const [, value] of reports) most = Math.max(most, value);
+  const x = t => LEFT + Math.min(t / end, 1) * width, y = v => TOP + height * (1 - v / most);
+  pen.textAlign = "right";
+  pen.fillText(most.toPrecision(3), LEFT - 4, TOP + 9);
+  pen.fillText("0", LEFT - 4, TOP + height);
+  pen.fillText(`${end.toPrecision(4)} s`, w - 6, h - 3);
+  pen.strokeStyle = shade("planned");
+  pen.lineWidth = 1.3;
+  pen.beginPath();
+  let i = 0;
+  for (let pixel = 0; pixel < width; pixel++) {
+    const until = end * (pixel + 1) / width, last = Math.min(upTo(curves.t, until), n);
+    let top = planned(until);
+    for (; i < last; i++) if (curves.t[i] > until - end / width) top = Math.max(top, values[i]);
+    pen.lineTo(LEFT + pixel, y(top));
+  }
+  pen.stroke();
+  pen.strokeStyle = shade("reported");
+  pen.beginPath();
+  for (const [t, value] of reports) pen.lineTo(x(t), y(value));
+  pen.stroke();
+  if (runs()) {
+    pen.strokeStyle = shade("ink");
+    pen.beginPath();
+    pen.moveTo(x(state.run_time), TOP);
+    pen.lineTo(x(state.run_time), TOP + height);
+    pen.stroke();
+  }
+}
+
+/** Return the planned speed at a time, mm/s. */
+function planned(t) {
+  const {curves} = model, n = curves.t.length - 1, i = Math.min(Math.max(upTo(curves.t, t) - 1, 0), n - 1);
+  if (n < 1) return 0;
+  if (!curves.exact) return curves.high[0][i];
+  const [v, a, j] = curves.start.map(each => each[i]), h = Math.min(t, curves.t[i + 1]) - curves.t[i];
+  return Math.max(v + h * (a + 0.5 * h * j), 0);
+}
+
+/** Turn, move and magnify the view by mouse, touch and keys. */
+function pointer(canvas) {
+  const down = new Map();
+  canvas.addEventListener("pointerdown", event => {
+    canvas.setPointerCapture(event.pointerId);
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+  });
+  canvas.addEventListener("pointermove", event => {
+    const before = down.get(event.pointerId);
+    if (!before || !scene) return;
+    const here = [event.clientX, event.clientY], [dx, dy] = [here[0] - before[0], here[1] - before[1]];
+    if (down.size === 2) {
+      const other = [...down].find(([id]) => id !== event.pointerId)[1], box = canvas.getBoundingClientRect();
+      const far = at => Math.max(Math.hypot(at[0] - other[0], at[1] - other[1]), 1);
+      scene.zoom(far(here) / far(before), (here[0] + other[0]) / 2 - box.left, (here[1] + other[1]) / 2 - box.top);
+      scene.move(dx / 2, dy / 2);
+    } else if (event.shiftKey || event.buttons & 6) scene.move(dx, dy);
+    else scene.rotate(dx, dy);
+    down.set(event.pointerId, here);
+    redraw();
+  });
+  for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, event => down.delete(event.pointerId));
+  canvas.addEventListener("wheel", event => {
+    event.preventDefault();
+    scene?.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
+    redraw();
+  }, {passive: false});
+  canvas.addEventListener("keydown", event => {
+    const turn = {ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20]}[event.key];
+    if (turn) scene?.rotate(...turn);
+    else if (event.key === "+" || event.key === "-") scene?.zoom(event.key === "+" ? 1.25 : 0.8, canvas.clientWidth / 2, canvas.clientHeight / 2);
+    else return;
+    event.preventDefault();
+    redraw();
+  });
+}

@@ -1,0 +1,244 @@
+"""The operator's story in a browser, at a desk and on a phone, against the GRBL simulator."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
+
+sync_api = pytest.importorskip("playwright.sync_api")
+expect = sync_api.expect
+
+SECONDS = 120
+"""For each wait. A wait ends when what it waits for is there, so this only limits a failure."""
+PROGRAM = """\
+G21 G90 G94 G17
+(T1 D=6 CR=3 - ball end mill)
+T1 M6
+S9000 M3
+G0 X20 Y20 Z5
+G1 Z-3 F400
+G1 X60 F{feed}
+G3 X60 Y50 J15
+G1 X20
+G3 X20 Y20 J-15
+G0 Z5
+M30
+"""
+WRONG = "G21 G90\nG0 X1\nG1 X\n"
+CHROMIUM = [
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    program = shutil.which("chromium")
+    if program is None:
+        if os.environ.get("CI"):
+            pytest.fail("chromium is not installed: apt-get install chromium")
+        pytest.skip("chromium is not installed: apt-get install chromium")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=program, args=CHROMIUM)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    """The address of a server with an empty library."""
+    folder = tmp_path_factory.mktemp("console")
+    shutil.copy(ROOT / "config" / "grbl-uno.toml", folder / "mill.toml")
+    arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", "mill.toml"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
+    environment.setdefault("NUMBA_CACHE_DIR", str(Path.home() / ".cache" / "cncrun"))
+    server = subprocess.Popen(
+        [sys.executable, "-m", "cnc.cli", *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert server.stdout is not None
+    yield server.stdout.readline().strip()
+    server.send_signal(signal.SIGINT)
+    server.wait(SECONDS)
+    server.stdout.close()
+
+
+@pytest.fixture
+def page(browser, address):
+    """A page at a desk whose script has no error."""
+    context = browser.new_context(viewport={"width": 1400, "height": 1000})
+    context.set_default_timeout(1000 * SECONDS)
+    opened, wrong = context.new_page(), []
+    opened.on("pageerror", lambda error: wrong.append(str(error)))
+    opened.goto(address)
+    expect.set_options(timeout=1000 * SECONDS)
+    expect(opened.locator("#state")).not_to_have_text("connecting")
+    yield opened
+    context.close()
+    assert wrong == []
+
+
+def picture(page, name):
+    """Keep a picture for the documentation, in the folder that CNC_PICTURES names."""
+    if folder := os.environ.get("CNC_PICTURES"):
+        page.screenshot(path=Path(folder) / f"{name}.png")
+
+
+def upload(page, name, text):
+    page.set_input_files(
+        "#upload", {"name": name, "mimeType": "text/plain", "buffer": text.encode()}
+    )
+    expect(page.locator("#jobs")).to_have_value(name)
+
+
+def take(page):
+    page.click("#take")
+    expect(page.locator("#holder")).to_have_text("you have control")
+
+
+def connect(page):
+    if page.inner_text("#state") == "disconnected":
+        page.select_option("#board", "grbl-sim")
+        page.click("#connection button")
+    expect(page.locator("#state")).to_have_text("idle")
+
+
+def work(page, axis):
+    return float(page.inner_text(f"#work-{axis}").replace("\u2212", "-"))
+
+
+def test_from_a_blank_board_to_the_first_part(page):
+    take(page)
+    connect(page)
+    # Jog: a step, then continuously until the release.
+    page.get_by_label("10 mm").check()
+    page.check("#unhomed")
+    page.get_by_role("button", name="Jog X plus", exact=True).click()
+    expect(page.locator("#work-x")).to_have_text("10.000")
+    page.get_by_label("continuous").check()
+    button = page.get_by_role("button", name="Jog Y plus", exact=True)
+    button.dispatch_event("pointerdown", {"pointerId": 1})
+    expect(page.locator("#state")).to_have_text("jogging")
+    expect(page.locator("#work-y")).not_to_have_text("0.000")
+    button.dispatch_event("pointerup", {"pointerId": 1})
+    expect(page.locator("#state")).to_have_text("idle")
+    # Zero: the work position is 0 here, the machine position stays.
+    machine_x = page.inner_text("#machine-x")
+    page.click("#zero-all")
+    expect(page.locator("#work-x")).to_have_text("0.000")
+    expect(page.locator("#work-y")).to_have_text("0.000")
+    assert page.inner_text("#machine-x") == machine_x
+    # A line of MDI.
+    page.fill("#mdi", "G0 Z2")
+    page.press("#mdi", "Enter")
+    expect(page.locator("#work-z")).to_have_text("2.000")
+    picture(page, "console-connected")
+    # A program with a fault is refused at its line.
+    upload(page, "wrong.nc", WRONG)
+    expect(page.locator("#outcome")).to_contain_text("refused")
+    expect(page.locator("#findings")).to_contain_text("line 3: error number-missing")
+    picture(page, "console-finding")
+    # A right one is checked, cut in the simulation, and run.
+    upload(page, "plate.nc", PROGRAM.format(feed=900))
+    expect(page.locator("#outcome")).to_contain_text("checked")
+    expect(page.locator("#limits")).to_contain_text("X velocity")
+    page.fill("#stock", "X0:120,Y0:120,Z-10:0")
+    page.click("#simulate")
+    expect(page.locator("#outcome")).to_contain_text("cm³ removed")
+    picture(page, "console-cut")
+    page.click("#run")
+    expect(page.locator("#question")).to_be_visible()
+    expect(page.locator("#question-text")).to_contain_text("ball end mill")
+    page.click("#yes")
+    expect(page.locator("#question")).not_to_be_visible()
+    expect(page.locator("#state")).to_have_text("running")
+    expect(page.locator("#work-x")).to_have_text(re.compile(r"^(2[1-9]|[3-9]\d)\."))
+    picture(page, "console-running")
+    page.click("#hold")
+    expect(page.locator("#state")).to_contain_text("held")
+    page.locator("#feed-override").fill("150")
+    expect(page.locator("#feed-percent")).to_have_text("150 %")
+    page.click("#resume")
+    expect(page.locator("#lines .now")).to_have_count(1)
+    page.click("#stop")
+    expect(page.locator("#outcome")).to_contain_text("stopped at line")
+    line = page.input_value("#from-line")
+    assert 5 <= int(line) <= 10
+    # The rest, from that line on: the steps to it are confirmed.
+    page.check("#trust")
+    page.click("#run")
+    expect(page.locator("#question")).to_be_visible()
+    page.click("#yes")
+    expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
+    page.click("#history-part summary")
+    rows = page.locator("#history tbody tr")
+    expect(rows).to_have_count(2)
+    expect(rows.nth(0)).to_contain_text("done")
+    expect(rows.nth(1)).to_contain_text("stopped")
+
+
+def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address):
+    take(page)
+    connect(page)
+    upload(page, "slow.nc", PROGRAM.format(feed=60).replace("T1 M6\n", ""))
+    expect(page.locator("#outcome")).to_contain_text("checked")
+    context = browser.new_context(viewport={"width": 390, "height": 800}, has_touch=True)
+    phone = context.new_page()
+    phone.goto(address)
+    expect(phone.locator("#holder")).to_contain_text("you watch")
+    phone.click("#home")
+    expect(phone.locator("#message")).to_contain_text("control")
+    page.check("#trust")
+    page.click("#run")
+    expect(phone.locator("#state")).to_have_text("running")
+    picture(phone, "console-phone")
+    phone.locator("#stop").tap()
+    expect(page.locator("#outcome")).to_contain_text("stopped")
+    context.close()
+
+
+def test_a_jog_ends_with_its_client(page, browser, address):
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    other = context.new_page()
+    other.goto(address)
+    expect(other.locator("#state")).not_to_have_text("connecting")
+    take(other)
+    connect(other)
+    other.check("#unhomed")
+    other.get_by_label("continuous").check()
+    other.fill("#jog-feed", "60")
+    button = other.get_by_role("button", name="Jog X plus", exact=True)
+    button.dispatch_event("pointerdown", {"pointerId": 1})
+    expect(page.locator("#state")).to_have_text("jogging")
+    context.close()
+    expect(page.locator("#state")).to_have_text("idle")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_page_is_accessible(browser, address, theme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for width, parts in ((1400, [None]), (390, ["operate", "job", "picture", "more"])):
+        context = browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=theme, bypass_csp=True
+        )
+        opened = context.new_page()
+        opened.goto(address)
+        expect(opened.locator("#state")).not_to_have_text("connecting")
+        for part in parts:
+            if part is not None:
+                opened.click(f'nav button[data-part="{part}"]')
+            found = axe.run(opened).response["violations"]
+            assert [each["id"] for each in found if each["impact"] in ("serious", "critical")] == []
+        context.close()

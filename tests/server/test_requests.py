@@ -1,0 +1,176 @@
+"""Requests of a client that has control, and of one that has not."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tests.support.waiting import wait_until
+
+PROGRAM = "G21 G90\nG0 X5 Y5\nG1 X20 F3000\nG2 X30 I5\nG1 X5\nM2\n"
+
+
+def idle(console):
+    wait_until(lambda: not console.session._busy)
+
+
+def x_of(console):
+    return console.session.state.machine["x"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("POST", "/api/connect", {}),
+        ("POST", "/api/disconnect", {}),
+        ("POST", "/api/home", {}),
+        ("POST", "/api/unlock", {}),
+        ("POST", "/api/jog/step", {"distances": {"x": 1}}),
+        ("POST", "/api/jog/start", {"directions": {"x": 1}}),
+        ("POST", "/api/zero", {"axes": {"x": 0}}),
+        ("POST", "/api/mdi", {"line": "G0 X1"}),
+        ("POST", "/api/macros/a.ngc/run", {}),
+        ("POST", "/api/probing/probe_z/run", {}),
+        ("POST", "/api/hold", {}),
+        ("POST", "/api/resume", {}),
+        ("POST", "/api/override", {"feed": 50}),
+        ("POST", "/api/answer", {"dialog": 1, "yes": True}),
+        ("PUT", "/api/settings/110", {"value": "1"}),
+        ("POST", "/api/jobs/a.nc/run", {}),
+        ("DELETE", "/api/jobs/a.nc", None),
+        ("DELETE", "/api/control", None),
+    ],
+)
+def test_a_command_needs_control(client, method, path, body):
+    for key in (None, "wrong"):
+        headers = {} if key is None else {"x-control": key}
+        answer = client(method, path, body, headers=headers)
+        assert (answer.status_code, answer.json()["code"]) == (409, "no-control")
+
+
+def test_control_that_is_taken_is_lost_by_the_one_before(controller, app):
+    from tests.server.conftest import Client
+
+    second = Client(app)
+    second.take_control()
+    refused = controller("POST", "/api/hold")
+    assert (refused.status_code, refused.json()["message"]) == (409, "test has control")
+    assert second("POST", "/api/hold").status_code == 200
+
+
+def test_a_jog_a_zero_and_a_line(controller, console):
+    idle(console)
+    before = x_of(console)
+    assert controller("POST", "/api/jog/step", {"distances": {"x": 3}}).status_code == 200
+    idle(console)
+    assert x_of(console) == pytest.approx(before + 3.0, abs=0.01)
+    offsets = controller("POST", "/api/zero", {"axes": {"x": 1.0}}).json()
+    assert offsets["G54"]["x"] == pytest.approx(before + 2.0, abs=0.01)
+    assert controller("GET", "/api/offsets").json() == offsets
+    assert controller("POST", "/api/mdi", {"line": "G0 X0"}).status_code == 200
+    idle(console)
+    assert controller("GET", "/api/state").json()["work"]["x"] == pytest.approx(0.0, abs=0.01)
+    assert controller("GET", "/api/mdi").json()[-1] == "G0 X0"
+
+
+def test_a_jog_ends_without_signs_of_life_and_by_its_release(controller, console):
+    idle(console)
+    started = controller("POST", "/api/jog/start", {"directions": {"y": 1}}).json()
+    assert controller("POST", "/api/jog/keep", {"jog": started["jog"]}).json()["accepted"]
+    assert started["feed"] > 0
+    controller("POST", "/api/jog/stop")
+    idle(console)
+    assert not controller("POST", "/api/jog/keep", {"jog": started["jog"]}).json()["accepted"]
+    controller("POST", "/api/jog/start", {"directions": {"y": -1}})
+    idle(console)
+
+
+def test_a_busy_machine_and_a_limit_are_errors_with_a_hint(controller, console):
+    idle(console)
+    answer = controller("POST", "/api/jog/step", {"distances": {"x": 9999}})
+    assert (answer.status_code, answer.json()["code"]) == (400, "soft-limit")
+    assert answer.json()["hint"]
+    controller("POST", "/api/mdi", {"line": "G4 P0.5"})
+    answer = controller("POST", "/api/mdi", {"line": "G0 X1"})
+    assert (answer.status_code, answer.json()["code"]) == (409, "machine-busy")
+    idle(console)
+
+
+def test_a_job_from_its_upload_to_its_history(controller, console, library):
+    idle(console)
+    seen = []
+    end = console.session.listen(seen.append)
+    assert controller("PUT", "/api/jobs/part.nc", {"text": PROGRAM}).json()["size"] == len(PROGRAM)
+    job = controller("GET", "/api/jobs/part.nc").json()
+    assert (job["lines"], job["check"], job["history"]) == (6, None, [])
+    text = controller("GET", "/api/jobs/part.nc/text?first=2&count=2").json()
+    assert text == {"first": 2, "lines": ["G0 X5 Y5", "G1 X20 F3000"], "total": 6}
+    assert controller("GET", "/api/jobs/part.nc/check").status_code == 404
+    assert controller("GET", "/api/jobs/part.nc/toolpath").status_code == 404
+    assert controller("POST", "/api/jobs/part.nc/run").status_code == 200
+    assert controller("DELETE", "/api/jobs/part.nc").json()["code"] == "machine-busy"
+    assert controller("PUT", "/api/jobs/part.nc", {"text": ""}).json()["code"] == "machine-busy"
+    wait_until(lambda: library.history())
+    end()
+    run = controller("GET", "/api/history").json()[0]
+    assert (run["job"], run["outcome"], run["findings"]) == ("part.nc", "done", [])
+    assert "end: done" in controller("GET", "/api/jobs/part.nc/log").json()["text"]
+    assert controller("GET", "/api/jobs").json()[0]["outcome"] == "done"
+    assert controller("DELETE", "/api/jobs/part.nc").status_code == 200
+    assert controller("GET", "/api/jobs/part.nc").status_code == 404
+
+
+def test_a_check_finds_errors_at_their_lines(client, console, library):
+    from cnc.server.checking import CheckOrder, check_job
+
+    client("PUT", "/api/jobs/wrong.nc", {"text": "G21 G90\nG0 X5\nG1 X9999 F600\n"})
+    client("PUT", "/api/jobs/good.nc", {"text": PROGRAM})
+    order = CheckOrder("wrong.nc", library.folder, console.session.limited_machine, {})
+    found = check_job(order)["errors"]
+    assert [(each["code"], each["file"], each["line"]) for each in found] == [
+        ("soft-limit", "wrong.nc", 3)
+    ]
+    check_job(CheckOrder("good.nc", library.folder, console.session.limited_machine, {5221: 7.0}))
+    summary = client("GET", "/api/jobs/good.nc/check").json()
+    assert summary["bounding_box"]["x"] == pytest.approx([0.0, 37.0])
+    picture = client("GET", "/api/jobs/good.nc/toolpath").json()
+    assert picture["about"]["program"] == "good.nc"
+    assert {"t", "x", "y", "z", "feed", "origin-t"} <= set(picture["columns"])
+    client("PUT", "/api/jobs/good.nc", {"text": PROGRAM + "\n"})
+    assert client("GET", "/api/jobs/good.nc/check").status_code == 404
+
+
+def test_the_machine_and_its_cycles_are_described(client):
+    machine = client("GET", "/api/machine").json()
+    assert machine["axes"]["x"]["travel"] == [-10, 410]
+    assert "grbl-sim" in machine["boards"]
+    cycles = {each["name"]: each for each in client("GET", "/api/probing").json()}
+    assert cycles["probe_z"]["parameters"][0]["name"] == "thickness"
+
+
+def test_unknown_cycles_macros_and_parameters_are_refused(controller, console):
+    idle(console)
+    run = "/api/probing/{}/run".format
+    assert controller("POST", run("none")).json()["code"] == "no-such-cycle"
+    wrong = {"parameters": {"width": 1.0}}
+    assert controller("POST", run("probe_z"), wrong).json()["code"] == "cycle-parameter"
+    assert controller("POST", "/api/macros/none.ngc/run").json()["code"] == "no-such-macro"
+
+
+def test_a_board_without_settings_has_none(controller, console):
+    idle(console)
+    assert controller("GET", "/api/settings").json()["code"] == "no-settings"
+
+
+def test_the_document_describes_every_request(client):
+    paths = client("GET", "/api/openapi.json").json()["paths"]
+    assert "/api/jog/start" in paths
+    assert paths["/api/jobs/{name}"]["put"]["requestBody"]["required"]
+    reference = (
+        __import__("pathlib").Path(__file__).parents[2] / "docs/reference/server.md"
+    ).read_text()
+    for path in paths:
+        short = path.removeprefix("/api")
+        assert short in reference, path
+    assert json.dumps(paths)
