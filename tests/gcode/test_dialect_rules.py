@@ -254,6 +254,7 @@ def test_a_cycle_that_ended_leaves_no_motion_code_to_assume() -> None:
 def test_the_last_of_two_speeds_counts_where_the_controller_says_so(
     dialect: str, found: float | None
 ) -> None:
+    assert error_of("T5 T6", dialect=dialect).code == "word-repeated"
     if found is None or dialect == "marlin":
         assert error_of("S1000 X1 X2", dialect=dialect).code == "word-repeated"
     if found is None:
