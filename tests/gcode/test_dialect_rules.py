@@ -322,3 +322,11 @@ def test_a_machine_coordinate_code_without_axes_is_reported_and_does_nothing() -
     program = "G0 X1\nG53 G90 G40\nX2"
     assert points(program, "auto") == [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
     assert [found.code for found in warnings(program, "auto")] == ["code-without-effect"]
+
+
+def test_a_colon_before_words_is_a_line_number() -> None:
+    """Some posts mark the line of a tool change; a colon and a number alone are the program's."""
+    program = "N10 G0 X1.\n:0020 G0 X2.\nN30 X3."
+    assert points(program, "auto") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
+    assert points(":1000\nG0 X1.\nM30", "fanuc") == [(1.0, 0.0, 0.0)]
+    assert error_of(program, dialect="linuxcnc").code == "character-unknown"
