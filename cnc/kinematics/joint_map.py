@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cnc.kinematics.base import Kinematics
 from cnc.kinematics.belts import Belts
+from cnc.kinematics.cylinder import Cylinder
 from cnc.kinematics.delta import LinearDelta, RotaryDelta
 from cnc.kinematics.five_axis import Bare, FiveAxis, Point, Rotation
 from cnc.kinematics.polar import Polar
@@ -143,6 +144,8 @@ def _formula(table: KinematicsTable) -> Kinematics | None:
             return LinearDelta(table.radius, table.rod, table.angles)
         case tables.RotaryDelta():
             return RotaryDelta(table.base, table.platform, table.arm, table.rod, table.angles)
+        case tables.Cylinder():
+            return Cylinder(table.radius)
         case tables.Custom():
             return _registered(table)
         case _:

@@ -186,6 +186,30 @@ class FiveAxis(_Kinematics):
         return ("x", "y", "z", self.tilting, "c")
 
 
+class Cylinder(_Kinematics):
+    """A rotary axis in the place of X or Y: the drawing is wrapped on a cylinder."""
+
+    movers = ("a",)
+
+    type: Literal["cylinder"] = Field(
+        description="Joint a (degrees) moves X or Y along the circumference of a cylinder."
+    )
+    wrapped: Literal["x", "y"] = Field(
+        default="y", description="Axis that becomes the circumference."
+    )
+    radius: Length = Field(description="Radius of the cylinder on which Z is 0, mm.")
+
+    @property
+    def axes(self) -> tuple[AxisLetter, ...]:
+        """Axes that no motor moves alone."""
+        return (self.wrapped,)
+
+    @classmethod
+    def moved_in(cls, table: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the axes and the joints of a table that is not validated yet."""
+        return (str(table.get("wrapped", "y")),), cls.movers
+
+
 class Custom(_Kinematics):
     """A kinematics of the user: a class that an installed package registers."""
 
@@ -222,7 +246,16 @@ class Custom(_Kinematics):
 
 
 KinematicsTable = Annotated[
-    Cartesian | CoreXY | CoreXZ | Polar | Scara | Delta | RotaryDelta | FiveAxis | Custom,
+    Cartesian
+    | CoreXY
+    | CoreXZ
+    | Polar
+    | Scara
+    | Delta
+    | RotaryDelta
+    | FiveAxis
+    | Cylinder
+    | Custom,
     Field(discriminator="type"),
 ]
 KINEMATICS: tuple[type[_Kinematics], ...] = get_args(get_args(KinematicsTable)[0])

@@ -20,6 +20,7 @@ from starlette.exceptions import HTTPException
 from cnc.model.diagnostics import BoardError, CncError
 from cnc.operate.events import Finding, as_object
 from cnc.server import job_routes, routes
+from cnc.server.connections import release
 from cnc.server.console import Console
 from cnc.server.hub import Client, encoded
 from cnc.server.security import Access, Guard, Rates
@@ -111,6 +112,7 @@ async def _events(websocket: WebSocket) -> None:
     console: Console = websocket.app.state.console
     client = console.hub.join()
     if client is None:
+        release(websocket.scope.get("client"), at_once=False)
         await websocket.close(1013)
         return
     await websocket.accept()
@@ -118,6 +120,7 @@ async def _events(websocket: WebSocket) -> None:
     tasks = [
         asyncio.create_task(_send(websocket, console, client)),
         asyncio.create_task(_receive(websocket, console, keys)),
+        asyncio.create_task(client.dropped.wait()),
     ]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -127,8 +130,10 @@ async def _events(websocket: WebSocket) -> None:
             console.session.release_jog()
         for task in tasks:
             task.cancel()
+        # A client that does not read would not read the end either.
+        release(websocket.scope.get("client"), at_once=client.lost)
         with contextlib.suppress(Exception):
-            await asyncio.wait_for(websocket.close(1008 if client.lost else 1000), CLOSING)
+            await asyncio.wait_for(websocket.close(), CLOSING)
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
@@ -144,8 +149,8 @@ async def _send(websocket: WebSocket, console: Console, client: Client) -> None:
         "offsets": session.offsets,
     }
     await websocket.send_text(encoded([hello]))
-    while (batch := await client.next()) is not None:
-        await websocket.send_text(batch)
+    while True:
+        await websocket.send_text(await client.next())
 
 
 async def _receive(websocket: WebSocket, console: Console, keys: list[str]) -> None:

@@ -17,6 +17,17 @@ HEAD_TIME = 5.0
 """Time from the connection to its first request, s."""
 
 
+_sockets: dict[tuple[str, int], asyncio.Transport] = {}
+"""The connections that have become WebSockets, by the address of the client."""
+
+
+def release(client: tuple[str, int] | None, *, at_once: bool) -> None:
+    """Forget the WebSocket of a client; ``at_once`` closes it without its data that waits."""
+    transport = None if client is None else _sockets.pop((client[0], client[1]), None)
+    if transport is not None and at_once:
+        transport.abort()
+
+
 class LimitedProtocol(H11Protocol):
     """One connection."""
 
@@ -46,6 +57,8 @@ class LimitedProtocol(H11Protocol):
     def handle_websocket_upgrade(self, event: Any) -> None:
         """Hand the connection to the WebSocket."""
         self._end_deadline()
+        if self.client is not None:
+            _sockets[self.client] = self.transport
         super().handle_websocket_upgrade(event)
 
     def _close_unused(self) -> None:

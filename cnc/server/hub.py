@@ -35,11 +35,13 @@ class Client:
     Attributes:
         number: Number of the connection.
         lost: Whether the client read too slowly.
+        dropped: Set when it is lost.
     """
 
     def __init__(self, number: int) -> None:
         self.number, self.lost = number, False
-        self._queue: asyncio.Queue[str | None] = asyncio.Queue(MOST_BATCHES)
+        self.dropped = asyncio.Event()
+        self._queue: asyncio.Queue[str] = asyncio.Queue(MOST_BATCHES)
 
     def put(self, batch: str) -> None:
         """Add a batch; a full queue ends the connection."""
@@ -48,15 +50,16 @@ class Client:
         try:
             self._queue.put_nowait(batch)
         except asyncio.QueueFull:
-            self.lost = True
-            with contextlib.suppress(asyncio.QueueEmpty):
-                self._queue.get_nowait()
-            self._queue.put_nowait(None)
+            self.drop()
 
-    async def next(self) -> str | None:
-        """Return the next batch, None at the end."""
-        batch = await self._queue.get()
-        return None if self.lost else batch
+    def drop(self) -> None:
+        """End the connection, even while it waits for its client."""
+        self.lost = True
+        self.dropped.set()
+
+    async def next(self) -> str:
+        """Return the next batch."""
+        return await self._queue.get()
 
 
 class Hub:
@@ -78,8 +81,7 @@ class Hub:
         """End all clients."""
         self._loop = None
         for client in self._clients.values():
-            client.lost = True
-            client.put("")
+            client.drop()
 
     def publish(self, event: Event) -> None:
         """Take an event of the session, from any thread."""

@@ -315,3 +315,9 @@ def test_an_accessory_of_haas_needs_other_evidence() -> None:
     assert recognise(["M31", "G0 X1"]).dialect == "auto"
     assert recognise(["O1000", "G0 X1"]).dialect == "fanuc"
     assert recognise(["O1000", "G0 X1", "/M31"]).dialect == "haas"
+
+
+def test_a_machine_coordinate_code_without_axes_is_reported_and_does_nothing() -> None:
+    program = "G0 X1\nG53 G90 G40\nX2"
+    assert points(program, "auto") == [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
+    assert [found.code for found in warnings(program, "auto")] == ["code-without-effect"]

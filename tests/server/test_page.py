@@ -90,6 +90,12 @@ def page(browser, address):
     assert wrong == []
 
 
+def picture(page, name):
+    """Keep a picture for the documentation, in the folder that CNC_PICTURES names."""
+    if folder := os.environ.get("CNC_PICTURES"):
+        page.screenshot(path=Path(folder) / f"{name}.png")
+
+
 def upload(page, name, text):
     page.set_input_files(
         "#upload", {"name": name, "mimeType": "text/plain", "buffer": text.encode()}
@@ -138,10 +144,12 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.fill("#mdi", "G0 Z2")
     page.press("#mdi", "Enter")
     expect(page.locator("#work-z")).to_have_text("2.000")
+    picture(page, "console-connected")
     # A program with a fault is refused at its line.
     upload(page, "wrong.nc", WRONG)
     expect(page.locator("#outcome")).to_contain_text("refused")
     expect(page.locator("#findings")).to_contain_text("line 3: error number-missing")
+    picture(page, "console-finding")
     # A right one is checked, cut in the simulation, and run.
     upload(page, "plate.nc", PROGRAM.format(feed=900))
     expect(page.locator("#outcome")).to_contain_text("checked")
@@ -149,6 +157,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.fill("#stock", "X0:120,Y0:120,Z-10:0")
     page.click("#simulate")
     expect(page.locator("#outcome")).to_contain_text("cm³ removed")
+    picture(page, "console-cut")
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()
     expect(page.locator("#question-text")).to_contain_text("ball end mill")
@@ -156,6 +165,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     expect(page.locator("#question")).not_to_be_visible()
     expect(page.locator("#state")).to_have_text("running")
     expect(page.locator("#work-x")).to_have_text(re.compile(r"^(2[1-9]|[3-9]\d)\."))
+    picture(page, "console-running")
     page.click("#hold")
     expect(page.locator("#state")).to_contain_text("held")
     page.locator("#feed-override").fill("150")
@@ -193,6 +203,7 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address)
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
+    picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")
     context.close()

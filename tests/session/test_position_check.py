@@ -44,6 +44,19 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "p.ngc"
 
 
+def stopped(program: Path, server: PtyServer) -> Report:
+    """Return the report of a run that the operator stops at X6.5."""
+    control = Control()
+    return run(
+        program,
+        MACHINE,
+        board="grbl",
+        port=server.name,
+        control=control,
+        callbacks=stopping(control, 6.5),
+    )
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
@@ -65,15 +78,7 @@ def test_a_stopped_run_continues_at_its_position(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        control = Control()
-        first = run(
-            program,
-            MACHINE,
-            board="grbl",
-            port=server.name,
-            control=control,
-            callbacks=stopping(control, 6.5),
-        )
+        first = stopped(program, server)
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
         wait_until(lambda: not server.is_open)
@@ -96,15 +101,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        control = Control()
-        first = run(
-            program,
-            MACHINE,
-            board="grbl",
-            port=server.name,
-            control=control,
-            callbacks=stopping(control, 6.5),
-        )
+        first = stopped(program, server)
         stands = tool(server.simulator)
         server.simulator.drop_dtr()
         command = [

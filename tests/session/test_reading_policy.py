@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cnc.api import check, load_machine
+from cnc.api import check, load_machine, run
 from cnc.boards.protocols import BoardTraits
 from cnc.session.board_choices import reading_policy
 from cnc.session.options import Outputs, RunOptions
@@ -89,3 +90,50 @@ def test_commands_of_grbl_are_warnings_in_a_check(tmp_path: Path) -> None:
     report = check(path)
     assert report.ok
     assert "board-command-skipped" in [each.code for each in report.warnings]
+
+
+@pytest.mark.parametrize("board", ["loopback", "grbl-sim"])
+def test_builders_codes_on_a_simulated_board(tmp_path: Path, board: str) -> None:
+    """The file of M131 moves the tool. M10 switches an output, which a GRBL board does not have."""
+    shipped = Path(__file__).parents[2] / "config" / "grbl-uno.toml"
+    (tmp_path / "m131.ngc").write_text("G91\nG0 Z-2\nG0 Z2\nG90\n")
+    machine = tmp_path / "machine.toml"
+    codes = '\n[program.codes]\nM131 = { file = "m131.ngc" }\nM10 = { output = 3, on = true }\n'
+    machine.write_text(shipped.read_text() + codes)
+    path = tmp_path / "part.nc"
+    path.write_text("G21 G90\nG0 X2 Z-1\nM131\nG0 X1\nM2\n")
+    options = RunOptions(outputs=Outputs(blocks=tmp_path / "blocks.jsonl"))
+    report = run(path, machine, options, board=board)
+    assert report.ok
+    assert report.end_position == {"x": 1.0, "y": 0.0, "z": -1.0}
+    rows = [json.loads(row) for row in (tmp_path / "blocks.jsonl").read_text().splitlines()]
+    assert [row["end"]["z"] for row in rows if row["kind"] == "traverse"] == [-1, -3, -1, -1]
+    path.write_text("G21 G90\nG0 X2\nM10\nG0 X1\nM2\n")
+    report = run(path, machine, options, board=board)
+    assert [fault.diagnostic.code for fault in report.faults] == (
+        [] if board == "loopback" else ["not-on-board"]
+    )
+    if board == "loopback":
+        rows = [json.loads(row) for row in (tmp_path / "blocks.jsonl").read_text().splitlines()]
+        assert [(row["number"], row["on"]) for row in rows if row["kind"] == "digital-output"] == [
+            (3, True)
+        ]
+
+
+def test_a_report_names_everything_that_was_assumed(tmp_path: Path) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("G43 H1 Z5\nG4 P200\nX1\nG91 G53 G0 X2\nM30\n")
+    assumed = check(path, options=RunOptions(default_feed=300.0)).as_json()["assumed"]
+    for words in (
+        "millimetres, as no G20 or G21",
+        "a feed of 300 mm/min",
+        "line 1: Z5 without a motion code",
+        "line 1: H1: there is no tool table",
+        "line 2: P200 is 200 s here",
+        "line 4: G53 under G91",
+    ):
+        assert words in assumed
+    path.write_text("G21 G90 G0 X1\nM30\n")
+    assert "assumed" not in check(path).as_json()
+    path.write_text("O1000\nG21 G90 G0 X1\nX2\nM30\n")
+    assert check(path).as_json()["assumed"].count("decimal point") == 1

@@ -91,6 +91,7 @@ class LineStream:
             offset: Work offset that the board adds to the numbers of a line, mm.
             moves: Whether lines move the machine.
         """
+        self.link.protocol.begin_program()
         self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
         self._set_first_override()
 

@@ -144,6 +144,10 @@ class GrblProtocol:
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
 
+    def begin_program(self) -> None:
+        """Count the lines of another program; the last one's are answered."""
+        self.confirmed_line = self._verified_line = 0
+
     @property
     def waiting(self) -> int:
         """Number of unanswered lines."""

@@ -9,8 +9,11 @@ from dataclasses import dataclass
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import pin_ranges
 from cnc.boards.klipper.protocol.dictionary import Dictionary
+from cnc.boards.klipper.simulator.firmware import FIRMWARES
 
 AXES = "xyz"
+EXAMPLE = {"steps_per_mm": 80, "max_velocity": 50, "max_acceleration": 500, "max_jerk": 10_000}
+"""Keys of an axis, with examples of their values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +59,23 @@ def klipper_report(port: str, board: KlipperInfo, baud: int) -> Iterator[str]:
     buses = known.enumerations.get("spi_bus", {})
     if buses:
         yield f"# SPI buses: {', '.join(buses)}"
-    yield "# put the pins of your board into the tables, and add [axes.x] and so on:"
-    yield "#"
-    yield "# [board]"
-    yield f'# kind = "klipper"\n# port = {json.dumps(port)}\n# baud = {baud}'
+    yield "# A machine file for it. Replace every STEP_X, DIR_X and so on by a pin of your board,"
+    yield "# and every number by that of your machine; until then nothing can move."
+    yield "[board]"
+    yield f'kind = "klipper"\nport = {json.dumps(port)}\nbaud = {baud}'
+    if model := _model(known):
+        yield f'\n[board.klipper]\nmcu = "{model}"'
     for letter in AXES:
-        yield "#"
-        yield f"# [board.klipper.{letter}]"
-        yield '# step = "PIN"\n# direction = "PIN"\n# enable = "!PIN"\n# endstop = "^PIN"'
+        upper = letter.upper()
+        yield f"\n[board.klipper.{letter}]"
+        yield f'step = "STEP_{upper}"\ndirection = "DIR_{upper}"'
+        yield f'enable = "!ENABLE_{upper}"\nendstop = "^ENDSTOP_{upper}"'
+    for letter in AXES:
+        yield f"\n[axes.{letter}]"
+        yield from (f"{key} = {value}" for key, value in EXAMPLE.items())
+
+
+def _model(known: Dictionary) -> str:
+    """Return the name of the model of a microcontroller, "" if there is none."""
+    mcu = known.constants.get("MCU")
+    return next((name for name, each in FIRMWARES.items() if each.mcu == mcu), "")

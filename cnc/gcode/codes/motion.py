@@ -140,17 +140,21 @@ class Motion(MoveFeeds):
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
+                return None
             orient = codes.get("spindle")
             letters = self.repeat_words.get(state.motion or _TRAVERSE, frozenset())
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
+
+    def _machine_without_axes(self, at: Word) -> None:
+        """Refuse a G53 without axis words, or report it: it acts in its own line only."""
+        if not self._dialect.lenient:
+            hint = "such as G53 G0 Z0"
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, hint)
+        message = f"{at.written} without axis words has no effect"
+        self._here.report_warning("code-without-effect", message, at, "it is not modal")
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
         """Whether a line with G4 has axis words of a move.
@@ -179,12 +183,7 @@ class Motion(MoveFeeds):
                     special.word,
                 )
             if not has_axis:
-                raise fault(
-                    "axis-words-missing",
-                    f"{special.word.written} needs axis words",
-                    special.word,
-                    "such as G53 G0 Z0",
-                )
+                self._machine_without_axes(special.word)
         before = self._state.motion
         if before in QUICK_MOTIONS:
             self._resting = before
@@ -220,12 +219,8 @@ class Motion(MoveFeeds):
             self._here.report_warning("motion-assumed", message, word, hint)
             return _TRAVERSE
         if motion is None:
-            raise fault(
-                "motion-missing",
-                f"{word.written} without a motion code in effect",
-                word,
-                "begin with G0 or G1",
-            )
+            message = f"{word.written} without a motion code in effect"
+            raise fault("motion-missing", message, word, "begin with G0 or G1")
         if motion == G.G6_2:
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")

@@ -370,6 +370,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     name = word.written
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
+    if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
+        return fault("code-not-supported", f"{name} ({own}) is not supported", word)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"

@@ -99,8 +99,9 @@ class Interpreter:
             axes, parameters, systems=dialect.systems, fanuc=own_zero,
             shift_stays=dialect.shift_stays,
         )  # fmt: skip
+        single = dialect.flavour == "siemens"
         self._assignments = Assignments(
-            parameters, self.coordinates, one_by_one=dialect.flavour == "siemens"
+            parameters, self.coordinates, self.here, self.out, one_by_one=single
         )
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)

@@ -109,7 +109,7 @@ function draw() {
     paper: triple(shade("paper")), rapid: triple(shade("rapid")), accent: triple(shade("reported")),
     now: runs() ? state.run_time : Infinity,
   });
-  part?.draw(scene, triple(shade("stock")));
+  if (!runs()) part?.draw(scene, triple(shade("stock")));
 }
 
 /** Return the strokes of a tool whose tip is at a place: a tip and a shank. */

@@ -98,6 +98,20 @@ def test_check_mode_reaches_the_rate_of_the_wire() -> None:
     assert rate >= 0.95 * 115200 / 10 / 26
 
 
+def test_a_second_run_counts_its_own_lines() -> None:
+    """A console runs programs one after the other on the same connection."""
+    board = started(GrblSimulator())
+    feed(board, PREAMBLE, "G1 X1 F1500", first=80)
+    board.finish()
+    assert board.confirmed_line == 81
+    board.connect_operator(Control(), lambda: None)
+    board.start(ORIGIN)
+    assert board.confirmed_line == 0
+    feed(board, PREAMBLE, "G1 X2 F1500")
+    board.finish()
+    assert board.confirmed_line == 2
+
+
 def test_offset_writes_during_motion_lose_no_bytes() -> None:
     simulator = GrblSimulator()
     board = started(simulator)

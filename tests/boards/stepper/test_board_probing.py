@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from cnc.api import run
+from cnc.api import Report, run
 from cnc.boards.stepper.driver import Stepper
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
@@ -44,17 +45,36 @@ M2
 """
 
 
-@pytest.mark.parametrize("kind", [2, 3])
-def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
-    (tmp_path / "probe.ngc").write_text(PROBING_PROGRAM.format(kind=kind))
+def probed(
+    folder: Path, text: str, part: int | None = None, *, touched: bool = False
+) -> tuple[Report, NDArray[np.int8]]:
+    """Run a program; return the report and the grid moves of the pins.
+
+    Args:
+        folder: Folder for the program.
+        text: The program.
+        part: X of the part that is touched, steps.
+        touched: Whether the probe touches something from the start.
+    """
+    (folder / "probe.ngc").write_text(text)
     simulator = Simulator()
+    if touched:
+        simulator.set_pin(PROBE_PIN, 0)
     port = SimulatorPort(simulator)
-    Part(simulator, 1000)
+    if part is not None:
+        Part(simulator, part)
     board = Stepper(port, machine(), "the simulator", clock=port)
-    report = run(tmp_path / "probe.ngc", machine(), board=board)
-    assert report.ok, report.faults
+    report = run(folder / "probe.ngc", machine(), board=board)
     board.close()
     _, made = simulator.moves()
+    simulator.close()
+    return report, made
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
+    report, made = probed(tmp_path, PROBING_PROGRAM.format(kind=kind), 1000)
+    assert report.ok, report.faults
     places = made.cumsum(axis=0, dtype=np.int64)
     # 300 mm/min are 2 steps a millisecond: contact, seen within 0.2 ms, at the latest at the next
     # grid move
@@ -63,47 +83,25 @@ def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
     assert places[:, 0].max() <= 1002
     assert places[-1].tolist() == [400, 0, 0]
     assert report.end_position["x"] == pytest.approx(1.0)
-    simulator.close()
 
 
 @pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
 def test_no_motion_follows_the_contact(tmp_path: Path, behind: str) -> None:
     """The program ends there. The rest of the probe's move is not made later."""
-    (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
-    simulator = Simulator()
-    port = SimulatorPort(simulator)
-    Part(simulator, 1000)
-    board = Stepper(port, machine(), "the simulator", clock=port)
-    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    report, made = probed(tmp_path, f"G21 G90\nG38.2 X20 F300\n{behind}M2\n", 1000)
     assert report.ok, report.faults
-    board.close()
-    _, made = simulator.moves()
     assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
-    simulator.close()
 
 
 def test_probe_without_contact(tmp_path: Path) -> None:
-    (tmp_path / "probe.ngc").write_text(
-        "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
+    report, made = probed(
+        tmp_path, "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
     )
-    simulator = Simulator()
-    port = SimulatorPort(simulator)
-    board = Stepper(port, machine(), "the simulator", clock=port)
-    report = run(tmp_path / "probe.ngc", machine(), board=board)
-    board.close()
     assert [fault.diagnostic.code for fault in report.faults] == ["probe-no-contact"]
-    assert simulator.moves()[1].sum(axis=0, dtype=np.int64).tolist() == [1600, 0, 0]
-    simulator.close()
+    assert made.sum(axis=0, dtype=np.int64).tolist() == [1600, 0, 0]
 
 
 def test_probe_with_contact_at_its_start(tmp_path: Path) -> None:
-    (tmp_path / "probe.ngc").write_text("G21 G90\nG38.2 X2 F600\nM2\n")
-    simulator = Simulator()
-    simulator.set_pin(PROBE_PIN, 0)
-    port = SimulatorPort(simulator)
-    board = Stepper(port, machine(), "the simulator", clock=port)
-    report = run(tmp_path / "probe.ngc", machine(), board=board)
-    board.close()
+    report, made = probed(tmp_path, "G21 G90\nG38.2 X2 F600\nM2\n", touched=True)
     assert [fault.diagnostic.code for fault in report.faults] == ["probe-contact"]
-    assert not len(simulator.moves()[0])
-    simulator.close()
+    assert not len(made)

@@ -40,17 +40,23 @@ from tests.support.boards.stepper_simulator import (
 from tests.support.soak import share
 
 
-@pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
-@pytest.mark.parametrize("seed", range(share(40, 3)))
-def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -> None:
-    """The board runs at full speed, receives bytes at the full line rate, and sends statuses."""
+def moving(steps: int, ticks: int, segments: int) -> tuple[Simulator, Host]:
+    """Return a board that moves all three axes in segments of so many steps and ticks a step."""
     simulator = Simulator()
     host = Host(simulator)
     host.hear()
     assert host.configure()
     assert host.stand_at(0, 0, 0)
-    host.stream(b"".join(straight(250, 36, 7) for _ in range(60)), 8_000)
+    host.stream(b"".join(straight(steps, ticks, 7) for _ in range(segments)), 8_000)
     assert host.request(Kind.RUN)
+    return simulator, host
+
+
+@pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
+@pytest.mark.parametrize("seed", range(share(40, 3)))
+def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -> None:
+    """The board runs at full speed, receives bytes at the full line rate, and sends statuses."""
+    simulator, host = moving(250, 36, 60)
     moment = np.random.default_rng(seed).uniform(0.02, 0.06)
     began = simulator.now
     pressed = 0
@@ -78,13 +84,7 @@ def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -
 @pytest.mark.parametrize("seed", share(list(range(40)), [2, 9, 10]))
 def test_bouncing_contact_ends_the_motion_as_fast(pin: int, within: float, seed: int) -> None:
     """The board does not lose a change during the debounce of the change before."""
-    simulator = Simulator()
-    host = Host(simulator)
-    host.hear()
-    assert host.configure()
-    assert host.stand_at(0, 0, 0)
-    host.stream(b"".join(straight(250, 40, 7) for _ in range(40)), 8_000)
-    assert host.request(Kind.RUN)
+    simulator, host = moving(250, 40, 40)
     chance = np.random.default_rng(seed)
     host.hear(0.02 + chance.uniform(0, 1e-3))
     for _ in range(chance.integers(1, 6)):

@@ -9,7 +9,15 @@ import pytest
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Block, Probe
-from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of, rows, run
+from cnc.model.diagnostics import Diagnostic
+from tests.support.gcode.gcode_cases import (
+    assert_error_at,
+    block_summaries,
+    end_of,
+    error_of,
+    rows,
+    run,
+)
 
 BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
 STARTED = ["rapid 1 2 3"]
@@ -97,3 +105,12 @@ def test_errors_are_reported_at_the_word(name: str) -> None:
 
 def test_no_feed() -> None:
     assert error_of("G38.2 Z-1").code == "feed-missing"
+
+
+def test_an_alarm_that_a_guessed_contact_leads_to_is_a_warning() -> None:
+    """A check assumes contact at the end of the move, so it may reach #3000 where no run does."""
+    found: list[Diagnostic] = []
+    program = "G0 Z9.\nG31 Z-5. F60.\nIF [#5063 LT -4.] THEN #3000=1\nG0 X1."
+    assert end_of(program, dialect="fanuc", warn=found.append) == [1.0, 0.0, -5.0]
+    assert [each.code for each in found] == ["abort-possible"]
+    assert error_of("G0 Z9.\n#3000=1", dialect="fanuc").code == "macro-alarm"

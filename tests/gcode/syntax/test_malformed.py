@@ -116,8 +116,6 @@ CASES: dict[str, tuple[str, str]] = {
     "no such axis in G10": ("axis-missing", "G10 L2 P1 X1 ¦U2"),
     "no such axis along an arc": ("axis-missing", "G2 X10 I5 ¦B4 F60"),
     "G92 without axes": ("axis-words-missing", "¦G92"),
-    "G53 without axes": ("axis-words-missing", "G0\n¦G53"),
-    "G53 G0 without axes": ("axis-words-missing", "G0 ¦G53"),
     "G53 with an arc": ("machine-coordinates-motion", "¦G53 G2 X1 I1 F60"),
     "G53 under an arc": ("machine-coordinates-motion", "G2 I1 F60\n¦G53 X1"),
     # feed, speed, tool, time

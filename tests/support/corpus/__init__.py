@@ -9,13 +9,13 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator
 
-from tests.support.corpus import hobby, industrial
+from tests.support.corpus import hobby, industrial, shops
 
 Maker = Callable[[random.Random], str]
 
-STYLES: dict[str, Maker] = industrial.STYLES | hobby.STYLES
+STYLES: dict[str, Maker] = industrial.STYLES | hobby.STYLES | shops.STYLES
 """The styles by name."""
-EXPECTED: dict[str, str] = industrial.EXPECTED | hobby.EXPECTED
+EXPECTED: dict[str, str] = industrial.EXPECTED | hobby.EXPECTED | shops.EXPECTED
 """The dialect in which each style must be read."""
 
 

@@ -1,0 +1,192 @@
+"""A real server: many sockets, slow readers, floods, and the pulses of a run meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+
+import httpx
+import pytest
+import uvicorn
+
+from cnc.boards.paced_loopback import PacedLoopback
+from cnc.server import connections, hub
+from cnc.server.app import create_app
+from cnc.server.connections import LimitedProtocol
+from cnc.server.security import Access, Rates
+from cnc.session.options import RunOptions
+from tests.support.waiting import wait_until
+
+PROGRAM = (
+    "G21 G90 G64\n"
+    + "".join(
+        f"G1 X{10 + 3 * (n % 3)} Y{10 + 2 * (n % 5)} F6000\nG3 X{11 + n % 4} Y12 R9\n"
+        for n in range(12)
+    )
+    + "M2\n"
+)
+
+
+class RealServer:
+    """A server at a free port, in a thread."""
+
+    def __init__(self, console, rates=None):
+        self.socket = socket.create_server(("127.0.0.1", 0), backlog=256)
+        self.port = self.socket.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}"
+        access = Access(frozenset({f"127.0.0.1:{self.port}"}))
+        config = uvicorn.Config(
+            create_app(console, access, rates),
+            http=LimitedProtocol,
+            ws="websockets-sansio",
+            log_config=None,
+            ws_ping_interval=0.5,
+            ws_ping_timeout=0.5,
+            timeout_graceful_shutdown=1,
+        )
+        self.server = uvicorn.Server(config)
+        self.thread = threading.Thread(target=self.server.run, args=([self.socket],), daemon=True)
+        self.thread.start()
+        wait_until(lambda: self.server.started)
+
+    def close(self):
+        self.server.should_exit = True
+        self.thread.join()
+        self.socket.close()
+
+    def connect(self):
+        return socket.create_connection(("127.0.0.1", self.port))
+
+    def get(self, path):
+        with httpx.Client(base_url=self.url) as client:
+            return client.get(path)
+
+
+@pytest.fixture
+def server(console):
+    found = RealServer(console, Rates(rate=1e6, burst=1e6))
+    yield found
+    found.close()
+
+
+def is_closed(connection):
+    """Return whether the server has closed a connection."""
+    connection.setblocking(False)
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def test_connections_beyond_the_limit_are_closed(server, monkeypatch):
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 10)
+    sockets = [server.connect() for _ in range(60)]
+    wait_until(lambda: sum(is_closed(each) for each in sockets) >= 50)
+    assert len(server.server.server_state.connections) <= 10
+    for each in sockets:
+        each.close()
+    wait_until(lambda: not server.server.server_state.connections)
+    assert server.get("/api/state").status_code == 200
+
+
+@pytest.mark.parametrize("data", [b"", b"GET /api/state HTT", b"GET / HTTP/1.1\r\nHost: x\r\n"])
+def test_a_connection_without_a_whole_request_is_closed(server, monkeypatch, data):
+    monkeypatch.setattr(connections, "HEAD_TIME", 0.2)
+    connection = server.connect()
+    connection.sendall(data)
+    wait_until(lambda: is_closed(connection))
+    connection.close()
+
+
+def handshake(server):
+    """Return a connection that has become a WebSocket, and reads nothing."""
+    connection = server.connect()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.sendall(
+        f"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    assert connection.recv(12) == b"HTTP/1.1 101"
+    return connection
+
+
+def test_a_slow_reader_is_disconnected(server, console):
+    connection = handshake(server)
+    wait_until(lambda: len(console.hub._clients) == 1)
+    wait_until(
+        lambda: console.hub.publish_object({"event": "x" * 50_000}) or not console.hub._clients
+    )
+    connection.close()
+
+
+def test_event_connections_are_limited(server, console, monkeypatch):
+    monkeypatch.setattr(hub, "MOST_CLIENTS", 2)
+    first, second = handshake(server), handshake(server)
+    wait_until(lambda: len(console.hub._clients) == 2)
+    third = server.connect()
+    third.sendall(
+        f"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    assert b"403" in third.recv(1000)
+    for each in (first, second, third):
+        each.close()
+    wait_until(lambda: not console.hub._clients)
+
+
+@pytest.fixture
+def pulses(monkeypatch):
+    """Return the rows of grid moves that the board has got: time in ns, and steps."""
+    rows = []
+    real = PacedLoopback.send
+
+    def send(board, chunk):
+        rows.extend(zip(chunk.time_ns.tolist(), chunk.step.tolist(), strict=True))
+        real(board, chunk)
+
+    monkeypatch.setattr(PacedLoopback, "send", send)
+    return rows
+
+
+def pulses_of_run(console, library, controller, pulses):
+    """Run the program from X0 Y0; return its grid moves."""
+    controller("POST", "/api/mdi", {"line": "G0 X0 Y0"})
+    wait_until(lambda: not console.session._busy)
+    (library.folder / "pulses.nc").write_text(PROGRAM)
+    before = len(library.history())
+    pulses.clear()
+    console.run("pulses.nc", RunOptions())
+    wait_until(lambda: len(library.history()) > before)
+    wait_until(lambda: not console.session._busy)
+    assert library.history()[0]["outcome"] == "done"
+    return pulses.copy()
+
+
+def test_the_pulses_are_the_same_with_clients_and_in_a_flood(
+    server, console, library, pulses, controller
+):
+    alone = pulses_of_run(console, library, controller, pulses)
+    answers, ended = [], threading.Event()
+
+    async def flood():
+        async with httpx.AsyncClient(base_url=server.url) as client:
+            while not ended.is_set():
+                each = [client.get("/api/state") for _ in range(8)]
+                answers.extend(answer.status_code for answer in await asyncio.gather(*each))
+
+    readers = [handshake(server) for _ in range(5)]
+    thread = threading.Thread(target=lambda: asyncio.run(flood()))
+    thread.start()
+    flooded = pulses_of_run(console, library, controller, pulses)
+    ended.set()
+    thread.join()
+    for each in readers:
+        each.close()
+    assert len(answers) >= 16
+    assert len(alone) > 1000
+    assert flooded == alone
