@@ -312,6 +312,9 @@ class LineSink(Board, Protocol):
     def settings(self) -> Mapping[int, float]:
         """Number and value of each setting (``$$``)."""
 
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return warnings where the settings of the board differ from the machine file."""
+
     @property
     def planner_blocks(self) -> int:
         """Moves that the planner of the board holds, 0 where it is not known."""

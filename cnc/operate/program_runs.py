@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -26,8 +27,8 @@ from cnc.session.observer import Callbacks, Stage
 from cnc.session.source import MDI_NAME
 
 QUESTIONS = itertools.count(1)
-PROGRESS_LINES = 1000
-"""Lines of a check between two events of its progress."""
+PROGRESS_PERIOD = 0.1
+"""Shortest time between two events of the progress, s."""
 
 DialogKind = Literal["tool", "stop", "restart", "door"]
 
@@ -115,7 +116,7 @@ class RunWatch:
     ) -> None:
         self._program, self._events, self._dialogs = program, events, dialogs
         self._control, self._on_progress = control, on_progress
-        self._shown: tuple[Stage, int] = ("checking", -PROGRESS_LINES)
+        self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
 
     def callbacks(self) -> Callbacks:
@@ -128,10 +129,10 @@ class RunWatch:
         )
 
     def _progress(self, stage: Stage, line: int, lines: int | None) -> None:
-        before, shown = self._shown
-        least = PROGRESS_LINES if stage == "checking" else 1
-        if stage != before or line >= shown + least:
-            self._shown = stage, line
+        before, shown, last = self._shown
+        now = time.monotonic()
+        if stage != before or (line != shown and now - last >= PROGRESS_PERIOD):
+            self._shown = stage, line, now
             self._events.emit(
                 JobProgress(program=self._program, stage=stage, line=line, lines=lines)
             )

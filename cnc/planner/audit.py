@@ -197,7 +197,7 @@ class Audit:
     def adopt(self, other: Audit) -> None:
         """Go on from the state of another audit of the same machine."""
         self.violations = dict(other.violations)
-        self._largest, self._legal = other._largest, other._legal
+        self._largest, self._legal, self._steep = other._largest, other._legal, other._steep
         self._index, self._known, self._last = other._index, other._known, other._last.copy()
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:

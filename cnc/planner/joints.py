@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.machine.kinematics import FiveAxis
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, MachineFileError
@@ -18,6 +19,7 @@ from cnc.path.chunk import PathChunk
 
 if TYPE_CHECKING:
     from cnc.kinematics.joint_map import JointMap
+    from cnc.kinematics.orientation import Swing
 
 Floats = NDArray[np.float64]
 
@@ -100,8 +102,9 @@ class Joints:
 class ToolTipOf:
     """Positions of joints and tip of a machine with tool-tip control, for the language."""
 
-    def __init__(self, bare: JointMap) -> None:
-        self._bare = bare
+    def __init__(self, bare: JointMap, table: FiveAxis, letters: tuple[str, ...]) -> None:
+        self._bare, self._table = bare, table
+        self.rotary = letters.index(table.tilting), letters.index("c")
 
     @classmethod
     def machine(cls, machine: Machine) -> ToolTipOf | None:
@@ -112,7 +115,8 @@ class ToolTipOf:
 
         bare = JointMap.of(machine)
         assert bare is not None
-        return cls(bare)
+        assert isinstance(machine.kinematics, FiveAxis)
+        return cls(bare, machine.kinematics, machine.axis_names)
 
     def joints(self, tip: list[float], offset: tuple[float, float, float]) -> list[float]:
         """Return the joints (axes,) of a tip (axes,) with a tool offset (X, Y, Z)."""
@@ -123,3 +127,17 @@ class ToolTipOf:
         """Return the tip (axes,) of joints (axes,) with a tool offset (X, Y, Z)."""
         found: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
         return found
+
+    def swing(self, here: list[float], direction: Floats) -> Swing | None:
+        """Return the great circle from a position (axes,) to a direction of the tool (3,)."""
+        from cnc.kinematics.orientation import swing
+
+        names = (self._table.tilting, "c")
+        signs = [-1.0 if name in self._table.reverse else 1.0 for name in names]
+        tilt, turn = (here[k] * sign for k, sign in zip(self.rotary, signs, strict=True))
+        found = swing((tilt, turn), direction, 90.0 if names[0] == "a" else 0.0)
+        if found is None:
+            return None
+        end = found.end[0] * signs[0], found.end[1] * signs[1]
+        angles = found.angles if not len(found.angles) else found.angles * np.array(signs)
+        return found._replace(end=end, angles=angles)

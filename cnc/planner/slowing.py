@@ -28,6 +28,7 @@ from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import NO_PHASES, end_of, first_steady, plan_to_rest, release
+from cnc.planner.stop_ramp import even_ramp
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -91,6 +92,8 @@ def slowed(request: Request) -> SlowedPlan | None:
     """
     plan = request.plan
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
+    if request.stops and (ramp := _stopped_evenly(request)) is not None:
+        return ramp
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
     if acceleration > 0.0 and (released := release(plan)) is not None:
@@ -110,6 +113,24 @@ def slowed(request: Request) -> SlowedPlan | None:
             if found is not None:
                 return found
     return None
+
+
+def _stopped_evenly(request: Request) -> SlowedPlan | None:
+    """Return the shortest ramp to rest where the bounds of the path hardly vary; else None."""
+    path, limits = request.path, request.path.limits
+    _, s, v, a, _ = request.plan[0].tolist()
+    fastest = float(request.plan["v"].max())
+    slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN), feed_factor=0.0)
+    ahead = HORIZON * limits.stopping_distance(fastest, any_direction=True)
+    near = path.intervals(slowing, s, min(request.goal, s + ahead))
+    phases = even_ramp(near, s, v, a)
+    if phases is None:
+        return None
+    rest, _ = end_of(phases)
+    level = path.intervals(replace(limits, feed_factor=inf), s, min(request.goal, s + ahead))
+    if rest >= request.goal - rounding_of(request.goal) or _beyond_flat(level, rest) != rest:
+        return None
+    return SlowedPlan(phases, rest, True, near, 0, rest, slowing)
 
 
 class _Search:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import threading
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ class Checker:
 
     def __init__(self) -> None:
         self._pool = ProcessPoolExecutor(
-            1, mp_context=get_context("spawn"), initializer=_lower_priority
+            1, mp_context=get_context("spawn"), initializer=_begin_worker
         )
 
     @property
@@ -63,8 +64,11 @@ class Checker:
         return self._pool
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, with the check that it carries out."""
+        workers = list((self._pool._processes or {}).values())
         self._pool.shutdown(wait=False, cancel_futures=True)
+        for worker in workers:
+            worker.terminate()
 
 
 def check_job(order: CheckOrder) -> dict[str, Any]:
@@ -108,6 +112,15 @@ def put(data: bytes, target: Path) -> None:
     os.replace(draft, target)
 
 
-def _lower_priority() -> None:
+def _begin_worker() -> None:
+    """Lower the priority of the process, and let it end with the server."""
     if hasattr(os, "nice"):
         os.nice(NICENESS)
+    threading.Thread(target=_end_with_server, daemon=True).start()
+
+
+def _end_with_server() -> None:
+    server = parent_process()
+    if server is not None:
+        server.join()
+        os._exit(1)

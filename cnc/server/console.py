@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,10 +59,12 @@ class Console:
         self._texts: dict[str, TextLines] = {}
         self._run: _Run | None = None
         self._lock = threading.Lock()
+        self._closing = False
         self._end_listening = session.listen(self._event)
 
     def close(self) -> None:
         """End the checks and the session."""
+        self._closing = True
         self._end_listening()
         if self._checker is not None:
             self._checker.close()
@@ -145,8 +147,14 @@ class Console:
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
 
     def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
-        error = None if done.cancelled() else done.exception()
-        summary: dict[str, Any] = {} if done.cancelled() or error else done.result()
+        if self._closing or done.cancelled():
+            return
+        error = done.exception()
+        if isinstance(error, BrokenExecutor):
+            # The next check begins with a new process.
+            with self._lock:
+                self._checker = None
+        summary: dict[str, Any] = {} if error else done.result()
         if error is not None:
             message = error.diagnostic.message if isinstance(error, CncError) else str(error)
             found = Finding(code="check-failed", message=f"{name} was not checked: {message}")

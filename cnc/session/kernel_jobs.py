@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, NamedTuple
@@ -246,7 +247,9 @@ def _cross() -> None:
     from cnc.planner.limits import Limits
 
     (path,) = _path([_traverses()])
-    junction_between(path, path, Limits.of(_machine()))
+    # The motion does not stop there, as it does at the end of a program.
+    before = replace(path, stop_after=np.zeros_like(path.stop_after))
+    junction_between(before, path, Limits.of(_machine()))
 
 
 def _travel(path: PathChunk) -> None:

@@ -175,7 +175,8 @@ def home_by_board(
         ended = "end"
     except BoardError as error:
         ended = error.diagnostic.code
-        raise
+        # No program has this line.
+        raise type(error)(replace(error.diagnostic, line=0)) from error
     finally:
         check.end(ended, None)
     return dict(zip(machine.axes, board.position, strict=False))

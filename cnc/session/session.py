@@ -187,6 +187,7 @@ class Session:
         if isinstance(board, RemembersPosition):
             locate(context, board)
         if isinstance(board, LineSink):
+            self._warn(board.unlike(report.machine))
             record.check_position(board)
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))

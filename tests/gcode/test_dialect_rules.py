@@ -254,6 +254,7 @@ def test_a_cycle_that_ended_leaves_no_motion_code_to_assume() -> None:
 def test_the_last_of_two_speeds_counts_where_the_controller_says_so(
     dialect: str, found: float | None
 ) -> None:
+    assert error_of("T5 T6", dialect=dialect).code == "word-repeated"
     if found is None or dialect == "marlin":
         assert error_of("S1000 X1 X2", dialect=dialect).code == "word-repeated"
     if found is None:
@@ -321,3 +322,11 @@ def test_a_machine_coordinate_code_without_axes_is_reported_and_does_nothing() -
     program = "G0 X1\nG53 G90 G40\nX2"
     assert points(program, "auto") == [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
     assert [found.code for found in warnings(program, "auto")] == ["code-without-effect"]
+
+
+def test_a_colon_before_words_is_a_line_number() -> None:
+    """Some posts mark the line of a tool change; a colon and a number alone are the program's."""
+    program = "N10 G0 X1.\n:0020 G0 X2.\nN30 X3."
+    assert points(program, "auto") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
+    assert points(":1000\nG0 X1.\nM30", "fanuc") == [(1.0, 0.0, 0.0)]
+    assert error_of(program, dialect="linuxcnc").code == "character-unknown"

@@ -16,7 +16,7 @@ from tests.support.soak import share
 COUNT = 401
 
 
-@pytest.mark.parametrize("period", [1e-3, 1e-4])
+@pytest.mark.parametrize("period", share((1e-3, 1e-4), (1e-3,)))
 def test_the_published_path_is_legal(period: float, tmp_path: Path) -> None:
     places = poses(COUNT)
     words = [

@@ -17,7 +17,7 @@ from cnc.api import Callbacks, Outputs
 from cnc.cli import progress
 from cnc.kernels import code_cache, jit
 from cnc.model.operator_control import Control
-from cnc.session import kernel_cache, kernel_needs
+from cnc.session import kernel_cache, kernel_jobs, kernel_needs
 from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with, run_with
@@ -248,3 +248,13 @@ def test_the_bar_counts_kernels_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -
 def test_no_bar_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
     with progress.ProgressDisplay(Control(), quiet=False) as display:
         assert display.callbacks().on_kernel is None
+
+
+def test_the_example_of_intervals_calls_the_kernel_of_junctions(monkeypatch) -> None:
+    """Python calls it only where a path goes on in another part of it."""
+    calls: list[object] = []
+    monkeypatch.setattr(
+        "cnc.planner.intervals.piece_junction", lambda *arguments: calls.append(arguments)
+    )
+    kernel_jobs._cross()
+    assert len(calls) == 1

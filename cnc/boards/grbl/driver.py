@@ -12,6 +12,7 @@ from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
 from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.setting_comparison import differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, SystemClock
@@ -211,6 +212,10 @@ class GrblBoard:
             for number in self.info.settings
             if (value := self.info.number(number)) is not None
         }
+
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return warnings where the settings of the board differ from the machine file."""
+        return differences(self.info, machine)
 
     @property
     def planner_blocks(self) -> int:

@@ -29,8 +29,8 @@ from cnc.model.units import per_minute
 
 SAME = 1e-3
 """Values that differ by less are equal: GRBL prints three decimals."""
-_LINE = re.compile(r"\$?(\d{1,3})\s*=\s*([^;]*)")
-_NUMBER = re.compile(r"\$?\d{1,3}")
+_LINE = re.compile(r"\$?(\d{1,5})\s*=\s*([^;]*)")
+_NUMBER = re.compile(r"\$?\d{1,5}")
 
 
 class Change(NamedTuple):

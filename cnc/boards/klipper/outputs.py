@@ -18,7 +18,7 @@ AHEAD_S = 0.1
 """Time from a command to the change of an output."""
 LEAST_AHEAD_S = 0.02
 """Time from a late repetition to its effect."""
-REPEAT_S = 0.5 * MAX_DURATION_S
+REPEAT_S = 0.25 * MAX_DURATION_S
 """Time between two repetitions."""
 
 

@@ -6,17 +6,18 @@ the position.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
+from cnc.gcode.codes.prepared_lines import Known
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.rotary_axes import RotaryAxes
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
-from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
+from cnc.gcode.syntax.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS
 
 _CYCLES = frozenset(
@@ -282,3 +283,13 @@ class AxisWords:
                     value = self.rotary.end(index, here + value, here) - here
                 end[index] += value
         return end
+
+    def quick_end(self, axes: Sequence[tuple[int, Known]]) -> list[float] | None:
+        """The end of a move; None if a value is out of range."""
+        scales, values = self.scales, []
+        for index, number in axes:
+            value = number if number.__class__ is float else number(self.coordinates.parameters)  # type: ignore[operator]
+            if not -MAX_NUMBER <= value <= MAX_NUMBER:
+                return None
+            values.append((index, value * scales[index]))
+        return self.shifted(values, self.position)

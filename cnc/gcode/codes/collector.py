@@ -1,11 +1,11 @@
-"""Protocol of curves whose definition takes many lines."""
+"""Protocols of moves that other modules make: curves of many lines, and moves with a vector."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from cnc.gcode.state.modal_groups import Codes
-from cnc.gcode.syntax.words import LineWords
+from cnc.gcode.syntax.words import LineWords, Word
 
 
 class Collector(Protocol):
@@ -27,3 +27,10 @@ class Collector(Protocol):
         Raises:
             GcodeError: The curve is not complete.
         """
+
+
+class VectorMove(Protocol):
+    """A straight move with a direction of the tool."""
+
+    def __call__(self, words: LineWords, code: Word | None, *, rapid: bool) -> None:
+        """Make the move."""

@@ -6,23 +6,23 @@ G0 to G3 are executed here. The modules of other motion codes register a handler
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
-from cnc.gcode.codes.collector import Collector
+from cnc.gcode.codes.collector import Collector, VectorMove
 from cnc.gcode.codes.corner_moves import CornerMoves
-from cnc.gcode.codes.move_feeds import MIN_FEED, MoveFeeds
-from cnc.gcode.codes.prepared_lines import Known, QuickMove
+from cnc.gcode.codes.move_feeds import MoveFeeds
+from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, Feed, ModalState, feed_of
+from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
+from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import ArcFeed, NurbsFeed
 from cnc.model.diagnostics import GcodeError
 
@@ -53,6 +53,7 @@ class Motion(MoveFeeds):
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
         tip_controlled: Whether tool-tip control is on.
+        move_with_vector: Makes a move of which I, J and K are the direction of the tool (G43.5).
         corners: The corner whose second move is not known yet (,C and ,R).
         may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
@@ -75,6 +76,7 @@ class Motion(MoveFeeds):
         self.motion_before: G | None = None
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self.tip_controlled = False
+        self.move_with_vector: VectorMove | None = None
         self._out = out
         self._resting: G | None = dialect.motion
         self.may_assume = dialect.motion_assumed
@@ -144,6 +146,8 @@ class Motion(MoveFeeds):
                 return None
             orient = codes.get("spindle")
             letters = self.repeat_words.get(state.motion or _TRAVERSE, frozenset())
+            if state.motion in _STRAIGHT and self._has_vector(words):
+                return state.motion
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
@@ -202,7 +206,7 @@ class Motion(MoveFeeds):
                 )
             return None
         self._state.motion = code.g
-        if code.number in _STRAIGHT and not has_axis:
+        if code.number in _STRAIGHT and not has_axis and not self._has_vector(words):
             return None
         return code.g
 
@@ -237,7 +241,10 @@ class Motion(MoveFeeds):
         if motion is None:
             return
         code = explicit.word if explicit else None
-        if motion is _TRAVERSE:
+        turned = self.move_with_vector if self._has_vector(words) else None
+        if turned is not None and motion in _STRAIGHT:
+            turned(words, code, rapid=motion is _TRAVERSE)
+        elif motion is _TRAVERSE:
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
@@ -272,6 +279,10 @@ class Motion(MoveFeeds):
         plane = self.arcs.plane_columns(angle, angle.letter)
         columns = [index for index in plane if self.axes[index].upper() in given]
         return corner_words.line_with_angle(angle, self.position, end, plane, columns)
+
+    def _has_vector(self, words: LineWords) -> bool:
+        """Whether a straight move has the direction of the tool."""
+        return self.move_with_vector is not None and not words.rest.keys().isdisjoint("IJK")
 
     def traverse(self, end: list[float]) -> None:
         """Make a straight move at the speed of the axes."""
@@ -339,8 +350,8 @@ class Motion(MoveFeeds):
         if motion is None or not self._is_quick(move, motion):
             return False
         try:
-            feed = state.feed if move.feed is None else self._quick_feed(move.feed)
-            end = self._quick_end(move.axes)
+            feed = state.feed if move.feed is None else self.quick_feed(move.feed)
+            end = self.quick_end(move.axes)
             if end is None or (feed is None and (motion != _TRAVERSE or move.feed is not None)):
                 return False
             arc = None
@@ -378,21 +389,3 @@ class Motion(MoveFeeds):
             or not unused.enabled
             or (motion != _TRAVERSE and "F" not in unused.words)
         )
-
-    def _quick_feed(self, known: Known) -> Feed | None:
-        """The feed of an F word; None if out of range."""
-        value = known if known.__class__ is float else known(self.coordinates.parameters)  # type: ignore[operator]
-        if not 0.0 < value <= MAX_NUMBER:
-            return None
-        feed = feed_of(value, self._state.scale)
-        return None if feed.rotary < MIN_FEED else feed
-
-    def _quick_end(self, axes: Sequence[tuple[int, Known]]) -> list[float] | None:
-        """The end of a move; None if a value is out of range."""
-        scales, values = self.scales, []
-        for index, number in axes:
-            value = number if number.__class__ is float else number(self.coordinates.parameters)  # type: ignore[operator]
-            if not -MAX_NUMBER <= value <= MAX_NUMBER:
-                return None
-            values.append((index, value * scales[index]))
-        return self.shifted(values, self.position)

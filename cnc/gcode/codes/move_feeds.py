@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from cnc.gcode.codes.axis_words import AxisWords
-from cnc.gcode.state.modal_groups import Feed
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.codes.prepared_lines import Known
+from cnc.gcode.state.modal_groups import Feed, feed_of
+from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault
 from cnc.model.units import per_second
 
 MIN_FEED = 1e-6
@@ -103,6 +104,14 @@ class MoveFeeds(AxisWords):
                 "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
             )
         return rate
+
+    def quick_feed(self, known: Known) -> Feed | None:
+        """The feed of an F word; None if out of range."""
+        value = known if known.__class__ is float else known(self.coordinates.parameters)  # type: ignore[operator]
+        if not 0.0 < value <= MAX_NUMBER:
+            return None
+        feed = feed_of(value, self._state.scale)
+        return None if feed.rotary < MIN_FEED else feed
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:
         """Return the revolutions per minute of a move; under G96 at the largest radius."""

@@ -1,9 +1,10 @@
 """Tool-tip control: programs move the tip on the part while the rotary axes turn.
 
 FANUC's G43.4 H, Haas' G234 H and SINUMERIK's TRAORI switch it on with the length of a tool; G49 and
-TRAFOOF end it. LinuxCNC's M428 and M429 select the kinematics with the tool offset in
-effect. The joints do not move at the switch: the position gets other coordinates. Source: FANUC,
-"Tool center point control"; LinuxCNC, "Switchable Kinematics"; Siemens, "Job Planning", TRAORI.
+TRAFOOF end it. Under G43.5 I, J and K of a move are the direction of the tool. LinuxCNC's M428 and
+M429 select the kinematics with the tool offset in effect. The joints do not move at the switch: the
+position gets other coordinates. Source: FANUC, "Tool center point control"; LinuxCNC, "Switchable
+Kinematics"; Siemens, "Job Planning", TRAORI.
 """
 
 from __future__ import annotations
@@ -14,10 +15,15 @@ from cnc.gcode.codes.motion import Motion
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.state.tool_tip import Offset, ToolTip
+from cnc.gcode.state.tool_tip import Floats, Offset, ToolTip
 from cnc.gcode.syntax.code_numbers import M
-from cnc.gcode.syntax.words import Word, fault, under_compensation
-from cnc.model.blocks import TipControl
+from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation
+from cnc.model.blocks import NurbsFeed, TipControl
+
+DEGREE = 7
+"""Of the curves of the angles along a great circle."""
+POLE = 1e-4
+"""Degrees from the axis of C within which a great circle is refused."""
 
 
 class TipControlCodes:
@@ -50,13 +56,14 @@ class TipControlCodes:
         offset = self._motion.coordinates.tool_offset
         self.set_offset(offset, code.word, on=code.number == M.M428)
 
-    def set_offset(self, offset: list[float], at: Word, *, on: bool) -> None:
+    def set_offset(self, offset: list[float], at: Word, *, on: bool, vectors: bool = False) -> None:
         """Take a tool offset into effect, and switch tool-tip control.
 
         Args:
             offset: of the axes (axes,), mm or degrees.
             at: word at which errors are reported.
             on: whether tool-tip control is on from here.
+            vectors: whether I, J and K of a straight move are the direction of the tool (G43.5).
 
         Raises:
             GcodeError: ``tip-control-missing``, ``tip-control-offset``.
@@ -80,7 +87,61 @@ class TipControlCodes:
                 TipControl(self._here.file, self._here.line, vector if on else None, place)
             )
         motion.tip_controlled = on
+        motion.move_with_vector = self._move_with_vector if on and vectors else None
         coordinates.tool_offset = offset
+
+    def _move_with_vector(self, words: LineWords, code: Word | None, *, rapid: bool) -> None:
+        """Make a straight move of the tip; the tool turns to I, J, K on a great circle.
+
+        A traverse turns linearly in the joints. A word that is left out is 0.
+        """
+        motion, machine = self._motion, self._machine
+        assert machine is not None
+        at = code or words.first()
+        for column in machine.rotary:
+            if clash := words.rest.get(motion.axes[column].upper()):
+                message = f"{clash.written} beside the direction of the tool"
+                raise fault("tool-direction", message, clash, "give angles, or I, J and K")
+        taken = [words.take(letter, at.written) for letter in "IJK"]
+        at = next(filter(None, taken), at)
+        swing = machine.swing(motion.position, self._direction(taken, at))
+        if swing is None:
+            hint = "give a direction between both"
+            raise fault("tool-direction", "the tool would turn by 180 degrees", at, hint)
+        end = motion.target(words, "G0" if rapid else "G1", motion.position)
+        if not rapid and swing.nearest <= POLE:
+            message = f"the tool passes {swing.nearest:.2g} degrees from the axis of C"
+            hint = "there C has no bounded speed: go round it, or give angles under G43.4"
+            raise fault("singular-pose", message, at, hint)
+        for column, value in zip(machine.rotary, swing.end, strict=True):
+            end[column] = value
+        if rapid:
+            motion.traverse(end)
+            return
+        length = motion.distance(end)
+        feed = motion.feed(words, end, length, at)
+        if not len(swing.parameters):
+            motion.feed_to(end, feed)
+            return
+        here, there = np.array(motion.position), np.array(end)
+        points = here + swing.parameters[:, None] * (there - here)
+        points[:, list(machine.rotary)] = swing.angles
+        file, line = self._here.file, self._here.line
+        weights = np.ones(len(points))
+        motion.spline(NurbsFeed(file, line, DEGREE, swing.knots, points, weights, feed))
+
+    def _direction(self, taken: list[Word | None], at: Word) -> Floats:
+        """Return the direction of the tool on the part from I, J and K."""
+        coordinates, column = self._motion.coordinates, self._motion.column
+        vector = [0.0] * len(self._motion.axes)
+        columns = [column[letter] for letter in "XYZ"]
+        for index, word in zip(columns, taken, strict=True):
+            vector[index] = 0.0 if word is None else word.number
+        turned = coordinates.rotated(vector) if coordinates.turned else vector
+        found = np.array([turned[index] for index in columns])
+        if not found.any():
+            raise fault("tool-direction", "I, J and K are 0", at, "give the direction of the tool")
+        return found
 
     def _of_tool(self, offset: list[float]) -> Offset:
         """Return the offset along X, Y and Z."""

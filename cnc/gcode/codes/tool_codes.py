@@ -65,7 +65,7 @@ class ToolCodes:
     # Offsets in effect
 
     def tool_length(self, words: LineWords, code: Code) -> None:
-        """Execute G43, G43.1, G43.2, G43.4, G44 or G49."""
+        """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.number
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
@@ -97,7 +97,8 @@ class ToolCodes:
                 offset = [-value for value in offset]
         # Where G43.4 is a length code, the others end its control. LinuxCNC keeps its kinematics.
         stays = G.G43_4 not in self._dialect.g and self._tip.active
-        self._tip.set_offset(offset, at, on=stays or number == G.G43_4)
+        on = stays or number in (G.G43_4, G.G43_5)
+        self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":

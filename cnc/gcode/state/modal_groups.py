@@ -34,7 +34,7 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "arc-distance": (G.G90_1, G.G91_1),
     "feed-mode": (G.G93, G.G94, G.G95),
     "compensation": (G.G40, G.G41, G.G41_1, G.G42, G.G42_1),
-    "tool-length": (G.G43, G.G43_1, G.G43_2, G.G43_4, G.G44, G.G49),
+    "tool-length": (G.G43, G.G43_1, G.G43_2, G.G43_4, G.G43_5, G.G44, G.G49),
     "system": (
         G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1,
     ),

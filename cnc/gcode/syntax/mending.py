@@ -12,6 +12,8 @@ from cnc.gcode.syntax.statement import Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
+_ALIGNMENT = re.compile(r"[ \t]*:(?=[ \t]*[0-9]{1,8}[ \t]+[A-Z][ \t]*[-+.0-9])", re.I)
+"""A colon in place of N, at which some posts let a program begin again."""
 _TEXT_CODE = re.compile(
     r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
 )
@@ -24,7 +26,7 @@ _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]", re.I)
 """Block delete between two words."""
 _ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
-_SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF|SUBROUTINE|STEP|CLEAR)\b", re.I)
+_SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF)\b", re.I)
 
 MENDED = "mended"
 """Kind of the remark that reports a repair."""
@@ -40,11 +42,14 @@ class Mended(NamedTuple):
 def as_program_start(text: str) -> str:
     """Return a line with FANUC's other forms of a program's start as RS274/NGC has them.
 
-    ``:1000`` is O1000. Text after the % that begins a tape is its name, not code.
+    ``:1000`` is O1000, and before other words N1000. Text after the % that begins a tape is its
+    name, not code.
     """
     begin = text.lstrip(" \t")
     if begin.startswith("%") and begin[1:].strip() and begin[1:].lstrip(" \t")[:1] not in "(;":
         return f"%({re.sub('[()]', ' ', begin[1:])})"
+    if begin.startswith(":") and (colon := _ALIGNMENT.match(text)):
+        return f"{text[: colon.end() - 1]}N{text[colon.end() :]}"
     if begin.startswith(":") and (colon := _PROGRAM_NUMBER.match(text)):
         rest = text[colon.end() :].lstrip(" \t")
         return text[: colon.end() - 1] + (" " if rest[:1] in "Oo" else "O") + text[colon.end() :]

@@ -290,6 +290,7 @@ feed-before-units word-shadowed word-without-effect no-such-file unreadable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn
+tool-direction singular-pose
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

@@ -15,6 +15,8 @@ from cnc.boards.grbl.simulator.planner import Move, Phase, Planner, Point
 
 TINY = 1e-12
 """mm or mm/s: rounding."""
+CLOCK_ROUNDING = 1e-6
+"""mm or mm/s: rounding of a place or speed by that of the clock, which may have run for days."""
 
 
 class Steppers:
@@ -102,11 +104,11 @@ class Steppers:
         """Return the kind of :attr:`event`: ``tripped``, ``held``, ``next`` block or ``done``."""
         s, v = self._now(now)
         move = self.planner.blocks[0]
-        if self.stop_at is not None and s >= self.stop_at - TINY:
+        if self.stop_at is not None and s >= self.stop_at - CLOCK_ROUNDING:
             self.stop_at = None
             return "tripped"
         self._phases = []
-        if self.holding and v <= TINY and s < move.length - TINY:
+        if self.holding and v <= CLOCK_ROUNDING and s < move.length - CLOCK_ROUNDING:
             self._s, self._v = s, 0.0
             self.position = move.point(s)
             self.running = False
@@ -119,7 +121,7 @@ class Steppers:
             self._v = 0.0
             self.running = False
             return "done"
-        if self.holding and v <= TINY:
+        if self.holding and v <= CLOCK_ROUNDING:
             self.running = False
             return "held"
         self._enter()

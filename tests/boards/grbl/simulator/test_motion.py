@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.grbl.simulator.planner import junction_speed_sq
-from tests.support.boards.simulator_bench import Bench
+from tests.support.boards.simulator_bench import HOMING, Bench
 from tests.support.soak import share
 
 FAST = {100 + axis: 1000.0 for axis in range(3)} | {
@@ -263,3 +263,19 @@ def test_a_run_that_fits_the_planner_is_time_optimal(corners):
         assert duration(bench) == pytest.approx(
             time_by_small_steps(moves, (50.0, 50.0, 200.0), 0.01), rel=2e-3
         )
+
+
+def test_holds_and_switches_stop_the_machine_after_days_of_uptime():
+    """A clock of 10 days has a resolution of 1e-10 s, in which a fast axis moves 1e-8 mm."""
+    bench = Bench(settings=HOMING)
+    bench.simulator.advance(864_000.7)
+    bench.hear(0.1)
+    assert bench.reply("$H", 120.0) == "ok"
+    assert bench.simulator.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.01)
+    for number in range(20):
+        bench.send(f"G1 X{-100 + 60 * (number % 2)} F4000\n", 0.2 + 0.013 * number)
+        bench.send("!", 1.0)
+        assert bench.status()["state"] == "Hold:0"
+        assert -99.9 < bench.simulator.position[0] < -1.1
+        bench.send("~", 5.0)
+        assert bench.status()["state"] == "Idle"
