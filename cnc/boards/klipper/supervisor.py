@@ -236,14 +236,17 @@ class Supervisor(PulseSupervisor):
         """End the watch; a trigger that was not reported is a fault."""
         self.guards.disarm()
         self._stopping = True
+        state = None
         try:
-            state = self.connection.ask(
-                "trsync_trigger",
-                "trsync_state",
-                self.pump,
-                oid=self.layout.trigger,
-                reason=BY_HOST,
-            )
+            # A report from before the command may come first.
+            while state is None or state["can_trigger"]:
+                state = self.connection.ask(
+                    "trsync_trigger",
+                    "trsync_state",
+                    self.pump,
+                    oid=self.layout.trigger,
+                    reason=BY_HOST,
+                )
         finally:
             self._stopping = False
         if state["trigger_reason"] != BY_HOST:

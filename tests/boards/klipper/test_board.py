@@ -9,6 +9,7 @@ import pytest
 
 from cnc.api import Callbacks, Control, run
 from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.boards.protocols import PulseSink
@@ -190,3 +191,19 @@ def test_drift_of_the_clock(small: Path, tmp_path: Path, drift: float) -> None:
     report, _ = played(small, tmp_path, known, simulator)
     assert report.ok, report.faults
     check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))
+
+
+def test_report_from_before_the_end_is_no_alarm(small: Path, tmp_path: Path) -> None:
+    """A periodic report of the trigger may cross with the command that ends the watch."""
+    known = machine()
+    simulator = simulator_for(known)
+    commands = simulator._commands
+    end = commands._trsync_trigger
+
+    def crossed(message: Message) -> None:
+        commands._report(simulator.triggers[0])
+        end(message)
+
+    commands._trsync_trigger = crossed  # type: ignore[method-assign]
+    report, _ = played(small, tmp_path, known, simulator)
+    assert report.ok, report.faults
