@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as NotYet
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -22,6 +20,8 @@ from cnc.model.diagnostics import (
 from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from cnc.operate.events import JobEnded
     from cnc.operate.operator_session import OperatorSession
 
@@ -116,7 +116,7 @@ def _wait(session: OperatorSession, control: Control, future: Future[T]) -> T:
     while True:
         try:
             return future.result(POLL)
-        except NotYet:
+        except TimeoutError:
             if future.done():
                 raise
             if control.stopped:

@@ -23,7 +23,6 @@ from cnc.operate.events import (
     Listener,
     OffsetsChanged,
 )
-from cnc.operate.line_machine import LineMachine
 from cnc.operate.live_boards import open_live, operated
 from cnc.operate.modal_memory import ModalMemory
 from cnc.operate.program_runs import RunWatch
@@ -314,49 +313,6 @@ class OperatorSession(Worker):
             self._offsets_changed()
 
         return self._begin("none", change)
-
-    # Requests
-
-    def hold(self) -> None:
-        """Come to rest on the path, and wait."""
-        self._control.hold()
-
-    def resume(self) -> None:
-        """Continue after a hold."""
-        self._control.resume()
-
-    def override(
-        self, *, feed: float | None = None, rapid: int | None = None, spindle: float | None = None
-    ) -> None:
-        """Scale feeds, traverses and spindle speeds, per cent.
-
-        Raises:
-            UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
-        """
-        if not isinstance(self._operated, LineMachine):
-            for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
-                if value not in (None, 100):
-                    message = "this board has no such override"
-                    raise UsageError(Diagnostic(code, message, hint="GRBL boards have it"))
-        for control in (self._overrides, self._control):
-            if feed is not None:
-                control.override(feed)
-            if rapid is not None:
-                control.override_rapids(rapid)
-            if spindle is not None:
-                control.override_spindle(spindle)
-
-    def answer(self, number: int, yes: bool) -> bool:
-        """Answer a question; return whether it was open."""
-        dialog = self._dialogs.answer(number, yes)
-        if dialog is None:
-            return False
-        if dialog.kind != "restart":
-            if yes:
-                self._control.resume()
-            else:
-                self.stop()
-        return True
 
     # Parts of activities
 

@@ -70,7 +70,7 @@ SQUARE = "G1 X40\nG1 Y40\nG1 X0\nG1 Y0"
         ("G2 X20 I10", "G3 X20 I10", 20.0, (2, 2)),
         ("G2 X20 I10", "G1 X20", 10.0, (2, 2)),
         ("G2 X40 Y40 R50", "G2 X40 Y40 R51", None, (2, 2)),
-        ("G64 P1\nG1 X40\nG1 Y40", "G1 X40\nG1 Y40", 1.0, None),
+        ("G64 P0.5\nG1 X40\nG1 Y40", "G1 X40\nG1 Y40", 0.5, None),
     ],
 )
 def test_distance_and_lines(difference, one, other, distance, lines):
