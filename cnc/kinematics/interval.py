@@ -49,7 +49,7 @@ class Interval:
 
     def __mul__(self, other: Interval | Floats | float) -> Interval:
         low, high = _ends(other)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # an infinite end is right
             each = (self.lo * low, self.lo * high, self.hi * low, self.hi * high)
         return _hull(*each)
 
@@ -57,7 +57,7 @@ class Interval:
 
     def __truediv__(self, other: Interval | Floats | float) -> Interval:
         low, high = _ends(other)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             inverse = Interval(np.asarray(1.0 / high), np.asarray(1.0 / low))
         through_zero = (np.asarray(low) <= 0.0) & (np.asarray(high) >= 0.0)
         return self * _unbounded(inverse, through_zero)

@@ -65,7 +65,7 @@ SHORT = ("move-below-step", 2, "note")
         ("G1 X30 Z-40 F3749\nM2", []),
         ("G1 X30 Z-40 F3751\nM2", [FEED]),
         ("G2 X20 I10 F6001\nM2", [FEED]),
-        ("G93 G1 X50 F200\nM2", [FEED]),
+        ("G93 G1 X50 F200\nM2", [FEED, ("block-time", 2, "note")]),
         ("G20 G1 X1 F240\nM2", [FEED]),
         ("G1 X5 F600 (cnc: ignore spindle-off)\nS900 M3\nM2", []),
         ("G1 X5 F9000 ; CNC: ignore spindle-off, feed-unreachable\nS900 M3\nM2", []),

@@ -38,7 +38,7 @@ BROKEN = [
     ("feed-not-positive", "F-5"), ("function-unknown", "G1 X[SINE[5]]"),
     ("label-missing", "O call"), ("letter-missing", "5 5"), ("line-number-bad", "N-5 G0"),
     ("loop-endless", "o1 while [1]\no1 endwhile"), ("machine-coordinates-motion", "G53 G2 X1 I5"),
-    ("modal-conflict", "G0 G1 X5"), ("modal-conflict", "M70 M73"), ("motion-missing", "X5"),
+    ("modal-conflict", "G0 G1 X5"), ("modal-conflict", "M70 M73"), ("motion-missing", "G80 X5"),
     ("number-malformed", "G1 X5.5.5"), ("number-malformed", "G1 X--5"), ("number-missing", "G1 X"),
     ("number-missing", "G1 X]"), ("number-too-large", "G1 X99999999999999999"),
     ("nurbs-left-early", "G5.2 X1 Y1 L3"), ("operator-unknown", "G1 X[1 PLUS 2]"),

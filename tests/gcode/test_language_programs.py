@@ -171,7 +171,7 @@ def test_the_program_has_the_expected_blocks(case: Case, dialect: str) -> None:
     assert [line for block in blocks for line in written(block)] == list(case.blocks)
 
 
-TILTING = {"G43.4", "M428", "M429", "M430"}
+TILTING = {"G43.4", "G43.5", "M428", "M429", "M430"}
 """Codes of machines with tilting axes, which have tests of their own."""
 
 

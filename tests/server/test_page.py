@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.kernels.code_cache import cache_folder
 from tests.support.paths import ROOT
 
 sync_api = pytest.importorskip("playwright.sync_api")
@@ -60,7 +61,7 @@ def address(tmp_path_factory):
     shutil.copy(ROOT / "config" / "grbl-uno.toml", folder / "mill.toml")
     arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", "mill.toml"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
-    environment.setdefault("NUMBA_CACHE_DIR", str(Path.home() / ".cache" / "cncrun"))
+    environment["NUMBA_CACHE_DIR"] = str(cache_folder())
     server = subprocess.Popen(
         [sys.executable, "-m", "cnc.cli", *arguments],
         cwd=folder,
