@@ -154,7 +154,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     # A right one is checked, cut in the simulation, and run.
     upload(page, "plate.nc", PROGRAM.format(feed=900))
     expect(page.locator("#outcome")).to_contain_text("checked")
-    expect(page.locator("#limits")).to_contain_text("X velocity")
+    expect(page.locator("#limits")).to_contain_text("Z velocity")
     page.fill("#stock", "X0:120,Y0:120,Z-10:0")
     page.click("#simulate")
     expect(page.locator("#outcome")).to_contain_text("cm³ removed")
