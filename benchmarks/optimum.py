@@ -1,15 +1,13 @@
 r"""Fastest motion along a path within a machine's limits, on a fine grid, as a reference.
 
 Three times bound a motion from rest to rest along a given path:
-
 - T2, without a limit of jerk: a linear programme for v^2 on the grid. No motion is faster.
-- T3, with jerk: a nonlinear programme (casadi, IPOPT). Its motion is one of phases of constant
-  jerk, one for each cell of the grid. The limits of acceleration are held at both ends of a phase,
-  that of jerk in its middle: then the time is exact to the second order of the grid's spacing.
+- T3, with jerk: a nonlinear programme (casadi, IPOPT). Each cell of the grid is a phase of constant
+  jerk. The limits of acceleration are held at its ends, that of jerk in its middle: then the time
+  is exact to the second order of the grid's spacing.
 - ours: the planner's.
-
-T3 has a speed v and an acceleration a at each point of the grid, and a duration h and a jerk j for
-each cell. With d the length of the cell,
+T3 has speed v and acceleration a at each point of the grid, and for each cell of length d a
+duration h and a jerk j:
 
     d = h v0 + h^2 a0 / 2 + h^3 j / 6,   v1 = v0 + h a0 + h^2 j / 2,   a1 = a0 + h j.
 
@@ -17,8 +15,8 @@ The limits follow from the exact derivatives q', q'', q''' of the path by its le
 
     |q' v|,   |q'' v^2 + q' a|,   |q''' v^3 + 3 q'' v a + q' j|.
 
-The grid's points are even in time: first in the planner's motion, then in the first optimum. Each
-knot of the path is a point. Constant speed beside a junction and stops are those of the planner.
+The grid's points are even in time, in the planner's motion and then in the first optimum. Knots are
+points. Constant speed beside a junction and stops are those of the planner.
 """
 
 from __future__ import annotations

@@ -1,17 +1,14 @@
 """Protocols of board drivers: pulse boards, line boards, and optional abilities.
 
-A driver takes time-stamped chunks ahead of time, and the board plays them. Nothing here waits for a
-pulse. The states of a board:
+A driver takes time-stamped chunks ahead of time, and the board plays them. The states of a board:
 
               start              finish
       idle ---------> running ------------> idle
                         |  stop, abort, a fault of the board
                         v
-                     stopped    refuses everything but stop, abort and close
-                                with BoardError `board-stopped`
+                     stopped    refuses all but stop, abort and close: BoardError `board-stopped`
 
-In the state idle, a board takes only start, stop, abort and close. Other calls are BoardError
-`board-not-started`.
+An idle board takes only start, stop, abort and close. Else: BoardError `board-not-started`.
 
 Drivers are found by name (:mod:`cnc.boards.registry`). Each driver class declares its
 :class:`BoardTraits` and passes a conformance suite of ``tests/support/boards``.

@@ -13,8 +13,7 @@ The safe height is the highest position of the skipped motion, or the present on
 On a machine with limit switches it stays below the switch of Z.
 
 Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
-the line that it is written on. A run cannot begin at a line of a subprogram, because it would be
-unclear which call is meant.
+its line. A run cannot begin at a line of a subprogram: it would be unclear which call is meant.
 """
 
 from __future__ import annotations
@@ -199,9 +198,8 @@ class RestartPoint:
         laser: bool = False,
     ) -> None:
         if line < 1:
-            raise UsageError(
-                Diagnostic("from-line", f"there is no line {line}", hint="lines count from 1")
-            )
+            message = f"there is no line {line}"
+            raise UsageError(Diagnostic("from-line", message, hint="lines count from 1"))
         self.line = line
         self.file = file
         self.steps: tuple[str, ...] = ()
@@ -236,10 +234,8 @@ class RestartPoint:
             if differs and touched
         ]
         if unknown:
-            message = (
-                f"the position of {unknown[0]} at line {self.line} depends on the position before "
-                "the program"
-            )
+            where = f"the position of {unknown[0]} at line {self.line}"
+            message = f"{where} depends on the position before the program"
             hint = "begin at the first line, or program absolute positions before this line"
             raise self._unknown(message, hint)
 
