@@ -80,7 +80,6 @@ def cut_column(column: Floats, y: float, cell: float, x: float, move: Move, cutt
             r = math.sqrt(v * v + (u - t) * (u - t))
             column[k] = min(column[k], low - slope * t + rise * max(0.0, r - flat))
     else:
-        share = slope / math.sqrt(1.0 + slope * slope)
         for k in range(len(column)):
             b = y + k * cell
             u, v = x * dx + b * dy, b * dx - x * dy
@@ -88,12 +87,14 @@ def cut_column(column: Floats, y: float, cell: float, x: float, move: Move, cutt
             if slope > 0.0:
                 rim = math.sqrt(max(0.0, square - v * v))
                 edge = math.sqrt(max(0.0, flat * flat - v * v))
-                s = min(max(flat + rise * share, edge), rim)
+                span = 0.5 * (rim - edge)
+                s = edge + span
                 for _ in range(ROUNDS):
                     r = math.sqrt(v * v + s * s)
-                    wanted = slope * r / max(s, 1e-12)
-                    r = flat + rise * wanted / math.sqrt(1.0 + wanted * wanted)
-                    s = min(max(math.sqrt(max(0.0, r * r - v * v)), edge), rim)
+                    beyond = r - flat
+                    side = math.sqrt(max(0.0, rise * rise - beyond * beyond))
+                    span *= 0.5
+                    s += span if beyond * s < slope * r * side else -span
             t = min(max(u + s, 0.0), along)
             beyond = max(0.0, math.sqrt(v * v + (u - t) * (u - t)) - flat)
             corner = rise - math.sqrt(max(0.0, rise * rise - beyond * beyond))

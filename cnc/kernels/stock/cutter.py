@@ -20,7 +20,7 @@ lead of the tool. Without ends it lies where h'(r) s / r = m:
     FLAT        s = sqrt(R^2 - v^2)                  (the rim behind)
     BALL        s = m sqrt(R^2 - v^2) / sqrt(1 + m^2)
     CONE        s = m v / sqrt(k^2 - m^2), at least the edge of the tip, at most the rim
-    BULL        by iteration; it starts from the solution for v = 0
+    BULL        by bisection between the edge of the flat part and the rim
 
 t = u + s is then limited to the move. If the tool does not reach the cell there, it does not reach
 it at all.
@@ -35,8 +35,8 @@ from cnc.kernels.jit import njit
 
 FLAT, BALL, BULL, CONE = range(4)
 """Shapes of a tool."""
-ROUNDS = 2
-"""Rounds of the iteration for a bull nose. Any lead lies on the tool's way. So an error of the lead
+ROUNDS = 7
+"""Rounds of the bisection for a bull nose. Any lead lies on the tool's way. So an error of the lead
 leaves material and never removes too much. It enters in the second order.
 """
 
@@ -98,11 +98,14 @@ def lead(cutter: Cutter, slope: float, v: float) -> float:
     if cutter.shape == CONE:
         steep = cutter.rise * cutter.rise - slope * slope
         return rim if steep <= 0.0 else min(rim, max(edge, slope * abs(v) / math.sqrt(steep)))
-    s = cutter.flat + cutter.rise * slope / math.sqrt(1.0 + slope * slope)
-    s = min(max(s, edge), rim)
+    low, high = edge, rim
     for _ in range(ROUNDS):
+        s = 0.5 * (low + high)
         r = math.sqrt(square + s * s)
-        wanted = slope * r / max(s, 1e-12)
-        r = cutter.flat + cutter.rise * wanted / math.sqrt(1.0 + wanted * wanted)
-        s = min(max(math.sqrt(max(0.0, r * r - square)), edge), rim)
-    return s
+        beyond = r - cutter.flat
+        side = math.sqrt(max(0.0, cutter.rise * cutter.rise - beyond * beyond))
+        if beyond * s < slope * r * side:
+            low = s
+        else:
+            high = s
+    return 0.5 * (low + high)
