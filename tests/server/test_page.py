@@ -241,5 +241,6 @@ def test_the_page_is_accessible(browser, address, theme):
             if part is not None:
                 opened.click(f'nav button[data-part="{part}"]')
             found = axe.run(opened).response["violations"]
-            assert [each["id"] for each in found if each["impact"] in ("serious", "critical")] == []
+            grave = [each for each in found if each["impact"] in ("serious", "critical")]
+            assert [(each["id"], each["nodes"][0]["failureSummary"]) for each in grave] == []
         context.close()
