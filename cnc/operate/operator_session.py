@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.executor.run import Progress
+from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
@@ -23,6 +24,7 @@ from cnc.operate.events import (
     Listener,
     OffsetsChanged,
 )
+from cnc.operate.height_mapping import HEIGHT_MAP, Grid, not_probed
 from cnc.operate.live_boards import open_live, operated
 from cnc.operate.modal_memory import ModalMemory
 from cnc.operate.program_runs import RunWatch
@@ -252,6 +254,29 @@ class OperatorSession(Worker):
         program = InlineProgram(MDI_NAME, text)
         return self._begin("probe", lambda: self._run(program, line, RunOptions(), 1))
 
+    def probe_grid(self, grid: Grid) -> Future[HeightMap]:
+        """Probe a surface on a grid, and return its height map.
+
+        Raises:
+            UsageError: ``height-map-grid``, also if a contact is missing.
+        """
+        grid.check()
+
+        def probe() -> HeightMap:
+            system = self._view.system
+            height = self._view.work_position(system)["z"]
+            text = f"{system}\n{grid.program(height)}".encode()
+            found: dict[int, float] = {}
+            program = InlineProgram(MDI_NAME, text)
+            ended = self._run(program, HEIGHT_MAP, RunOptions(), 1, found.update)
+            if ended.outcome != "done":
+                raise not_probed(ended)
+            work = self._view.work_position(system)
+            place = self._view.readings.position
+            return grid.height_map(found, system, {each: place[each] - work[each] for each in work})
+
+        return self._begin("probe", probe)
+
     def mdi(self, line: str) -> Future[JobEnded]:
         """Run a line, with the modal state of the lines before it."""
         self.history = [*self.history, line][-MOST_HISTORY:]
@@ -350,7 +375,12 @@ class OperatorSession(Worker):
         self._machine.jog(move, control, self._view.take)
 
     def _run(
-        self, program: Path | InlineProgram, name: str, options: RunOptions, skipped: int
+        self,
+        program: Path | InlineProgram,
+        name: str,
+        options: RunOptions,
+        skipped: int,
+        on_end: Callable[[Mapping[int, float]], object] | None = None,
     ) -> JobEnded:
         machine, control = self._machine, self._control
         self._view.begin(name)
@@ -365,6 +395,8 @@ class OperatorSession(Worker):
             )
             report = session.run(machine.board, self._view.board)
             ended = program_runs.ended(report, name, skipped)
+            if on_end is not None:
+                on_end(session.parameters)
         except CncError as error:
             ended = program_runs.failed(error, name)
         finally:
