@@ -31,8 +31,10 @@ class HeightMap(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    kind: Literal["cnc-height-map"] = Field("cnc-height-map", description="Kind of the file.")
-    version: Literal[1] = Field(1, description="Version of the format.")
+    kind: Literal["cnc-height-map"] = Field(
+        default="cnc-height-map", description="Kind of the file."
+    )
+    version: Literal[1] = Field(default=1, description="Version of the format.")
     x: Positions = Field(description="Machine positions of the columns, ascending, mm.")
     y: Positions = Field(description="Machine positions of the rows, ascending, mm.")
     heights: Rows = Field(
@@ -40,22 +42,22 @@ class HeightMap(BaseModel):
         "work position of Z at the contact, so it is 0 at the height of the work zero."
     )
     interpolation: Interpolation = Field(
-        "bilinear",
+        default="bilinear",
         description="Between the points: bilinear, or the bicubic natural spline.",
     )
     tolerance: float = Field(
-        0.005,
+        default=0.005,
         ge=0.0001,
         le=1.0,
         allow_inf_nan=False,
         description="Largest distance of the pieces of a move from the warped move, mm.",
     )
-    system: str = Field("", description="Coordinate system of the heights, such as G54.")
+    system: str = Field(default="", description="Coordinate system of the heights, such as G54.")
     work_zero: dict[str, Finite] = Field(
         default_factory=dict,
         description="Machine position of the work zero by axis at the time of probing, mm.",
     )
-    probed: str = Field("", description="Date and time of the probing, ISO 8601.")
+    probed: str = Field(default="", description="Date and time of the probing, ISO 8601.")
 
     @field_validator("x", "y")
     @classmethod
