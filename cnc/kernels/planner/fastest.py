@@ -8,8 +8,8 @@ holds the limits at four points of a cell. So the search
 2. raises the weight of the time in steps, and keeps the motion of each step;
 3. examines the motion between the points when the weight is large enough. Cells that exceed a
    limit there are cut or allowed less (:mod:`cnc.kernels.planner.examination`), and the descent
-   goes on from the last motion that was kept. If that one exceeds a limit at a new cut, the descent
-   begins anew with the first motion;
+   goes on from the last motion that was kept, or anew from the first one if only that is inside the
+   limits at the new cuts;
 4. slows the clock until the motion is legal, if it runs out of tries.
 
 A motion that starts or ends at speed keeps that speed: towards such an end the clock is slowed less
@@ -165,6 +165,31 @@ def moved_to(cells: Cells, known: Cells) -> bool:
 
 
 @njit
+def inside_instead(first: Cells, last: Cells, limits: SumLimits) -> bool:
+    """Return whether one motion is inside the limits in the cells in which another is not.
+
+    Args:
+        first: the cells with the one motion.
+        last: the cells with the other.
+        limits: for the sums.
+
+    Returns:
+        False also if the other is inside the limits everywhere.
+    """
+    n = len(last.length)
+    at_first, at_last = system_for(n, HIGH), system_for(n, HIGH)
+    if merit(0, n, first, limits, 0.0, False, at_first)[1] == math.inf:
+        return False
+    used = merit(0, n, last, limits, 0.0, False, at_last)[1]
+    if used < NEAR or used == math.inf:
+        return False
+    inside = True
+    for m in range(n):
+        inside = inside and (at_last.used[m] < NEAR or at_first.used[m] < NEAR)
+    return inside
+
+
+@njit
 def after_violation(
     cells: Cells, found: Cells, shares: Shares, known: Intervals, limits: SumLimits
 ) -> Cells:
@@ -245,11 +270,10 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
         cells = after_violation(last, cells, shares, known, limits)
         level = max(level - 1, 0)
-        if not largest_share(cells, limits) < NEAR:
-            begun = with_motion(cells, cells.v.copy(), cells.a.copy())
-            if moved_to(begun, first) and largest_share(begun, limits) < NEAR:
-                cells = begun
-                level = 0
+        begun = with_motion(cells, cells.v.copy(), cells.a.copy())
+        if moved_to(begun, first) and inside_instead(begun, cells, limits):
+            cells = begun
+            level = 0
         n = len(cells.length)
         if n + 1 != kept_v.shape[1]:
             kept_v, kept_a = np.empty((LEVELS + 2, n + 1)), np.empty((LEVELS + 2, n + 1))
