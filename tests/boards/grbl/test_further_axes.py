@@ -13,6 +13,7 @@ from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
@@ -92,7 +93,7 @@ def test_the_work_offset_of_a_is_the_boards(four_axes):
 
 def test_a_stop_and_the_probe_keep_a_where_it_is(four_axes):
     board = GrblSimulatorBoard.from_machine(four_axes)
-    board.simulator.core.environment.surface = ((0.0, 0.0, 1.0), -5.0)
+    board.simulator.core.environment.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), -5.0),))
     program = "G21 G90 G0 A90\nG38.2 Z-20 F200\nG91 G0 Z2\nG90\nG38.2 Z-20 F50\nG0 Z5 A0\nM2\n"
     assert run(text(program), four_axes, board=board).ok
     assert board.simulator.position == (0.0, 0.0, 5.0, 0.0)
