@@ -192,6 +192,8 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.check("#trust")
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()
+    expect(page.locator("#space")).to_have_attribute("data-approach", re.compile("[2-9]"))
+    picture(page, "console-approach")
     page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
     page.click("#history-part summary")
