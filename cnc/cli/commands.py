@@ -281,10 +281,11 @@ def _compile(*, quiet: bool) -> None:
 @app.command
 def schema(
     document: Annotated[
-        Literal["machine", "summary", "checkpoint"],
+        Literal["machine", "summary", "checkpoint", "height-map"],
         Parameter(
             help="machine: the machine file. summary: the summary that --json writes. "
-            "checkpoint: the file that a run keeps beside its program."
+            "checkpoint: the file that a run keeps beside its program. "
+            "height-map: the heights of a surface."
         ),
     ],
     /,
@@ -292,6 +293,7 @@ def schema(
     """Print the JSON Schema of a file format."""
     import json
 
+    from cnc.machine.height_map import height_map_schema
     from cnc.machine.schema import machine_schema
     from cnc.report.models import summary_schema
     from cnc.session.checkpoint import checkpoint_schema
@@ -300,6 +302,7 @@ def schema(
         "machine": machine_schema,
         "summary": summary_schema,
         "checkpoint": checkpoint_schema,
+        "height-map": height_map_schema,
     }
     print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
     return 0

@@ -17,6 +17,7 @@ from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
 from cnc.boards.grbl.simulator.report import status_report
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
@@ -96,7 +97,7 @@ def test_the_work_offset_of_a_is_the_boards(four_axes):
 
 def test_a_stop_and_the_probe_keep_a_where_it_is(four_axes):
     board = GrblSimulatorBoard.from_machine(four_axes)
-    board.simulator.core.environment.surface = ((0.0, 0.0, 1.0), -5.0)
+    board.simulator.core.environment.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), -5.0),))
     program = "G21 G90 G0 A90\nG38.2 Z-20 F200\nG91 G0 Z2\nG90\nG38.2 Z-20 F50\nG0 Z5 A0\nM2\n"
     assert run(text(program), four_axes, board=board).ok
     assert board.simulator.position == (0.0, 0.0, 5.0, 0.0)
@@ -141,7 +142,7 @@ def test_inches_in_reports_do_not_scale_rotary_axes(four_axes, mask, reported):
     """``$376`` names the rotary axes; by default grblHAL takes A for one more axis of lengths."""
     settings = {13: 1.0, 376: float(mask)}
     simulator = GrblSimulator(GRBLHAL.with_axes("XYZA"), settings=settings)
-    simulator.core.environment.surface = ((0.0, 0.0, 1.0), -5.0)
+    simulator.core.environment.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), -5.0),))
     port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, four_axes, port.clock, NAME)
     board.connect()
