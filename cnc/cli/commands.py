@@ -35,6 +35,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
+from cnc.cli.signals import report_hang_up
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -81,7 +82,7 @@ def run(
     control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
-    with display, Keyboard(control) as keys:
+    with display, Keyboard(control, report_hang_up) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,
