@@ -13,6 +13,7 @@ from cnc.kernels.planner.intervals import (
     interval_at,
     largest_shares,
 )
+from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import PHASE, phase_at
 from cnc.kernels.planner.stretches import possible_gain
 from cnc.machine.models import Axis, Machine, PathLimits
@@ -21,6 +22,7 @@ from cnc.path.build import build
 from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.phases import plan_to_rest
 from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 from tests.support.soak import share
@@ -164,3 +166,19 @@ def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
 def test_windows_that_begin_at_speed_are_as_fast_as_on_the_way_back(seed):
     # The seams of the windows lie elsewhere on the way back.
     assert duration(seed) == pytest.approx(duration(seed, backwards=True), rel=0.03)
+
+
+@pytest.mark.parametrize(("legs", "faster"), [(0.5, True), (400.0, False)])
+def test_a_turn_is_refined_if_that_shortens_the_motion_noticeably(legs, faster):
+    mill = machine(tangential=1000.0, normal=1000.0, jerk=50_000.0)
+    around = arc((legs, 0, 0), (legs, 0.15), 0.5, feed=25.0)
+    moves = [lines([(legs, 0, 0)], 25.0), around, lines([(0.0, 0.3, 0.0)], 25.0)]
+    (path,) = path_of([PathMode("", 1, "exact-path"), *moves])
+    limits = Limits.of(mill)
+    known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
+    times = []
+    for refined in (True, False):
+        status, phases = plan_to_rest(0.0, known, 0.0, limits, refined=refined)
+        assert status == PLANNED
+        times.append(phases["duration"].sum())
+    assert (times[0] < (1.0 - 1e-9) * times[1]) == faster
