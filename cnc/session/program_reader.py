@@ -14,6 +14,7 @@ from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import (
     Recognition,
     lathe_dialect,
+    names_units,
     recognise,
     refuse,
     refuse_lathe,
@@ -84,6 +85,7 @@ class ProgramReader:
         homed: Position after a homing command of the program (axes,), mm; None if it is not known.
         ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
+        units: Whether the first lines have a code of the units; None before the first reading.
     """
 
     name: str
@@ -101,6 +103,7 @@ class ProgramReader:
     homed: tuple[float, ...] | None = None
     ceiling: float | None = None
     state: InterpreterState | None = None
+    units: bool | None = None
 
     def blocks(
         self,
@@ -115,9 +118,11 @@ class ProgramReader:
         """
         rules = self.rules()
         self.state = self._saved_state(rules)
+        text = Text.of_file(self.path, self.name)
+        self.units = names_units(text.first_lines())
         blocks = self._interpreted(
             rules,
-            Text.of_file(self.path, self.name),
+            text,
             self.state,
             warn,
             on_line,
@@ -176,7 +181,7 @@ class ProgramReader:
                 f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
                 "revolution; offsets of T words act with the next move; threads without a chamfer"
             )
-        if self.evidence is not None and not self.evidence.units:
+        if self.units is False:
             assumed.append("millimetres, as no G20 or G21 is in the first lines")
         if self.policy.default_feed is not None:
             assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")

@@ -137,3 +137,15 @@ def test_a_report_names_everything_that_was_assumed(tmp_path: Path) -> None:
     assert "assumed" not in check(path).as_json()
     path.write_text("O1000\nG21 G90 G0 X1\nX2\nM30\n")
     assert check(path).as_json()["assumed"].count("decimal point") == 1
+
+
+@pytest.mark.parametrize("dialect", ["auto", "fanuc", "haas", "siemens", "mach3", "grbl"])
+def test_units_that_no_line_gives_are_assumed_in_every_dialect(
+    tmp_path: Path, dialect: DialectName
+) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("G90 G0 X1.\nM30\n")
+    options = RunOptions(dialect=dialect)
+    assert "millimetres, as no G20" in check(path, options=options).as_json()["assumed"]
+    path.write_text("(G20)\nG90 G21 G0 X1.\nM30\n")
+    assert "assumed" not in check(path, options=options).as_json()
