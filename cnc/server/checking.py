@@ -33,12 +33,14 @@ class CheckOrder:
         library: Folder of the library.
         machine: The machine, with the travel of the board.
         parameters: Parameters by number, such as the offsets of the board.
+        height_map: Name of the height map that warps the job; None for none.
     """
 
     name: str
     library: Path
     machine: Machine
     parameters: Mapping[int, float]
+    height_map: str | None = None
 
     def machine_in(self, folder: Path) -> Machine:
         """Return the machine with the parameters, which are written into ``folder``."""
@@ -82,9 +84,9 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
     os.chdir(library.folder)
     with tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
         machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
-        report = Session(
-            Path(order.name), machine, RunOptions(outputs=Outputs(picture=str(drawn)))
-        ).run()
+        warp = None if order.height_map is None else str(library.height_map_file(order.height_map))
+        options = RunOptions(outputs=Outputs(picture=str(drawn)), height_map=warp)
+        report = Session(Path(order.name), machine, options).run()
         summary = report.as_json()
         library.forget_check(order.name)
         if drawn.exists():

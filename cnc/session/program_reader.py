@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ from cnc.planner.joints import Joints, ToolTipOf
 from cnc.session.resume import RestartPoint, line_of_call
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
+
+if TYPE_CHECKING:
+    from cnc.session.height_map import ProgramWarp
 
 log = logging.getLogger(__name__)
 
@@ -79,6 +83,7 @@ class ProgramReader:
         on_line: Called with the number of lines executed so far, in each reading.
         policy: Choices of the user.
         block_delete: Switches of block delete that are on.
+        warp: Warps the blocks to a height map; None without one.
         restart: Where to begin; None for the first line.
         recognition: The language that was recognised; None before the first reading.
         evidence: The evidence of the first lines; None before it was searched.
@@ -97,6 +102,7 @@ class ProgramReader:
     on_line: Callable[[int], None]
     policy: ReadingPolicy = STRICT
     block_delete: frozenset[int] = frozenset()
+    warp: ProgramWarp | None = None
     restart: RestartPoint | None = None
     recognition: Recognition | None = None
     evidence: Recognition | None = None
@@ -128,11 +134,16 @@ class ProgramReader:
             on_line,
             mark_calls=self.restart is not None,
         )
-        return blocks if self.restart is None else self.restart.passed(blocks, self.start)
+        if self.restart is not None:
+            blocks = self.restart.passed(blocks, self.start)
+        if self.warp is None:
+            return blocks
+        return self.warp.blocks(blocks, self.machine, self.start, self.ceiling)
 
     def simulated_blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the whole program with its tool offsets.
 
+        They are not warped: a simulated stock is flat, and a warped part is cut like a flat one.
         The state that a reading leaves (:attr:`state`) is not touched.
         """
         rules = self.rules()

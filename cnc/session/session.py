@@ -108,6 +108,10 @@ class Session:
             observer.checking,
             block_delete=options.block_delete,
         )
+        if options.height_map is not None:
+            from cnc.session.height_map import ProgramWarp
+
+            reader.warp = ProgramWarp(options.height_map, machine)
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
         )
@@ -192,6 +196,8 @@ class Session:
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
         context.observer.checking(report.lines)
+        if reader.warp is not None:
+            report.height_map = reader.warp.used()
         if not report.ok:
             return
         if board is None and reader.machine.stock is not None:

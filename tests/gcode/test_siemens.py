@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
-from cnc.model.blocks import Polyline
+from cnc.model.blocks import NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
 
@@ -302,3 +302,14 @@ def test_the_end_of_a_swivelled_plane_has_no_effect() -> None:
     assert points("CYCLE800()\nOFFN=0\nG0 X1\nM30") == [(1, 0, 0)]
     assert error_of("TRANS X1\nCYCLE800()", dialect="siemens").code == "code-not-supported"
     assert points("TRANS X1\nTRANS\nCYCLE800()\nG0 X1\nM30") == [(1, 0, 0)]
+
+
+def test_splines_have_the_words_of_rs274() -> None:
+    """The dialect reads BSPLINE, SD=, PL= and PW= as ``auto`` does, with expressions too."""
+    program = "G1 F60 X0\nBSPLINE SD=2\nX1 Y2\nX3 Y1 PW={weight} PL=1.5\nX5\nG1 X6\nM30"
+    own = run(program.format(weight="2*2"), dialect="siemens")
+    other = run(program.format(weight="4"), dialect="auto")
+    curves = [next(b for b in blocks if isinstance(b, NurbsFeed)) for blocks in (own, other)]
+    assert (curves[0].knots == curves[1].knots).all()
+    assert (curves[0].weights == [1.0, 1.0, 4.0, 1.0]).all()
+    assert (curves[0].control_points == curves[1].control_points).all()

@@ -21,7 +21,9 @@ from cnc.path.build import build
 from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
+from tests.support.soak import share
 
 END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 
@@ -156,3 +158,9 @@ def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
         )
     )
     assert not ahead.audit.violations
+
+
+@pytest.mark.parametrize("seed", share(range(20, 420), (20, 43, 258, 385, 392, 399)))
+def test_windows_that_begin_at_speed_are_as_fast_as_on_the_way_back(seed):
+    # The seams of the windows lie elsewhere on the way back.
+    assert duration(seed) == pytest.approx(duration(seed, backwards=True), rel=0.03)

@@ -32,6 +32,8 @@ def x_of(console):
         ("POST", "/api/mdi", {"line": "G0 X1"}),
         ("POST", "/api/macros/a.ngc/run", {}),
         ("POST", "/api/probing/probe_z/run", {}),
+        ("POST", "/api/height-maps/plate/probe", {"x": [0, 9], "y": [0, 9]}),
+        ("DELETE", "/api/height-maps/plate", None),
         ("POST", "/api/hold", {}),
         ("POST", "/api/resume", {}),
         ("POST", "/api/override", {"feed": 50}),

@@ -10,6 +10,7 @@ import pytest
 
 from cnc.api import check, load_machine, run
 from cnc.boards.protocols import BoardTraits
+from cnc.model.choices import DialectName
 from cnc.session.board_choices import reading_policy
 from cnc.session.options import Outputs, RunOptions
 

@@ -22,7 +22,7 @@ from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
 DIRECTION = "direction"
-"""Kind of the remark that sets the direction of a rotary axis: its letter and the direction."""
+"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -35,7 +35,9 @@ _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _VARIABLE = re.compile(r"(_[A-Z0-9_]+)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
-_EQUAL = re.compile(r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|S1|M1|[A-Z])\s*=(?!=)\s*", re.I)
+_EQUAL = re.compile(
+    r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC]3|[A-Z])\s*=(?!=)\s*", re.I
+)
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
 _OPERAND = re.compile(
@@ -50,6 +52,8 @@ _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
+_TOOL_TURNS = {"ORIAXES": "linear", "ORIVECT": "circle", "ORIPLANE": "circle"}
+_ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -79,8 +83,21 @@ def _words() -> dict[str, dict[str, str]]:
 def _no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
     tables = _words()
+<<<<<<< HEAD
     words = tables["not-needed"].keys() | tables["only-zero"].keys() | tables["refused"].keys()
     return frozenset(words | _TRANSFORMATIONS.keys() | {"SUPA", "BSPLINE"})
+=======
+    return frozenset(
+        (
+            *tables["not-needed"],
+            *tables["refused"],
+            *_TRANSFORMATIONS,
+            *_TOOL_TURNS,
+            "SUPA",
+            "BSPLINE",
+        )
+    )
+>>>>>>> next
 
 
 def translate(text: str) -> Translation:
@@ -205,6 +222,10 @@ class _Line:
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
             self.out.append(f"{letter}[{value}-#<_{_CENTRES[name]}>]")
+        elif name in _ADDRESSES:
+            if mode:
+                raise self._fault(f"{name}={mode}(..)", 1, "")
+            self.out.append(f"{name}=[{value}]")
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
         else:
@@ -231,8 +252,17 @@ class _Line:
         elif name in _TRANSFORMATIONS:
             self._pass_value()
             self.out.append(_TRANSFORMATIONS[name])
+<<<<<<< HEAD
         elif name in tables["only-zero"]:
             self._only_zero(name, tables["only-zero"][name])
+=======
+        elif name == "BSPLINE":
+            self.out.append(name)
+        elif name in _TOOL_TURNS:
+            self.remarks.append(
+                Remark(DIRECTION, f"TOOL {_TOOL_TURNS[name]}", begin + 1, len(name))
+            )
+>>>>>>> next
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"

@@ -59,8 +59,9 @@ OVERLAP = 100
 
 SEAM = 4
 SEAM_SHARE = 0.995
-"""So many cells on either side of the seam of two windows use this share of their limits. The next
-window begins there: with a motion at a limit it could hardly change its first cells.
+"""The cells behind the seam of two windows, and so many before it, use this share of their limits.
+The next window begins with the motion behind the seam: so the first step of its descent starts
+strictly inside the limits.
 """
 
 MARGIN = 5e-5
@@ -236,7 +237,7 @@ def refine_stretch(
         if until < n:
             seam = max(size - OVERLAP, size // 2)
             seam_s = window.s[seam]
-            for m in range(max(seam - SEAM, 0), min(seam + SEAM, size)):
+            for m in range(max(seam - SEAM, 0), size):
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, known)
         solved, cells = fastest(window, known, limits)
