@@ -83,21 +83,8 @@ def _words() -> dict[str, dict[str, str]]:
 def _no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
     tables = _words()
-<<<<<<< HEAD
     words = tables["not-needed"].keys() | tables["only-zero"].keys() | tables["refused"].keys()
-    return frozenset(words | _TRANSFORMATIONS.keys() | {"SUPA", "BSPLINE"})
-=======
-    return frozenset(
-        (
-            *tables["not-needed"],
-            *tables["refused"],
-            *_TRANSFORMATIONS,
-            *_TOOL_TURNS,
-            "SUPA",
-            "BSPLINE",
-        )
-    )
->>>>>>> next
+    return frozenset(words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, "SUPA", "BSPLINE"})
 
 
 def translate(text: str) -> Translation:
@@ -252,17 +239,14 @@ class _Line:
         elif name in _TRANSFORMATIONS:
             self._pass_value()
             self.out.append(_TRANSFORMATIONS[name])
-<<<<<<< HEAD
         elif name in tables["only-zero"]:
             self._only_zero(name, tables["only-zero"][name])
-=======
         elif name == "BSPLINE":
             self.out.append(name)
         elif name in _TOOL_TURNS:
             self.remarks.append(
                 Remark(DIRECTION, f"TOOL {_TOOL_TURNS[name]}", begin + 1, len(name))
             )
->>>>>>> next
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"
