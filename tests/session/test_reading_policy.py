@@ -150,3 +150,11 @@ def test_units_that_no_line_gives_are_assumed_in_every_dialect(
     assert "millimetres, as no G20" in check(path, options=options).as_json()["assumed"]
     path.write_text("(G20)\nG90 G21 G0 X1.\nM30\n")
     assert "assumed" not in check(path, options=options).as_json()
+
+
+def test_functions_that_controllers_compute_differently_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("G21 G90\n#1=[#2 MOD 3]\n#3=FIX[#1] (FUP)\nG0 X#3\nM30\n")
+    assert "FIX, MOD of negative numbers" in check(path).as_json()["assumed"]
+    options = RunOptions(dialect="mach3")
+    assert "assumed" not in check(path, options=options).as_json()

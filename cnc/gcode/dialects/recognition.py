@@ -30,6 +30,7 @@ _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
 _UNITS = re.compile(r"G\s*0?(?:2[01]|7[01]0?)(?![0-9.])")
+_FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -155,6 +156,12 @@ def recognise(lines: Iterable[str]) -> Recognition:
 def names_units(lines: Iterable[str]) -> bool:
     """Return whether the first lines of a program have a code of the units."""
     return any(_UNITS.search(_code_of(line)) for _, line in _first(lines))
+
+
+def differing_functions(lines: Iterable[str]) -> tuple[str, ...]:
+    """Return the functions in the first lines that FANUC and LinuxCNC compute differently."""
+    found = {name for _, line in _first(lines) for name in _FUNCTIONS.findall(_code_of(line))}
+    return tuple(sorted(found))
 
 
 def _code_of(line: str) -> str:
