@@ -18,7 +18,7 @@ from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
-from cnc.cli.operate_commands import jog, mdi, zero
+from cnc.cli.operate_commands import height_map, jog, mdi, zero
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -35,6 +35,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
+from cnc.cli.signals import report_hang_up
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -58,6 +59,7 @@ app.command(home)
 app.command(jog)
 app.command(zero)
 app.command(mdi)
+app.command(height_map)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
@@ -80,7 +82,7 @@ def run(
     control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
-    with display, Keyboard(control) as keys:
+    with display, Keyboard(control, report_hang_up) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,

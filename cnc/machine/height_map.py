@@ -9,10 +9,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from cnc.model.choices import Interpolation
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 MOST_POINTS = 1000
 """Limit on the points of the grid along an axis."""
+TOLERANCE, LEAST_TOLERANCE = 0.005, 0.0001
+"""Tolerance of the pieces of a move, and the least one, mm."""
 LARGEST_FILE = 50_000_000
 """Limit on the size of a file, bytes."""
 
@@ -20,7 +23,6 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positions = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_POINTS)]
 Row = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_POINTS)]
 Rows = Annotated[tuple[Row, ...], Field(min_length=2, max_length=MOST_POINTS)]
-Interpolation = Literal["bilinear", "bicubic"]
 
 
 class HeightMap(BaseModel):
@@ -46,8 +48,8 @@ class HeightMap(BaseModel):
         description="Between the points: bilinear, or the bicubic natural spline.",
     )
     tolerance: float = Field(
-        default=0.005,
-        ge=0.0001,
+        default=TOLERANCE,
+        ge=LEAST_TOLERANCE,
         le=1.0,
         allow_inf_nan=False,
         description="Largest distance of the pieces of a move from the warped move, mm.",

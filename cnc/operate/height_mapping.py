@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from cnc.machine.height_map import MOST_POINTS, HeightMap
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.machine.height_map import LEAST_TOLERANCE, MOST_POINTS, TOLERANCE, HeightMap
+from cnc.model.choices import Interpolation
+from cnc.model.diagnostics import EXIT_BOARD, BoardError, CncError, Diagnostic, UsageError
 from cnc.operate.events import JobEnded
 
 HEIGHT_MAP = "height map"
@@ -34,6 +35,8 @@ class Grid:
         depth: Lowest Z of the contact, mm below the work zero.
         feed: Speed of the contact, mm/min.
         zero: Whether the first contact becomes Z zero of the coordinate system.
+        interpolation: Heights between the points.
+        tolerance: Largest distance of the pieces of a move from the warped move, mm.
     """
 
     x: Span
@@ -43,6 +46,8 @@ class Grid:
     depth: float = 2.0
     feed: float = 60.0
     zero: bool = False
+    interpolation: Interpolation = "bilinear"
+    tolerance: float = TOLERANCE
 
     def check(self) -> None:
         """Raise UsageError ``height-map-grid`` for a grid that cannot be probed."""
@@ -54,6 +59,8 @@ class Grid:
             wrong = "the area is empty: give the lowest value of each axis first"
         elif min(self.step, self.clear, self.depth, self.feed) <= 0.0:
             wrong = "step, clear, depth and feed must be greater than 0"
+        elif not LEAST_TOLERANCE <= self.tolerance <= 1.0:
+            wrong = f"the tolerance must be {LEAST_TOLERANCE:g} to 1 mm"
         elif max(self._counts()) > MOST_POINTS or math.prod(self._counts()) > MOST_CONTACTS:
             columns, rows = self._counts()
             wrong = f"{columns} x {rows} points are more than {MOST_CONTACTS}"
@@ -129,6 +136,8 @@ class Grid:
             x=tuple(round(each + work_zero["x"], 6) for each in xs),
             y=tuple(round(each + work_zero["y"], 6) for each in ys),
             heights=heights,
+            interpolation=self.interpolation,
+            tolerance=self.tolerance,
             system=system,
             work_zero={letter: round(value, 6) for letter, value in work_zero.items()},
             probed=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -141,13 +150,14 @@ class Grid:
         return found
 
 
-def not_probed(ended: JobEnded) -> UsageError:
+def not_probed(ended: JobEnded) -> CncError:
     """Return the fault of a grid whose probing has not reached its end."""
     errors = [each for each in ended.findings if each.severity == "error"]
     reason = errors[0].message if errors else "it was stopped"
     message = f"the surface is not probed: {reason}"
     hint = "correct the cause, and probe the whole grid again"
-    return UsageError(Diagnostic("height-map-grid", message, hint=hint))
+    fault = BoardError if ended.exit_code == EXIT_BOARD else UsageError
+    return fault(Diagnostic("height-map-grid", message, hint=hint))
 
 
 def _spread(span: Span, count: int) -> list[float]:

@@ -11,7 +11,7 @@ from cnc.boards.grbl.simulator.workpiece import Box, HalfSpace, Hole, Workpiece
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.machine.height_map import load_height_map, save_height_map
 from cnc.machine.load import load_machine
-from cnc.model.diagnostics import UsageError
+from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
@@ -173,7 +173,7 @@ def test_the_first_contact_of_a_grid_can_set_z(session):
 def test_a_grid_with_a_missing_contact_is_no_map(session):
     on(session, Box((-5.0, 1.0), (-5.0, 40.0), -0.5))
     grid = Grid(x=(0.0, 3.0), y=(0.0, 3.0), step=3.0, clear=1.0, depth=1.0, feed=1500.0)
-    with pytest.raises(UsageError, match="height-map-grid"):
+    with pytest.raises(BoardError, match="height-map-grid"):
         session.probe_grid(grid).result(PATIENCE)
 
 
@@ -181,7 +181,7 @@ def test_a_grid_with_a_missing_contact_is_no_map(session):
     "wrong",
     [
         {"x": (5.0, 5.0)}, {"y": (1.0, 0.0)}, {"step": 0.0}, {"clear": -1.0}, {"depth": 0.0},
-        {"feed": math.nan}, {"step": 0.001}, {"step": 0.1},
+        {"feed": math.nan}, {"step": 0.001}, {"tolerance": 0.0}, {"step": 0.1},
     ],
 )  # fmt: skip
 def test_impossible_grids_are_refused(wrong):

@@ -15,7 +15,7 @@ from cnc.boards.grbl.line_kinds import Kind, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.status import Status, in_mm
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport, board_error
 from cnc.model.diagnostics import BoardError, Diagnostic
@@ -289,7 +289,7 @@ class LineStream:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""
         place, _, touched = text.partition(":")
         try:
-            unit = self.link.info.unit
-            return (*(float(value) * unit for value in place.split(",")), float(touched))
+            info, numbers = self.link.info, [float(value) for value in place.split(",")]
+            return (*in_mm(numbers, info.unit, info.rotary), float(touched))
         except ValueError:
             return None
