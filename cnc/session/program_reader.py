@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import (
     Recognition,
+    differing_functions,
     lathe_dialect,
+    names_units,
     recognise,
     refuse,
     refuse_lathe,
@@ -89,6 +91,8 @@ class ProgramReader:
         homed: Position after a homing command of the program (axes,), mm; None if it is not known.
         ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
+        units: Whether the first lines have a code of the units; None before the first reading.
+        functions: Functions in the first lines that controllers compute differently.
     """
 
     name: str
@@ -107,6 +111,8 @@ class ProgramReader:
     homed: tuple[float, ...] | None = None
     ceiling: float | None = None
     state: InterpreterState | None = None
+    units: bool | None = None
+    functions: tuple[str, ...] = ()
 
     def blocks(
         self,
@@ -121,9 +127,12 @@ class ProgramReader:
         """
         rules = self.rules()
         self.state = self._saved_state(rules)
+        text = Text.of_file(self.path, self.name)
+        self.units = names_units(text.first_lines())
+        self.functions = differing_functions(text.first_lines())
         blocks = self._interpreted(
             rules,
-            Text.of_file(self.path, self.name),
+            text,
             self.state,
             warn,
             on_line,
@@ -187,7 +196,10 @@ class ProgramReader:
                 f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
                 "revolution; offsets of T words act with the next move; threads without a chamfer"
             )
-        if self.evidence is not None and not self.evidence.units:
+        if self.dialect_in_use == "auto" and self.functions:
+            names = ", ".join(self.functions)
+            assumed.append(f"{names} of negative numbers as LinuxCNC computes them, not FANUC")
+        if self.units is False:
             assumed.append("millimetres, as no G20 or G21 is in the first lines")
         if self.policy.default_feed is not None:
             assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")

@@ -286,7 +286,8 @@ profile-line profile-missing profile-not-monotone profile-place profile-start pr
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-unopened program-for-lathe program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
-feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
+feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
+unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn
