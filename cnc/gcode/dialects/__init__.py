@@ -52,6 +52,7 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
+        turns: Whether words of rotary axes turn them before each hole.
         pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
             smallest one.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
@@ -65,6 +66,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    turns: bool
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
