@@ -60,6 +60,7 @@ class CycleRules:
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
+        heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
         starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
     """
 
@@ -72,6 +73,7 @@ class CycleRules:
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]
     fine_boring: bool
+    heights: Literal["kept", "line", "unclear"]
     starts_spindle: bool
 
 
