@@ -15,7 +15,7 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
-from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of
+from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, sketch_job
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
@@ -24,6 +24,8 @@ from cnc.session.options import RunOptions
 
 MOST_LOG_LINES = 50_000
 """Lines of the log of a run; of more, the first are lost."""
+SKETCHED = 500_000
+"""Size of a program that is drawn coarsely before its check ends, bytes."""
 MOST_TEXTS = 8
 """Indexes of program texts that are kept."""
 
@@ -101,6 +103,9 @@ class Console:
             if known is not None and not known.done():
                 return known
             order = replace(self._order(name), height_map=height_map)
+            if self.library.path(name).stat().st_size >= SKETCHED:
+                sketched = self._pool().submit(sketch_job, order)
+                sketched.add_done_callback(lambda done: self._sketched(name, done))
             future = self._pool().submit(check_job, order)
             self._checking[name, height_map] = future
         future.add_done_callback(lambda done: self._checked(name, done))
@@ -155,6 +160,10 @@ class Console:
         if run is not None and run.job == name:
             message, hint = f"{name} runs", "wait for its end, or stop it"
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
+
+    def _sketched(self, name: str, done: Future[bool]) -> None:
+        if not self._closing and not done.cancelled() and not done.exception() and done.result():
+            self.hub.publish_object({"event": "job-sketched", "time": time.time(), "name": name})
 
     def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
         if self._closing or done.cancelled():

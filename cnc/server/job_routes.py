@@ -157,6 +157,16 @@ def toolpath(name: str, console: Shared) -> FileResponse:
     return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
 
 
+@router.get("/jobs/{name}/sketch")
+def sketch(name: str, console: Shared) -> FileResponse:
+    """Return a coarse picture of a long job, in the form of its toolpath."""
+    console.library.path(name)
+    file = console.library.own(name, "sketch.json")
+    if not file.is_file():
+        raise _not_found(f"{name} has no coarse picture: it is short, or not checked yet")
+    return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
+
+
 @router.post("/jobs/{name}/cut")
 def cut(name: str, body: CutJob, console: Shared) -> Accepted:
     """Begin to simulate the cut; its end is the event ``job-cut``."""

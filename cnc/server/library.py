@@ -36,7 +36,7 @@ MOST_HISTORY = 1000
 MOST_LOG = 2_000_000
 """Characters of a log that are sent."""
 PIECE = 1 << 20
-RESULTS = ("check.json", "path.json", "part.json", "stl")
+RESULTS = ("check.json", "path.json", "sketch.json", "part.json", "stl")
 """Files about a job that a change of its text makes wrong."""
 
 

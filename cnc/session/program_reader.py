@@ -34,7 +34,8 @@ from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints, ToolTipOf
-from cnc.session.resume import RestartPoint, line_of_call
+from cnc.session.call_lines import line_of_call
+from cnc.session.resume import RestartPoint
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
 

@@ -119,7 +119,10 @@ class Session:
 
     def blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the program, read as in the check pass."""
-        return self._context.reader.blocks()
+        context = self._context
+        if context.options.tool_lengths is not None:
+            context.reader.policy = reading_policy(context.options, context.reader.machine, None)
+        return context.reader.blocks()
 
     @property
     def parameters(self) -> Mapping[int, float]:
@@ -332,6 +335,8 @@ class Session:
         if restart is None:
             return
         log.info("%s", "; ".join(restart.steps))
+        if (draw := self._context.observer.callbacks.on_approach) is not None:
+            draw(restart.approach)
         if ask is not None and not ask(restart.steps):
             raise StoppedBeforeMotion
 

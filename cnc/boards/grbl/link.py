@@ -108,6 +108,12 @@ class GrblLink:
         data, self._queued = self._queued + data, b""
         self._port.write(data)
 
+    def pause(self, seconds: float) -> None:
+        """Write what is queued, then wait without receiving."""
+        if self._queued:
+            self.write(b"")
+        self.clock.sleep(seconds)
+
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
         self.write(command.value)

@@ -85,6 +85,11 @@ class AxisWords:
         """Whether A3=, B3= and C3= are the direction of the tool."""
         return self._dialect.flavour == "siemens"
 
+    @property
+    def rotary_columns(self) -> list[int]:
+        """Columns of the rotary axes."""
+        return [column for column, linear in enumerate(self._linear) if not linear]
+
     # Words to coordinates
 
     def needs_interpreter(self, index: int) -> bool:

@@ -52,8 +52,8 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
-        pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
-            smallest one.
+        turns: Whether words of rotary axes turn them before each hole.
+        pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
@@ -66,6 +66,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    turns: bool
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
@@ -226,16 +227,13 @@ def _read(name: str) -> dict[str, Any]:
     return table
 
 
-_ADDED = ("noted", "aliases")
+_ADDED = ("noted", "aliases", "cycles")
 """Tables that a dialect adds to those of its base; other keys replace those of the base."""
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """Return the keys of a base with those of a dialect over them."""
-    found = base | own
-    for key in _ADDED:
-        found[key] = base[key] | own.get(key, {})
-    return found
+    return base | own | {key: base[key] | own.get(key, {}) for key in _ADDED}
 
 
 def _codes(text: str) -> list[float]:

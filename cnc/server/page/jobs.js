@@ -29,6 +29,12 @@ export async function begin() {
   element("text").addEventListener("scroll", showText);
   on("jobs", () => attempt(list));
   on("job-checked", event => { if (event.name === job) attempt(showCheck); });
+  on("job-sketched", event => {
+    if (event.name === job) attempt(async () => {
+      const found = await get(path("/sketch"));
+      if (event.name === job && !picture.isWhole()) await picture.show(found, job, {isWhole: false});
+    });
+  });
   on("job-progress", event => {
     if (event.program === job) element("outcome").textContent = event.stage === "checking"
       ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
