@@ -143,9 +143,7 @@ class LineStream:
             and self.monitor.liveness.interval < GATHERING
         ):
             self.link.pause(GATHERING)
-            self.serve(0.0)
-        else:
-            self.serve(self.wait)
+        self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
         """Raise BoardError ``board-locked`` while the board is in alarm."""
