@@ -317,8 +317,8 @@ class LineSink(Board, Protocol):
         """Moves that the planner of the board holds, 0 where it is not known."""
 
     @property
-    def mist(self) -> bool:
-        """Whether the board supports M7."""
+    def codes(self) -> frozenset[str]:
+        """M6 (the board waits then until the operator resumes) and M7, if it has them."""
 
     identity: str | None
     restarted: bool

@@ -10,6 +10,7 @@ from cnc.cli.exit_status import fail
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, library, option
 from cnc.cli.progress import ProgressDisplay
+from cnc.cli.signals import report_hang_up
 from cnc.model.operator_control import Control
 
 TERMINAL = TerminalOptions()
@@ -70,7 +71,8 @@ def home(
     terminal.open_log(machine)
     api = library()
     control = Control()
-    with ProgressDisplay(control, quiet=terminal.quiet) as display, Keyboard(control):
+    keys = Keyboard(control, report_hang_up)
+    with ProgressDisplay(control, quiet=terminal.quiet) as display, keys:
         positions = api.home(
             machine,
             axes,

@@ -18,7 +18,7 @@ from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
-from cnc.cli.operate_commands import jog, mdi, zero
+from cnc.cli.operate_commands import height_map, jog, mdi, zero
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -35,6 +35,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
+from cnc.cli.signals import report_hang_up
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -58,6 +59,7 @@ app.command(home)
 app.command(jog)
 app.command(zero)
 app.command(mdi)
+app.command(height_map)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
@@ -80,7 +82,7 @@ def run(
     control = on_board.control(common.feed_override)
     quiet = common.terminal.quiet
     display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
-    with display, Keyboard(control) as keys:
+    with display, Keyboard(control, report_hang_up) as keys:
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,
@@ -280,10 +282,11 @@ def _compile(*, quiet: bool) -> None:
 @app.command
 def schema(
     document: Annotated[
-        Literal["machine", "summary", "checkpoint"],
+        Literal["machine", "summary", "checkpoint", "height-map"],
         Parameter(
             help="machine: the machine file. summary: the summary that --json writes. "
-            "checkpoint: the file that a run keeps beside its program."
+            "checkpoint: the file that a run keeps beside its program. "
+            "height-map: the heights of a surface."
         ),
     ],
     /,
@@ -291,6 +294,7 @@ def schema(
     """Print the JSON Schema of a file format."""
     import json
 
+    from cnc.machine.height_map import height_map_schema
     from cnc.machine.schema import machine_schema
     from cnc.report.models import summary_schema
     from cnc.session.checkpoint import checkpoint_schema
@@ -299,6 +303,7 @@ def schema(
         "machine": machine_schema,
         "summary": summary_schema,
         "checkpoint": checkpoint_schema,
+        "height-map": height_map_schema,
     }
     print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
     return 0

@@ -13,7 +13,7 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
@@ -51,8 +51,10 @@ class Keyboard:
         available: Whether there is a terminal.
     """
 
-    def __init__(self, control: Control) -> None:
+    def __init__(self, control: Control, on_gone: Callable[[], None] = lambda: None) -> None:
+        """``on_gone`` is called, in a thread, when the terminal is gone."""
         self.available = False
+        self._on_gone = on_gone
         self._control = control
         self._answers: SimpleQueue[str] | None = None
         self._context = ExitStack()
@@ -127,6 +129,7 @@ class Keyboard:
         while not ended.wait(POLL):
             if _is_gone(terminal):
                 log.info("the terminal is gone")
+                self._on_gone()
                 break
             # A process in the background that read the terminal would be stopped.
             if _in_foreground(terminal):

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from cyclopts import Parameter
 
-from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, library, option
+from cnc.cli.options import (
+    BoardOption,
+    MachineOption,
+    TerminalOptions,
+    check_files,
+    library,
+    option,
+)
 from cnc.cli.signals import OperatorSignals
+from cnc.model.choices import Interpolation
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
+    CncError,
     Diagnostic,
     UsageError,
 )
@@ -22,16 +32,54 @@ from cnc.model.operator_control import Control
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from cnc.operate.events import JobEnded
+    from cnc.operate.events import Event, Finding, JobEnded
+    from cnc.operate.height_mapping import Grid
     from cnc.operate.operator_session import OperatorSession
 
 TERMINAL = TerminalOptions()
 PortOption = Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")]
 WORD = re.compile(r"([a-zA-Z])([-+]?(?:\d+\.?\d*|\.\d+))?")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+SPAN = re.compile(rf"([xyXY])({_NUMBER}):({_NUMBER})", re.ASCII)
 POLL = 0.1
 """Time between two looks at a signal, s."""
 MM_PER_MIN = 60.0
 T = TypeVar("T")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class GridOptions:
+    """Options of the grid of a height map."""
+
+    step: Annotated[float, option("Largest distance of two points, mm.")] = 10.0
+    clear: Annotated[float, option("Z of the moves between the points, mm.")] = 2.0
+    depth: Annotated[float, option("Lowest Z of a contact, mm below the work zero.")] = 2.0
+    feed: Annotated[float, option("Speed of the contacts, mm/min.")] = 60.0
+    set_zero: Annotated[bool, option("The first contact becomes Z zero.")] = False
+    interpolation: Annotated[Interpolation, option("Between the points.")] = "bilinear"
+    tolerance: Annotated[
+        float, option("Largest distance of the pieces of a move from the warped move, mm.")
+    ] = 0.005
+
+    def over(self, area: Mapping[str, tuple[float, float]]) -> Grid:
+        """Return the grid over an area."""
+        from cnc.operate.height_mapping import Grid
+
+        return Grid(
+            x=area["x"],
+            y=area["y"],
+            step=self.step,
+            clear=self.clear,
+            depth=self.depth,
+            feed=self.feed,
+            zero=self.set_zero,
+            interpolation=self.interpolation,
+            tolerance=self.tolerance,
+        )
+
+
+GRID = GridOptions()
 
 
 def jog(
@@ -95,6 +143,51 @@ def mdi(
     return 0
 
 
+def height_map(
+    *area: Annotated[str, Parameter(help="Work positions, such as X0:100 Y0:60, mm.")],
+    output: Annotated[
+        str, Parameter(name=["--output", "-o"], help="The height map to write, a .json file.")
+    ],
+    grid: GridOptions = GRID,
+    system: Annotated[str, option("Coordinate system: G54 to G59.3.")] = "G54",
+    machine: MachineOption = None,
+    board: BoardOption = None,
+    port: PortOption = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Probe a surface on a grid, and write its height map for --height-map."""
+    from cnc.machine.height_map import save_height_map
+
+    check_files((output, terminal.log), (machine,))
+    points = grid.over(_spans(area))
+    points.check()
+    with _session(terminal, machine, board, port) as (session, signals):
+        session.select_system(system.upper())
+        try:
+            found = _wait(session, signals, session.probe_grid(points))
+        except CncError:
+            if signals.stopped:
+                return EXIT_STOPPED
+            raise
+    save_height_map(found, output)
+    if not terminal.quiet:
+        low, high = found.extremes
+        count = f"{len(found.x)} x {len(found.y)} points"
+        print(f"height map   {output}: {count}, {low:.3f} to {high:.3f} mm")
+    return 0
+
+
+def _spans(given: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return the area by axis; UsageError ``usage``."""
+    matches = [SPAN.fullmatch(text) for text in given]
+    found = {m[1].lower(): (float(m[2]), float(m[3])) for m in matches if m is not None}
+    if set(found) != {"x", "y"} or len(given) != 2:
+        message = "the area needs X and Y, each from its lowest position"
+        hint = "such as X0:100 Y0:60"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
+    return found
+
+
 @contextmanager
 def _session(
     terminal: TerminalOptions, machine: str | None, board: str | None, port: str | None
@@ -102,10 +195,17 @@ def _session(
     """Provide a session with a connected board."""
     terminal.open_log(machine)
     known = library().load_machine(machine)
+    from cnc.operate.events import Notice
     from cnc.operate.operator_session import OperatorSession
 
     control = Control()
+
+    def show(event: Event) -> None:
+        if isinstance(event, Notice) and event.finding.code == "mdi-modes":
+            print(_diagnostic(event.finding).render(), file=sys.stderr)
+
     with OperatorSession(known) as session, OperatorSignals(control) as signals:
+        session.listen(show)
         session.connect(board, port).result()
         signals.moving = True
         yield session, control
@@ -149,8 +249,11 @@ def _show_position(session: OperatorSession, terminal: TerminalOptions) -> None:
 
 def _show_findings(ended: JobEnded) -> None:
     for each in ended.findings:
-        found = Diagnostic(
-            each.code, each.message, each.file, each.line, each.column, each.length, each.text,
-            each.hint, each.severity,
-        )  # fmt: skip
-        print(found.render(), file=sys.stderr)
+        print(_diagnostic(each).render(), file=sys.stderr)
+
+
+def _diagnostic(found: Finding) -> Diagnostic:
+    return Diagnostic(
+        found.code, found.message, found.file, found.line, found.column, found.length, found.text,
+        found.hint, found.severity,
+    )  # fmt: skip

@@ -129,6 +129,10 @@ class CommonOptions:
         output("Write the planned motion as lines for a GRBL board to FILE.nc or FILE.gcode."),
     ] = None
     json: Annotated[str | None, output("Write the summary to FILE.json.")] = None
+    height_map: Annotated[
+        str | None,
+        option("Raise Z by the height map FILE.json, which cncrun height-map has probed."),
+    ] = None
     tool_lengths: Annotated[
         ToolLengths | None,
         option(
@@ -172,7 +176,7 @@ class CommonOptions:
         Raises:
             UsageError: If two outputs are the same file, or an output is also an input.
         """
-        inputs = (self.machine, *inputs)
+        inputs = (self.machine, self.height_map, *inputs)
         outputs = (*self._outputs, self.json, further, self.terminal.log)
         check_files(outputs, inputs, standard_output_taken=to_standard_output)
         self.terminal.open_log(*inputs)
@@ -189,6 +193,7 @@ class CommonOptions:
             feed_override=self.feed_override,
             tool_lengths=self.tool_lengths,
             unknown_codes=self.unknown_codes,
+            height_map=self.height_map,
             default_feed=self.default_feed,
             block_delete=frozenset(self.block_delete),
             outputs=Outputs(*self._outputs, picture=picture, stl=stl),  # type: ignore[arg-type]

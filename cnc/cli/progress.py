@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import EIO
 from time import monotonic
 from typing import TYPE_CHECKING
 
 from cnc.cli.keyboard import HELP
 from cnc.cli.run_screen import PlainLines, RunScreen
-from cnc.cli.signals import OperatorSignals
+from cnc.cli.signals import OperatorSignals, report_hang_up
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
 
@@ -74,17 +77,22 @@ class ProgressDisplay:
         self._signals.moving = stage == "running"
         self._total = total
         if self._bar is not None and self._screen is None:
-            self._bar.update(stage, done, total)
+            with _terminal_may_go():
+                self._bar.update(stage, done, total)
 
     def _on_sent(self, sent: Sent) -> None:
+        with _terminal_may_go():
+            self._print(sent)
+        if sent.at_rest:
+            self._signals.at_rest()
+
+    def _print(self, sent: Sent) -> None:
         if not self._quiet:
             self._show(sent)
         if sent.held and not self._held and not self._quiet:
             place = f"{sent.hold_reason}, line" if sent.hold_reason else "held at line"
             print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
-        if sent.at_rest:
-            self._signals.at_rest()
 
     def _show(self, sent: Sent) -> None:
         """Show the progress of the board."""
@@ -94,6 +102,17 @@ class ProgressDisplay:
                 self._bar.close()
             self._screen = RunScreen(self._control) if live else PlainLines(self._control)
         self._screen.update(sent, self._total)
+
+
+@contextmanager
+def _terminal_may_go() -> Iterator[None]:
+    """Report a hang-up where an output fails because the terminal is gone."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno != EIO:
+            raise
+        report_hang_up()
 
 
 def print_compiling() -> None:

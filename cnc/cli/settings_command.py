@@ -64,7 +64,7 @@ def settings(
 
 
 def _opened(machine: Machine, board: str | None, port: str | None) -> GrblBoard:
-    """Return the board; UsageError ``no-settings`` for a board of another kind."""
+    """Return the board; UsageError ``no-settings`` for a board without numbered settings."""
     from cnc.boards.grbl.driver import GrblBoard
     from cnc.boards.registry import board_factory, open_board
 
@@ -75,6 +75,11 @@ def _opened(machine: Machine, board: str | None, port: str | None) -> GrblBoard:
         raise UsageError(Diagnostic("no-settings", message, hint=hint))
     opened = open_board(machine, kind=kind, port=port)
     assert isinstance(opened, GrblBoard)
+    if not opened.info.settings:
+        opened.close()
+        message = f"the board has no numbered settings ({opened.info.firmware})"
+        hint = "FluidNC keeps them in its file config.yaml: change that file"
+        raise UsageError(Diagnostic("no-settings", message, hint=hint))
     return opened
 
 

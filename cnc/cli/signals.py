@@ -103,6 +103,15 @@ class OperatorSignals:
             _suspend_now()
 
 
+def report_hang_up() -> None:
+    """Tell this process that its terminal is gone.
+
+    The system does so only for the controlling terminal of a session.
+    """
+    if sys.platform != "win32":
+        os.kill(os.getpid(), signal.SIGHUP)
+
+
 def _terminal_outputs() -> list[int]:
     """Return the output files that are terminals."""
     files = []

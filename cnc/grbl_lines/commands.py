@@ -1,8 +1,9 @@
 """Lines of GRBL 1.1 for blocks without motion; GcodeError for blocks that GRBL does not support.
 
 GRBL supports G4, M0 to M5, M7 if it was built with mist, M8 and M9 (GRBL 1.1 wiki, "Supported
-G-codes"). A tool change becomes a pause with a message. Blocks that change offsets (G10, G43.1,
-G92) do not reach this module, because positions are machine coordinates.
+G-codes"). A tool change becomes a pause with a message, or M6 where the board waits at it for the
+operator (grblHAL). Blocks that change offsets (G10, G43.1, G92) do not reach this module, because
+positions are machine coordinates.
 """
 
 from __future__ import annotations
@@ -49,9 +50,9 @@ class CommandLines:
         moved: Whether anything has moved yet.
     """
 
-    def __init__(self, *, mist: bool = False) -> None:
-        """``mist``: whether the board has M7."""
-        self._mist = mist
+    def __init__(self, codes: frozenset[str] = frozenset()) -> None:
+        """``codes``: M6 and M7, if the board has them; it waits for the operator at M6."""
+        self._codes = codes
         self._spindle = "off"
         self._rpm = 0.0
         self._coolant = (False, False)
@@ -102,7 +103,8 @@ class CommandLines:
             if self._spindle != "off":
                 self._spindle = "off"
                 yield "M5", REST
-            yield f"M0 (MSG, put in tool {block.number}, then resume)", REST
+            command = f"T{block.number} M6" if "M6" in self._codes else "M0"
+            yield f"{command} (MSG, put in tool {block.number}, then resume)", REST
         elif block.optional:
             yield "M1", REST
         else:
@@ -124,7 +126,7 @@ class CommandLines:
         self._spindle, self._rpm = block.state, block.rpm
 
     def _coolant_commands(self, block: Coolant) -> Iterator[Command]:
-        if block.mist and not self._mist:
+        if block.mist and "M7" not in self._codes:
             raise refused(block, "mist (M7)", "use M8; GRBL has M7 only if it was built with it")
         wanted, now = (block.mist, block.flood), self._coolant
         if any(has and not wants for wants, has in zip(wanted, now, strict=True)):

@@ -87,7 +87,7 @@ class Translator:
         work_offset: See the head of this module; None for none.
         arc_tolerance: The board's $12, mm: largest distance of its chords from an arc.
         junction_deviation: The board's $11, mm.
-        mist: Whether the board has M7.
+        codes: M6 (the board waits then until the operator resumes) and M7, if it has them.
         margin: Distance of lines from the ends of the travel, mm
             (:mod:`cnc.grbl_lines.travel_margin`).
         moving: For a program that may start anywhere: the axes that move in it. A
@@ -103,7 +103,7 @@ class Translator:
         work_offset: Sequence[float] | None = None,
         arc_tolerance: float = ARC_TOLERANCE,
         junction_deviation: float = JUNCTION_DEVIATION,
-        mist: bool = False,
+        codes: frozenset[str] = frozenset(),
         margin: float = 0.0,
         moving: str | None = None,
     ) -> None:
@@ -115,7 +115,7 @@ class Translator:
         named = "".join(letter for letter in letters if letter.lower() in axes)
         self._axes = axes
         self._letters = letters
-        self._commands = CommandLines(mist=mist)
+        self._commands = CommandLines(codes)
         travel = TravelMargin.of(machine, margin)
         self._travel = travel
         self._limits = SpeedLimits.of(machine)

@@ -85,7 +85,7 @@ def swing(start: tuple[float, float], direction: Floats, shift: float) -> Swing 
     pole = math.radians(POLE)
     sign = -1.0 if math.sin(tilt) < 0.0 else 1.0
     if math.hypot(begin[0], begin[1]) <= pole:
-        return _from_pole(start, end, shift)
+        return _straight(_at_turns(start, end, shift))
     if math.hypot(end[0], end[1]) <= pole:
         # The tool goes along a meridian: C stands still. The tilt may have turns of its own.
         whole = TURN * round((start[0] - math.degrees(sign * _tilt(begin))) / TURN)
@@ -95,6 +95,30 @@ def swing(start: tuple[float, float], direction: Floats, shift: float) -> Swing 
         nothing = np.zeros(0)
         return Swing(start, nearest * DEGREES, nothing, nothing, nothing)
     return _curve(start, _Circle(begin, across, angle, sign), shift, nearest * DEGREES)
+
+
+def angles_of(start: tuple[float, float], direction: Floats, shift: float) -> tuple[float, float]:
+    """Return tilt and turn of a direction, on the branch and nearest to the turns of the start.
+
+    Args:
+        start: effective tilt and turn, degrees.
+        direction: (3,) of the tool, from the tip.
+        shift: c - p, degrees.
+    """
+    tilt = math.radians(start[0])
+    end = direction / np.linalg.norm(direction)
+    pole = math.radians(POLE)
+    sign = -1.0 if math.sin(tilt) < 0.0 else 1.0
+    if math.hypot(end[0], end[1]) > pole and abs(math.sin(tilt)) <= pole:
+        return _at_turns(start, end, shift)
+    turn = start[1]
+    if math.hypot(end[0], end[1]) > pole:
+        turn = math.degrees(math.atan2(sign * end[1], sign * end[0])) + shift
+        turn += TURN * round((start[1] - turn) / TURN)
+    # The tilt may have turns of its own.
+    whole = start[0] - math.degrees(sign * math.acos(max(-1.0, min(1.0, math.cos(tilt)))))
+    whole = TURN * round(whole / TURN)
+    return whole + math.degrees(sign * _tilt(end)), turn
 
 
 class _Circle(NamedTuple):
@@ -126,8 +150,8 @@ def _straight(end: tuple[float, float]) -> Swing:
     return Swing(end, math.inf, nothing, nothing, nothing)
 
 
-def _from_pole(start: tuple[float, float], end: Floats, shift: float) -> Swing:
-    """Return a straight change of both angles, on the branch with the least turn of C."""
+def _at_turns(start: tuple[float, float], end: Floats, shift: float) -> tuple[float, float]:
+    """Return tilt and turn of a direction, on the branch with the least turn of C."""
     found = []
     for sign in (1.0, -1.0):
         turn = math.degrees(math.atan2(sign * end[1], sign * end[0])) + shift
@@ -135,7 +159,7 @@ def _from_pole(start: tuple[float, float], end: Floats, shift: float) -> Swing:
         tilt = math.degrees(sign * _tilt(end))
         tilt += TURN * round((start[0] - tilt) / TURN)
         found.append((abs(turn - start[1]), (tilt, turn)))
-    return _straight(min(found)[1])
+    return min(found)[1]
 
 
 def _nearest(begin: Floats, across: Floats, angle: float) -> float:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import BeforeValidator, Field, FiniteFloat
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, field_validator
+from pydantic import ValidationInfo as Info
 
 from cnc.machine.section import Section
 from cnc.model.blocks import AxisLetter
@@ -13,7 +14,13 @@ from cnc.model.blocks import AxisLetter
 OF_TIP = ("travel", "homing")
 """Keys of an axis that joints move: they are about the place of the tip."""
 
-Length = Annotated[FiniteFloat, Field(gt=0)]
+LONGEST = 1e6
+"""mm; longer than any machine: such a length is a mistake of the unit."""
+APART = 1.0
+"""Degrees; towers that are nearer to each other leave the tip free to tip over."""
+
+Length = Annotated[FiniteFloat, Field(gt=0, le=LONGEST)]
+Coordinate = Annotated[FiniteFloat, Field(ge=-LONGEST, le=LONGEST)]
 
 
 def _tuple(value: object) -> object:
@@ -22,9 +29,23 @@ def _tuple(value: object) -> object:
 
 
 Pair = Annotated[tuple[Length, Length], BeforeValidator(_tuple)]
-Angles = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(_tuple)]
 
-Point = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], BeforeValidator(_tuple)]
+
+def _different(angles: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Refuse angles of which two are the same direction."""
+    for k, angle in enumerate(angles):
+        between = (angle - angles[k - 1]) % 360.0
+        if min(between, 360.0 - between) < APART:
+            raise ValueError("must be three different directions")
+    return angles
+
+
+Angles = Annotated[
+    tuple[FiniteFloat, FiniteFloat, FiniteFloat],
+    BeforeValidator(_tuple),
+    AfterValidator(_different),
+]
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(_tuple)]
 
 
 class _Kinematics(Section):
@@ -127,6 +148,14 @@ class Delta(_Kinematics):
         default=(210.0, 330.0, 90.0), description="Angles of the towers, degrees from X."
     )
 
+    @field_validator("rod")
+    @classmethod
+    def _reaches_the_centre(cls, rod: float, info: Info) -> float:
+        """Refuse rods that reach no tip at all: the centre is nearest to all towers."""
+        if rod <= info.data.get("radius", 0.0):
+            raise ValueError("must be longer than radius: the rods do not reach the centre")
+        return rod
+
 
 class RotaryDelta(_Kinematics):
     """Three arms that turn hold the tip by rods."""
@@ -144,6 +173,17 @@ class RotaryDelta(_Kinematics):
     angles: Angles = Field(
         default=(210.0, 330.0, 90.0), description="Angles of the arms, degrees from X."
     )
+
+    @field_validator("rod")
+    @classmethod
+    def _reaches_the_centre(cls, rod: float, info: Info) -> float:
+        """Refuse rods that no position of the arms brings to the centre."""
+        known = info.data
+        if {"base", "platform", "arm"} <= known.keys():
+            least = abs(known["base"] - known["platform"]) - known["arm"]
+            if rod <= least:
+                raise ValueError(f"must be longer than {least:g}: the rods do not reach the centre")
+        return rod
 
 
 class FiveAxis(_Kinematics):
@@ -197,7 +237,9 @@ class Cylinder(_Kinematics):
     wrapped: Literal["x", "y"] = Field(
         default="y", description="Axis that becomes the circumference."
     )
-    radius: Length = Field(description="Radius of the cylinder on which Z is 0, mm.")
+    radius: Annotated[Length, Field(gt=0.01)] = Field(
+        description="Radius of the cylinder on which Z is 0, mm."
+    )
 
     @property
     def axes(self) -> tuple[AxisLetter, ...]:

@@ -37,6 +37,8 @@ DEFAULT = "default"
 _MESSAGES: dict[str, str] = {
     "missing": "is missing",
     "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than_equal": "must be at most {le:g}",
     "finite_number": "must be a finite number",
     "float_type": "must be a number",
     "float_parsing": "must be a number",
@@ -255,7 +257,8 @@ def _validation_error(
     if kind == "value_error":
         message = str(context["error"])
     elif kind == "missing" and isinstance(found["loc"][-1], int):
-        message = "must be [lowest, highest]"
+        pair = "must be [lowest, highest]"
+        message = "has too few numbers" if key[0] == "kinematics" else pair
     elif kind in _MESSAGES:
         message = _MESSAGES[kind].format(**context)
     else:

@@ -22,5 +22,7 @@ Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis",
 """How grid moves follow a curve."""
 Pauses = Literal["wait", "refuse", "skip"]
 """At M0 and M6: wait for the operator, reject the program, or continue without a pause."""
+Interpolation = Literal["bilinear", "bicubic"]
+"""Heights between the points of a grid; bicubic: the natural spline."""
 WrapRule = Literal["dialect", "shortest", "sign", "in-turn"]
 """Direction of absolute moves of a rotary axis that repeats after 360 degrees."""

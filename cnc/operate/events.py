@@ -101,6 +101,7 @@ class Dialog:
             middle of a program. door: the safety door.
         text: The question.
         steps: The steps to the start line, for ``restart``.
+        approach: The places of these steps, mm: a number for each axis in the machine's order.
     """
 
     event: ClassVar[str] = "dialog"
@@ -108,6 +109,7 @@ class Dialog:
     kind: Literal["tool", "stop", "restart", "door"]
     text: str
     steps: tuple[str, ...] = ()
+    approach: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,33 +11,24 @@ from pathlib import Path
 from typing import TypeVar
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.executor.run import Progress
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.operate import jogging, program_runs
+from cnc.operate import jogging
 from cnc.operate.events import (
     ConsoleLine,
     Event,
-    JobEnded,
     Listener,
-    OffsetsChanged,
 )
 from cnc.operate.live_boards import open_live, operated
-from cnc.operate.modal_memory import ModalMemory
-from cnc.operate.program_runs import RunWatch
+from cnc.operate.program_session import ProgramSession
 from cnc.operate.settings import BoardSetting, change_setting, read_settings
-from cnc.operate.worker import KEEP_ALIVE, Jog, Worker, not_connected
-from cnc.session.options import RunOptions
-from cnc.session.session import Session
-from cnc.session.source import MDI_NAME, InlineProgram
+from cnc.operate.worker import KEEP_ALIVE, Jog, not_connected
 
 T = TypeVar("T")
-MOST_HISTORY = 1000
-"""Entered lines that are kept."""
 
 
-class OperatorSession(Worker):
+class OperatorSession(ProgramSession):
     """Operates one machine.
 
     Activities return a future. It has the result, or the fault. Faults also come as events.
@@ -61,10 +52,7 @@ class OperatorSession(Worker):
             folders.append(macros)
         program = machine.program.model_copy(update={"subroutines": tuple(folders)})
         self.machine = machine.model_copy(update={"program": program})
-        self.history: list[str] = []
-        self._macros = macros
-        self._modal = ModalMemory()
-        super().__init__(self.machine)
+        super().__init__(self.machine, macros)
 
     def __enter__(self) -> OperatorSession:
         return self
@@ -245,60 +233,6 @@ class OperatorSession(Worker):
         """
         self._view.select(system)
 
-    def probe(self, line: str) -> Future[JobEnded]:
-        """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""
-        system = self._view.system
-        text = f"{system}\n{line}\nM2\n".encode()
-        program = InlineProgram(MDI_NAME, text)
-        return self._begin("probe", lambda: self._run(program, line, RunOptions(), 1))
-
-    def mdi(self, line: str) -> Future[JobEnded]:
-        """Run a line, with the modal state of the lines before it."""
-        self.history = [*self.history, line][-MOST_HISTORY:]
-        before = self._modal.before(line)
-        text = f"{before}\n{line}\n" if before else f"{line}\n"
-        skipped = 1 if before else 0
-
-        def run() -> JobEnded:
-            ended = self._run(
-                InlineProgram(MDI_NAME, text.encode()), MDI_NAME, RunOptions(), skipped
-            )
-            if ended.outcome == "done" and not self._modal.note(line):
-                message = "the modal state before this line is forgotten: units, distance, feed"
-                hint = "the next line begins with the defaults of a program"
-                self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="note"))
-            return ended
-
-        return self._begin("mdi", run)
-
-    def macros(self) -> list[str]:
-        """Return the names of the macros, sorted."""
-        if self._macros is None or not self._macros.is_dir():
-            return []
-        found = (file for file in self._macros.iterdir() if file.suffix in (".ngc", ".nc"))
-        return sorted(file.name for file in found if file.is_file())
-
-    def macro(self, name: str) -> Future[JobEnded]:
-        """Run a macro. UsageError ``no-such-macro``."""
-        if self._macros is None or name not in self.macros():
-            hint = f"macros are {', '.join(self.macros()) or 'none'}"
-            raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
-        file = self._macros / name
-        return self._begin("mdi", lambda: self._run(file, name, RunOptions(), 0))
-
-    def run(
-        self, program: Path, options: RunOptions | None = None, *, name: str | None = None
-    ) -> Future[JobEnded]:
-        """Check a program and run it.
-
-        Args:
-            program: The file.
-            options: Options of the run.
-            name: Name in the events; None for that of the file.
-        """
-        chosen = options or RunOptions()
-        return self._begin("program", lambda: self._run(program, name or program.name, chosen, 0))
-
     def settings(self) -> Future[list[BoardSetting]]:
         """Return the settings of a GRBL board. UsageError ``no-settings``."""
         return self._begin("none", lambda: read_settings(self._machine.board, self.machine))
@@ -348,39 +282,6 @@ class OperatorSession(Worker):
         if control.held:
             return
         self._machine.jog(move, control, self._view.take)
-
-    def _run(
-        self, program: Path | InlineProgram, name: str, options: RunOptions, skipped: int
-    ) -> JobEnded:
-        machine, control = self._machine, self._control
-        self._view.begin(name)
-
-        def on_progress(progress: Progress) -> None:
-            self._view.progress(progress, machine.of_progress(progress))
-
-        watch = RunWatch(name, self.events, self._dialogs, control, on_progress)
-        try:
-            session = Session(
-                program, self.machine, options, callbacks=watch.callbacks(), control=control
-            )
-            report = session.run(machine.board, self._view.board)
-            ended = program_runs.ended(report, name, skipped)
-        except CncError as error:
-            ended = program_runs.failed(error, name)
-        finally:
-            self._view.end()
-        self.events.emit(ended)
-        machine.revive()
-        self._offsets_changed()
-        return ended
-
-    def _offsets_changed(self) -> dict[str, dict[str, float]]:
-        machine = self._machine
-        offsets = machine.offsets()
-        self._view.read(machine)
-        self._view.offsets = offsets
-        self.events.emit(OffsetsChanged(offsets=offsets))
-        return offsets
 
     def _console(self, arrow: str, text: str) -> None:
         if text not in ("?", "") and not text.startswith("<"):

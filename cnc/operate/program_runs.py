@@ -9,6 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.executor.run import Progress
 from cnc.model.diagnostics import CncError, Diagnostic
 from cnc.model.operator_control import Control
@@ -30,6 +33,8 @@ QUESTIONS = itertools.count(1)
 PROGRESS_PERIOD = 0.1
 """Shortest time between two events of the progress, s."""
 
+Approach = tuple[tuple[float, ...], ...]
+"""Places (axes,) of the moves to the line to begin at, mm."""
 DialogKind = Literal["tool", "stop", "restart", "door"]
 
 
@@ -58,18 +63,24 @@ class Dialogs:
         question = self._open
         return None if question is None else question.dialog
 
-    def show(self, kind: DialogKind, text: str, steps: Sequence[str] = ()) -> Dialog:
+    def show(
+        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
+    ) -> Dialog:
         """Ask; an older question is closed."""
         self.close()
-        dialog = Dialog(id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps))
+        dialog = Dialog(
+            id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps), approach=approach
+        )
         with self._lock:
             self._open = _Question(dialog, threading.Event())
         self._events.emit(dialog)
         return dialog
 
-    def ask(self, kind: DialogKind, text: str, steps: Sequence[str] = ()) -> bool:
+    def ask(
+        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
+    ) -> bool:
         """Ask, and wait for the answer."""
-        self.show(kind, text, steps)
+        self.show(kind, text, steps, approach)
         question = self._open
         if question is None:
             return False
@@ -118,6 +129,7 @@ class RunWatch:
         self._control, self._on_progress = control, on_progress
         self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
+        self._approach: Approach = ()
 
     def callbacks(self) -> Callbacks:
         """Return the functions that the session calls."""
@@ -125,8 +137,14 @@ class RunWatch:
             on_progress=self._progress,
             on_warning=self._warning,
             on_sent=self._sent,
-            on_beginning=lambda steps: self._dialogs.ask("restart", steps[0], steps),
+            on_approach=self._take_approach,
+            on_beginning=lambda steps: self._dialogs.ask(
+                "restart", steps[0], steps, self._approach
+            ),
         )
+
+    def _take_approach(self, places: Sequence[NDArray[np.float64]]) -> None:
+        self._approach = tuple(tuple(place.tolist()) for place in places)
 
     def _progress(self, stage: Stage, line: int, lines: int | None) -> None:
         before, shown, last = self._shown

@@ -35,7 +35,7 @@ STATE_PERIOD = 0.1
 """Time between two states, s."""
 WATCH_PERIOD = 0.02
 """Time between two looks at the sign of life of a jog, s."""
-KEEP_ALIVE = 0.25
+KEEP_ALIVE = 0.2
 """Time without a sign of life after which a jog ends, s."""
 T = TypeVar("T")
 

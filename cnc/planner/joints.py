@@ -103,8 +103,11 @@ class ToolTipOf:
     """Positions of joints and tip of a machine with tool-tip control, for the language."""
 
     def __init__(self, bare: JointMap, table: FiveAxis, letters: tuple[str, ...]) -> None:
-        self._bare, self._table = bare, table
+        self._bare = bare
         self.rotary = letters.index(table.tilting), letters.index("c")
+        signs = [-1.0 if name in table.reverse else 1.0 for name in (table.tilting, "c")]
+        self._signs = signs[0], signs[1]
+        self._shift = 90.0 if table.tilting == "a" else 0.0
 
     @classmethod
     def machine(cls, machine: Machine) -> ToolTipOf | None:
@@ -128,16 +131,26 @@ class ToolTipOf:
         found: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
         return found
 
+    def angles(self, here: list[float], direction: Floats) -> tuple[float, float]:
+        """Return tilt and turn of a direction of the tool (3,), from a position (axes,)."""
+        from cnc.kinematics.orientation import angles_of
+
+        tilt, turn = angles_of(self._effective(here), direction, self._shift)
+        return tilt * self._signs[0], turn * self._signs[1]
+
     def swing(self, here: list[float], direction: Floats) -> Swing | None:
         """Return the great circle from a position (axes,) to a direction of the tool (3,)."""
         from cnc.kinematics.orientation import swing
 
-        names = (self._table.tilting, "c")
-        signs = [-1.0 if name in self._table.reverse else 1.0 for name in names]
-        tilt, turn = (here[k] * sign for k, sign in zip(self.rotary, signs, strict=True))
-        found = swing((tilt, turn), direction, 90.0 if names[0] == "a" else 0.0)
+        found = swing(self._effective(here), direction, self._shift)
         if found is None:
             return None
+        signs = self._signs
         end = found.end[0] * signs[0], found.end[1] * signs[1]
         angles = found.angles if not len(found.angles) else found.angles * np.array(signs)
         return found._replace(end=end, angles=angles)
+
+    def _effective(self, here: list[float]) -> tuple[float, float]:
+        """Return tilt and turn of a position (axes,) in the directions of ISO 841."""
+        tilt, turn = self.rotary
+        return here[tilt] * self._signs[0], here[turn] * self._signs[1]

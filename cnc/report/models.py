@@ -6,7 +6,7 @@ The JSON file and its JSON Schema are made from these classes. The values come f
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SkipValidation, TypeAdapter
 
@@ -86,6 +86,21 @@ class Stock(_Part):
     removed_mm3: Amount = Field(description="Volume that the program removes from the stock, mm^3")
 
 
+class WarpedBy(_Part):
+    """The height map that warps the program."""
+
+    file: Text = Field(description="File of the height map")
+    columns: Count = Field(description="Points along X")
+    rows: Count = Field(description="Points along Y")
+    lowest_mm: float = Field(description="Lowest point, mm")
+    highest_mm: float = Field(description="Highest point, mm")
+    interpolation: Literal["bilinear", "bicubic"] = Field(description="Between the points")
+    tolerance_mm: Amount = Field(
+        description="Largest distance of the pieces from the warped path, mm"
+    )
+    pieces: Count = Field(description="Straight pieces of the warped path")
+
+
 class Changes(_Part):
     """Differences to the baseline; pairs are [then, now]."""
 
@@ -123,6 +138,7 @@ class Summary(BaseModel):
     duration_s: Amount = Field(description="Machine time with dwells, s")
     played_s: Amount = _optional("Measured time of a run on a board that plans its motion, s")
     stock: Stock = _optional("The simulated cut of the stock; absent without a stock")
+    height_map: WarpedBy = _optional("The height map of the program; absent without one")
     path_length_mm: Amount = Field(description="Length of the path, mm")
     bounding_box: dict[AxisLetter, Span] = Field(
         description="[smallest, largest] position of each axis, mm"

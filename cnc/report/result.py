@@ -116,6 +116,31 @@ class Cut:
     removed_mm3: float
 
 
+@dataclass(frozen=True, slots=True)
+class WarpedBy:
+    """The height map that warps a program.
+
+    Attributes:
+        file: its file.
+        columns: points along X.
+        rows: points along Y.
+        lowest_mm: lowest point, mm.
+        highest_mm: highest point, mm.
+        interpolation: bilinear or bicubic.
+        tolerance_mm: largest distance of the pieces from the warped path, mm.
+        pieces: straight pieces of the warped path.
+    """
+
+    file: str
+    columns: int
+    rows: int
+    lowest_mm: float
+    highest_mm: float
+    interpolation: str
+    tolerance_mm: float
+    pieces: int
+
+
 @dataclass(slots=True)
 class Report:
     """The result for one program.
@@ -138,6 +163,7 @@ class Report:
             those of a model of its planner.
         offset: the work offset of a check for a GRBL board; None otherwise.
         cut: the simulated cut; None without a stock.
+        height_map: the height map that warps the program; None without one.
         duration_s: machine time with dwells, as computed.
         played_s: measured time of a run on a board that plans its motion; None without one.
         path_length_mm: length of the path.
@@ -171,6 +197,7 @@ class Report:
     planned_by_board: bool = False
     offset: AssumedOffset | None = None
     cut: Cut | None = None
+    height_map: WarpedBy | None = None
     duration_s: float = 0.0
     played_s: float | None = None
     path_length_mm: float = 0.0
@@ -249,6 +276,8 @@ class Report:
         cut: dict[str, Any] = {}
         if self.cut is not None:
             cut["stock"] = models.Stock.model_construct(**asdict(self.cut))
+        if self.height_map is not None:
+            cut["height_map"] = models.WarpedBy.model_construct(**asdict(self.height_map))
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,

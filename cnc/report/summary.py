@@ -85,6 +85,14 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
             f"{spaced(report.pulse_rows)} grid moves, "
             f"at most {report.pulse_error_blu:.4f} BLU from the path",
         )
+    if (warped := report.height_map) is not None:
+        facts.add_row(
+            "height map",
+            f"{escape(warped.file)}: {warped.columns} x {warped.rows} points, "
+            f"{position(warped.lowest_mm)} to {position(warped.highest_mm)} mm, "
+            f"{warped.interpolation}; {spaced(warped.pieces)} pieces "
+            f"within {number(warped.tolerance_mm)} mm",
+        )
     if report.cut is not None:
         facts.add_row(
             "stock",

@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 
 from cnc.model.diagnostics import BoardError, CncError
 from cnc.operate.events import Finding, as_object
-from cnc.server import job_routes, routes
+from cnc.server import height_map_routes, job_routes, routes
 from cnc.server.connections import release
 from cnc.server.console import Console
 from cnc.server.hub import Client, encoded
@@ -34,6 +34,7 @@ STATUS = {
     "no-such-job": 404,
     "no-such-macro": 404,
     "no-such-cycle": 404,
+    "height-map-name": 404,
 }
 TYPES = {
     ".html": "text/html",
@@ -73,6 +74,7 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     app.state.console = console
     app.include_router(routes.router)
     app.include_router(job_routes.router)
+    app.include_router(height_map_routes.router)
     app.add_api_websocket_route("/api/events", _events)
     app.add_api_route("/", _index, include_in_schema=False)
     app.add_api_route("/page/{name}", _page, include_in_schema=False)

@@ -17,6 +17,7 @@ from cnc.gcode.syntax.parameter_file import write_parameters
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.diagnostics import CncError
 from cnc.operate.machines import SYSTEMS
 from cnc.server.library import Library
 
@@ -33,12 +34,14 @@ class CheckOrder:
         library: Folder of the library.
         machine: The machine, with the travel of the board.
         parameters: Parameters by number, such as the offsets of the board.
+        height_map: Name of the height map that warps the job; None for none.
     """
 
     name: str
     library: Path
     machine: Machine
     parameters: Mapping[int, float]
+    height_map: str | None = None
 
     def machine_in(self, folder: Path) -> Machine:
         """Return the machine with the parameters, which are written into ``folder``."""
@@ -82,15 +85,38 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
     os.chdir(library.folder)
     with tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
         machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
-        report = Session(
-            Path(order.name), machine, RunOptions(outputs=Outputs(picture=str(drawn)))
-        ).run()
+        warp = None if order.height_map is None else str(library.height_map_file(order.height_map))
+        options = RunOptions(outputs=Outputs(picture=str(drawn)), height_map=warp)
+        report = Session(Path(order.name), machine, options).run()
         summary = report.as_json()
         library.forget_check(order.name)
         if drawn.exists():
             put(drawn.read_bytes(), library.own(order.name, "path.json"))
         put(json.dumps(summary).encode(), library.own(order.name, "check.json"))
     return summary
+
+
+def sketch_job(order: CheckOrder) -> bool:
+    """Write a coarse picture of a job into the library; return whether its program can be read."""
+    from cnc.session.options import RunOptions
+    from cnc.session.program_reader import start_position
+    from cnc.session.session import Session
+    from cnc.view.sketch import Sketch
+
+    library = Library(order.library)
+    os.chdir(library.folder)
+    with tempfile.TemporaryDirectory(prefix="cnc-sketch-") as folder:
+        machine = order.machine_in(Path(folder))
+        session = Session(library.path(order.name), machine, RunOptions(tool_lengths="zero"))
+        sketch = Sketch(machine, order.name, start_position(machine))
+        try:
+            for block in session.blocks():
+                sketch.add(block)
+        except CncError:
+            # The check reports the fault.
+            return False
+    put(sketch.data().encode(), library.own(order.name, "sketch.json"))
+    return True
 
 
 def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:

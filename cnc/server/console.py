@@ -6,14 +6,16 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
+from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
-from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of
+from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, sketch_job
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
@@ -22,6 +24,8 @@ from cnc.session.options import RunOptions
 
 MOST_LOG_LINES = 50_000
 """Lines of the log of a run; of more, the first are lost."""
+SKETCHED = 500_000
+"""Size of a program that is drawn coarsely before its check ends, bytes."""
 MOST_TEXTS = 8
 """Indexes of program texts that are kept."""
 
@@ -55,7 +59,7 @@ class Console:
         self.hub = Hub()
         self.control = ControlOfMachine(self._control_changed)
         self._checker: Checker | None = None
-        self._checking: dict[str, Future[dict[str, Any]]] = {}
+        self._checking: dict[tuple[str, str | None], Future[dict[str, Any]]] = {}
         self._texts: dict[str, TextLines] = {}
         self._run: _Run | None = None
         self._lock = threading.Lock()
@@ -84,15 +88,26 @@ class Console:
                 self._texts[name] = known
         return known
 
-    def check(self, name: str) -> Future[dict[str, Any]]:
-        """Begin a check, or return the one under way."""
+    def check(self, name: str, height_map: str | None = None) -> Future[dict[str, Any]]:
+        """Begin a check, or return the one under way.
+
+        Args:
+            name: The job.
+            height_map: Name of the height map that warps it; None for none.
+        """
         self.library.path(name)
+        if height_map is not None:
+            self.library.height_map_file(height_map)
         with self._lock:
-            known = self._checking.get(name)
+            known = self._checking.get((name, height_map))
             if known is not None and not known.done():
                 return known
-            future = self._pool().submit(check_job, self._order(name))
-            self._checking[name] = future
+            order = replace(self._order(name), height_map=height_map)
+            if self.library.path(name).stat().st_size >= SKETCHED:
+                sketched = self._pool().submit(sketch_job, order)
+                sketched.add_done_callback(lambda done: self._sketched(name, done))
+            future = self._pool().submit(check_job, order)
+            self._checking[name, height_map] = future
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
 
@@ -145,6 +160,10 @@ class Console:
         if run is not None and run.job == name:
             message, hint = f"{name} runs", "wait for its end, or stop it"
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
+
+    def _sketched(self, name: str, done: Future[bool]) -> None:
+        if not self._closing and not done.cancelled() and not done.exception() and done.result():
+            self.hub.publish_object({"event": "job-sketched", "time": time.time(), "name": name})
 
     def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
         if self._closing or done.cancelled():
@@ -204,6 +223,32 @@ class Console:
         }
         self.library.add_run(record, "\n".join(run.log) + "\n")
         self.jobs_changed()
+
+    # Height maps
+
+    def probe_grid(self, name: str, grid: Grid, system: str) -> Future[HeightMap]:
+        """Begin to probe a grid; the event ``height-map`` ends it.
+
+        Raises:
+            UsageError: ``height-map-name``, ``height-map-grid``, ``no-such-system``,
+                ``machine-busy``, ``not-connected``.
+        """
+        file = self.library.new_height_map(name)
+        grid.check()
+        self.session.select_system(system)
+        future = self.session.probe_grid(grid)
+
+        def probed(done: Future[HeightMap]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                save_height_map(done.result(), file)
+                self.height_maps_changed(name)
+
+        future.add_done_callback(probed)
+        return future
+
+    def height_maps_changed(self, name: str) -> None:
+        """Tell the clients that a height map has changed."""
+        self.hub.publish_object({"event": "height-map", "time": time.time(), "name": name})
 
     # Events
 

@@ -12,7 +12,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import FileResponse
 
 from cnc.server.library import OWN, Library, checked
-from cnc.server.models import Accepted, CutJob, LogText, RunJob, TextPart
+from cnc.server.models import Accepted, CheckJob, CutJob, LogText, RunJob, TextPart
 from cnc.server.routes import Controlled, Shared
 from cnc.server.upload import UploadDecoder
 from cnc.session.options import RunOptions
@@ -131,9 +131,9 @@ async def text(
 
 
 @router.post("/jobs/{name}/check")
-def check(name: str, console: Shared) -> Accepted:
+def check(name: str, console: Shared, body: CheckJob | None = None) -> Accepted:
     """Begin a check."""
-    console.check(name)
+    console.check(name, None if body is None else body.height_map)
     return Accepted()
 
 
@@ -154,6 +154,16 @@ def toolpath(name: str, console: Shared) -> FileResponse:
     file = library.own(name, "path.json")
     if library.summary(name) is None or not file.is_file():
         raise _not_found(f"{name} has no toolpath: check it first")
+    return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
+
+
+@router.get("/jobs/{name}/sketch")
+def sketch(name: str, console: Shared) -> FileResponse:
+    """Return a coarse picture of a long job, in the form of its toolpath."""
+    console.library.path(name)
+    file = console.library.own(name, "sketch.json")
+    if not file.is_file():
+        raise _not_found(f"{name} has no coarse picture: it is short, or not checked yet")
     return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
 
 
@@ -187,8 +197,12 @@ def _result(library: Library, name: str, kind: str, media_type: str) -> FileResp
 @router.post("/jobs/{name}/run")
 async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
     """Check a job on the board, and run it."""
+    height_map = body.height_map
     options = RunOptions(
-        from_line=body.from_line, home=body.home, trust_position=body.trust_position
+        from_line=body.from_line,
+        home=body.home,
+        trust_position=body.trust_position,
+        height_map=None if height_map is None else str(console.library.height_map_file(height_map)),
     )
     console.run(name, options)
     return Accepted()

@@ -1,6 +1,7 @@
 """The library: a folder of programs, with the history and the log of their runs.
 
     LIBRARY/part.nc                        the programs
+    LIBRARY/height-maps/plate.json         the height maps
     LIBRARY/.cncrun/history.jsonl          one run a line
     LIBRARY/.cncrun/part.nc.log            the log of the last run
     LIBRARY/.cncrun/part.nc.check.json     the summary of the last check
@@ -21,18 +22,21 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,119}\.(?:nc|ngc|gcode|tap|cnc|txt)", re.ASCII)
 DEVICE = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
+MAP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}", re.ASCII)
+MAPS = "height-maps"
 OWN = ".cncrun"
 MOST_HISTORY = 1000
 """Runs of the history that are kept."""
 MOST_LOG = 2_000_000
 """Characters of a log that are sent."""
 PIECE = 1 << 20
-RESULTS = ("check.json", "path.json", "part.json", "stl")
+RESULTS = ("check.json", "path.json", "sketch.json", "part.json", "stl")
 """Files about a job that a change of its text makes wrong."""
 
 
@@ -116,6 +120,42 @@ class Library:
         except (OSError, ValueError):
             return None
         return found if isinstance(found, dict) else None
+
+    def height_maps(self) -> list[str]:
+        """Return the names of the height maps, sorted."""
+        folder = self.folder / MAPS
+        if not folder.is_dir():
+            return []
+        return sorted(
+            entry.name.removesuffix(".json")
+            for entry in os.scandir(folder)
+            if entry.name.endswith(".json")
+            and MAP_NAME.fullmatch(entry.name.removesuffix(".json"))
+            and entry.is_file(follow_symlinks=False)
+        )
+
+    def height_map_file(self, name: str) -> Path:
+        """Return the file of a height map. UsageError ``height-map-name``."""
+        file = self.new_height_map(name)
+        if file.is_symlink() or not file.is_file():
+            hint = "GET /api/height-maps lists them"
+            message = f"there is no height map {name}"
+            raise UsageError(Diagnostic("height-map-name", message, hint=hint))
+        return file
+
+    def height_map(self, name: str) -> HeightMap:
+        """Return a height map. UsageError ``height-map-name``, ``height-map-file``."""
+        return load_height_map(self.height_map_file(name))
+
+    def new_height_map(self, name: str) -> Path:
+        """Return the file of a new height map. UsageError ``height-map-name``."""
+        if not MAP_NAME.fullmatch(name) or DEVICE.fullmatch(name):
+            message = f"{name[:80]!r} cannot be the name of a height map"
+            hint = "use letters, digits, _ and -"
+            raise UsageError(Diagnostic("height-map-name", message, hint=hint))
+        folder = self.folder / MAPS
+        folder.mkdir(exist_ok=True)
+        return folder / f"{name}.json"
 
     def add_run(self, run: dict[str, Any], log: str) -> None:
         """Add a run to the history, and replace the log of its job."""

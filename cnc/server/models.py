@@ -6,6 +6,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
+from cnc.machine.height_map import TOLERANCE
+from cnc.model.choices import Interpolation
+
 Letter = Annotated[str, Field(pattern="^[a-z]$")]
 Percent = Annotated[FiniteFloat, Field(ge=1, le=200)]
 
@@ -102,6 +105,29 @@ class CycleRun(_Body):
     parameters: dict[str, FiniteFloat] = Field(default={})
 
 
+class ProbeGrid(_Body):
+    """A grid to probe, in work coordinates."""
+
+    x: tuple[FiniteFloat, FiniteFloat] = Field(description="Lowest and highest X, mm.")
+    y: tuple[FiniteFloat, FiniteFloat] = Field(description="Lowest and highest Y, mm.")
+    step: FiniteFloat = Field(default=10.0, gt=0, description="Largest distance of points, mm.")
+    clear: FiniteFloat = Field(default=2.0, gt=0, description="Z between the points, mm.")
+    depth: FiniteFloat = Field(default=2.0, gt=0, description="Lowest Z of a contact, mm below 0.")
+    feed: FiniteFloat = Field(default=60.0, gt=0, description="Speed of the contacts, mm/min.")
+    zero: bool = Field(default=False, description="The first contact becomes Z zero.")
+    interpolation: Interpolation = Field(default="bilinear", description="Between the points.")
+    tolerance: FiniteFloat = Field(
+        default=TOLERANCE, description="Largest distance of pieces from the warped path, mm."
+    )
+    system: str = Field(default="G54", description="Coordinate system of the grid.")
+
+
+class CheckJob(_Body):
+    """How to check a job."""
+
+    height_map: str | None = Field(default=None, description="Height map that warps the job.")
+
+
 class CutJob(_Body):
     """A cut to simulate."""
 
@@ -119,6 +145,7 @@ class RunJob(_Body):
     trust_position: bool = Field(
         default=False, description="Confirm the position that the board reports."
     )
+    height_map: str | None = Field(default=None, description="Height map that warps the job.")
 
 
 class Accepted(_Body):

@@ -117,7 +117,7 @@ def line_translator(board: LineSink, machine: Machine) -> Translator:
         work_offset=work_offset,
         arc_tolerance=settings.get(12) or ARC_TOLERANCE,
         junction_deviation=settings.get(11, JUNCTION_DEVIATION),
-        mist=board.mist,
+        codes=board.codes,
         margin=MARGIN if settings.get(20) else 0.0,
     )
 

@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.checks.catalogue import ASSUMPTIONS
 from cnc.checks.selection import Selection
 from cnc.executor.run import Progress
@@ -44,6 +47,8 @@ class Callbacks:
             in total, and the name of this one.
         on_sent: Called with the progress of the board.
         on_cut: Called in a check with the material that the simulated cut leaves.
+        on_approach: Called with the places (axes,) of the moves to ``from_line``, mm, before
+            ``on_beginning``.
         on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
             ends before anything moves.
     """
@@ -54,6 +59,7 @@ class Callbacks:
     on_kernel: Callable[[int, int, str], None] | None = None
     on_sent: Callable[[Progress], None] | None = None
     on_cut: Callable[[Material], None] | None = None
+    on_approach: Callable[[Sequence[NDArray[np.float64]]], None] | None = None
     on_beginning: Callable[[Sequence[str]], bool] | None = None
 
 

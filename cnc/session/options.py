@@ -49,6 +49,7 @@ class RunOptions:
             None refuses them where a machine moves or a file for a board is written.
         unknown_codes: Refuse unknown M-codes, or skip them with a warning.
         stock_resolution: Width of a cell of the simulated stock, mm; None for the default.
+        height_map: File of the height map that warps the program; None for none.
         default_feed: Feed before the first F word, mm/min; None for none.
         block_delete: Switches of block delete that are on, 1 to 9.
         pauses: How M0 and M6 are treated on a board that plans for itself.
@@ -71,6 +72,7 @@ class RunOptions:
     tool_lengths: ToolLengths | None = None
     unknown_codes: UnknownCodes = "error"
     stock_resolution: float | None = None
+    height_map: str | None = None
     default_feed: float | None = None
     block_delete: frozenset[int] = frozenset()
 

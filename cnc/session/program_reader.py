@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import (
     Recognition,
+    differing_functions,
     lathe_dialect,
+    names_units,
     recognise,
     refuse,
     refuse_lathe,
@@ -31,9 +34,13 @@ from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints, ToolTipOf
-from cnc.session.resume import RestartPoint, line_of_call
+from cnc.session.call_lines import line_of_call
+from cnc.session.resume import RestartPoint
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
+
+if TYPE_CHECKING:
+    from cnc.session.height_map import ProgramWarp
 
 log = logging.getLogger(__name__)
 
@@ -78,12 +85,15 @@ class ProgramReader:
         on_line: Called with the number of lines executed so far, in each reading.
         policy: Choices of the user.
         block_delete: Switches of block delete that are on.
+        warp: Warps the blocks to a height map; None without one.
         restart: Where to begin; None for the first line.
         recognition: The language that was recognised; None before the first reading.
         evidence: The evidence of the first lines; None before it was searched.
         homed: Position after a homing command of the program (axes,), mm; None if it is not known.
         ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
+        units: Whether the first lines have a code of the units; None before the first reading.
+        functions: Functions in the first lines that controllers compute differently.
     """
 
     name: str
@@ -95,12 +105,15 @@ class ProgramReader:
     on_line: Callable[[int], None]
     policy: ReadingPolicy = STRICT
     block_delete: frozenset[int] = frozenset()
+    warp: ProgramWarp | None = None
     restart: RestartPoint | None = None
     recognition: Recognition | None = None
     evidence: Recognition | None = None
     homed: tuple[float, ...] | None = None
     ceiling: float | None = None
     state: InterpreterState | None = None
+    units: bool | None = None
+    functions: tuple[str, ...] = ()
 
     def blocks(
         self,
@@ -115,19 +128,27 @@ class ProgramReader:
         """
         rules = self.rules()
         self.state = self._saved_state(rules)
+        text = Text.of_file(self.path, self.name)
+        self.units = names_units(text.first_lines())
+        self.functions = differing_functions(text.first_lines())
         blocks = self._interpreted(
             rules,
-            Text.of_file(self.path, self.name),
+            text,
             self.state,
             warn,
             on_line,
             mark_calls=self.restart is not None,
         )
-        return blocks if self.restart is None else self.restart.passed(blocks, self.start)
+        if self.restart is not None:
+            blocks = self.restart.passed(blocks, self.start)
+        if self.warp is None:
+            return blocks
+        return self.warp.blocks(blocks, self.machine, self.start, self.ceiling)
 
     def simulated_blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the whole program with its tool offsets.
 
+        They are not warped: a simulated stock is flat, and a warped part is cut like a flat one.
         The state that a reading leaves (:attr:`state`) is not touched.
         """
         rules = self.rules()
@@ -176,7 +197,10 @@ class ProgramReader:
                 f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
                 "revolution; offsets of T words act with the next move; threads without a chamfer"
             )
-        if self.evidence is not None and not self.evidence.units:
+        if self.dialect_in_use == "auto" and self.functions:
+            names = ", ".join(self.functions)
+            assumed.append(f"{names} of negative numbers as LinuxCNC computes them, not FANUC")
+        if self.units is False:
             assumed.append("millimetres, as no G20 or G21 is in the first lines")
         if self.policy.default_feed is not None:
             assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")

@@ -49,6 +49,7 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.motion_commands import apart
 from cnc.model.units import per_minute
+from cnc.session.call_lines import line_of_call
 
 Floats = NDArray[np.float64]
 
@@ -148,32 +149,6 @@ def _refused(block: Block, message: str, hint: str) -> GcodeError:
     return GcodeError(Diagnostic("from-line-unknown", message, block.file, block.line, hint=hint))
 
 
-def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
-    """Return the line that first calls the subprogram which a line lies in.
-
-    Args:
-        blocks: Blocks of the program, with marks at its calls.
-        file: The program.
-        line: The line.
-
-    Returns:
-        The line of the call, 0 for a line of the main program.
-    """
-    call, low, high, found = 0, 0, 0, 0
-    for block in blocks:
-        if isinstance(block, CallBoundary):
-            call, low, high = block.line if block.inside else 0, 0, 0
-        elif block.file == file:
-            lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
-            if not call:
-                if (lines == line).any():
-                    return 0
-                continue
-            low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
-            found = found or (call if low <= line <= high else 0)
-    return found
-
-
 class RestartPoint:
     """The line to begin at, and the moves that lead to it.
 
@@ -186,6 +161,7 @@ class RestartPoint:
 
     Attributes:
         steps: The steps to the line, in words, after the program has been read that far.
+        approach: The places of these steps (axes,), mm, the start position first.
     """
 
     def __init__(
@@ -203,6 +179,7 @@ class RestartPoint:
         self.line = line
         self.file = file
         self.steps: tuple[str, ...] = ()
+        self.approach: list[Floats] = []
         self._letters = tuple(axis.upper() for axis in axes)
         self._z = axes.index("z") if "z" in axes else None
         self._top = math.inf if top is None else top
@@ -316,6 +293,7 @@ class RestartPoint:
     ) -> Iterator[Block]:
         """Yield the blocks from the present position to the begin of line N; see the drawing."""
         target, z, top = state.position, self._z, self._top
+        self.approach = [np.array(start, np.float64)]
         steps = [f"from line {self.line}:"]
         moved = bool(state.touched.any())
         sync = state.settings.pop(("SpindleSync", 0), None)
@@ -384,6 +362,7 @@ class RestartPoint:
         return self._straight(end, math.nan, line)
 
     def _straight(self, end: Floats, feed: float, line: int) -> Polyline:
+        self.approach.append(np.array(end, np.float64))
         return Polyline(
             self.file, line, end[None, :].copy(), np.array([feed]), np.array([line], np.int32)
         )

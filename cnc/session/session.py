@@ -108,6 +108,10 @@ class Session:
             observer.checking,
             block_delete=options.block_delete,
         )
+        if options.height_map is not None:
+            from cnc.session.height_map import ProgramWarp
+
+            reader.warp = ProgramWarp(options.height_map, machine)
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
         )
@@ -115,13 +119,16 @@ class Session:
 
     def blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the program, read as in the check pass."""
-        return self._context.reader.blocks()
+        context = self._context
+        if context.options.tool_lengths is not None:
+            context.reader.policy = reading_policy(context.options, context.reader.machine, None)
+        return context.reader.blocks()
 
     @property
     def parameters(self) -> Mapping[int, float]:
-        """Parameters by number, as the latest reading of the program leaves them."""
+        """Parameters by number with locals, as the latest reading of the program leaves them."""
         state = self._context.reader.state
-        return {} if state is None else state[0].values
+        return {} if state is None else state[0].locals | state[0].values
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.
@@ -192,6 +199,8 @@ class Session:
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
         context.observer.checking(report.lines)
+        if reader.warp is not None:
+            report.height_map = reader.warp.used()
         if not report.ok:
             return
         if board is None and reader.machine.stock is not None:
@@ -326,6 +335,8 @@ class Session:
         if restart is None:
             return
         log.info("%s", "; ".join(restart.steps))
+        if (draw := self._context.observer.callbacks.on_approach) is not None:
+            draw(restart.approach)
         if ask is not None and not ask(restart.steps):
             raise StoppedBeforeMotion
 

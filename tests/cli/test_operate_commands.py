@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 import pytest
+
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 
 SIMULATED = ("--board", "grbl-sim", "--machine", "grbl-uno")
 
@@ -47,6 +53,46 @@ def test_zero_keeps_the_offset_in_the_parameter_file(cncrun, tmp_path):
     code, out, _ = cncrun("zero", "X-7", "--system", "g55", "--machine", str(machine))
     assert (code, out) == (0, "G55 X7.000\n")
     assert "5241\t7.0" in (tmp_path / "machine.var").read_text()
+
+
+def test_a_height_map_is_probed_and_used(cncrun, tmp_path, monkeypatch):
+    """The surface rises by 0.1 mm a mm along X."""
+    normal = (-0.1 / math.hypot(0.1, 1.0), 0.0, 1.0 / math.hypot(0.1, 1.0))
+    workpiece = Workpiece((HalfSpace(normal, -0.5 * normal[2]),))
+    monkeypatch.setattr(Environment, "contact", lambda _, *wanted: workpiece.contact(*wanted))
+    found, program = str(tmp_path / "map.json"), tmp_path / "p.nc"
+    code, out, err = cncrun(
+        "height-map", "X0:4", "Y0:2", "-o", found, "--step", "2", "--clear", "1", "--feed",
+        "1500", *SIMULATED,
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert out.endswith("map.json: 3 x 2 points, -0.500 to -0.100 mm\n")
+    program.write_text("G21 G90\nG0 X1 Y1 Z1\nG1 X3 F900\nM2\n")
+    code, out, _ = cncrun("check", str(program), "--height-map", found)
+    assert code == 0
+    facts = r"3 x 2 points, -0\.5 to -0\.1 mm, bilinear; \d+ pieces within 0\.005"
+    assert re.search(facts, " ".join(out.split()))
+    program.write_text("G21 G90\nG0 X1 Y1 Z1\nG1 X30 F900\nM2\n")
+    code, _, err = cncrun("check", str(program), "--height-map", found)
+    assert (code, err.split(": ")[1]) == (1, "height-map-outside")
+    assert ":3:" in err.splitlines()[0]
+
+
+@pytest.mark.parametrize("content", [None, "{", "[1]", '{"x": [0, 1]}'])
+def test_a_file_that_is_no_height_map_is_refused(cncrun, tmp_path, content):
+    program, found = tmp_path / "p.nc", tmp_path / "map.json"
+    program.write_text("G0 X1\n")
+    if content is not None:
+        found.write_text(content)
+    code, _, err = cncrun("check", str(program), "--height-map", str(found))
+    assert (code, err.split(": ")[0]) == (2, "height-map-file")
+
+
+@pytest.mark.parametrize("area", [("X0:4",), ("X0:4", "X0:4"), ("X0:4", "Y1"), ("X4:0", "Y0:2")])
+def test_a_wrong_area_is_refused(cncrun, tmp_path, area):
+    code, _, err = cncrun("height-map", *area, "-o", str(tmp_path / "map.json"))
+    assert code == 2
+    assert err.startswith(("usage: ", "height-map-grid: "))
 
 
 def test_mdi_keeps_the_modes_of_the_lines_before(cncrun):

@@ -10,7 +10,7 @@ import pytest
 
 from cnc.boards.grbl.setting_changes import changes, differing, expected_by, names_of, parsed
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.firmware_profile import GRBL_SETTINGS
+from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.machine.load import load_machine
@@ -113,9 +113,9 @@ def test_travel_is_compared_where_the_board_homes() -> None:
 
 def test_grblhal_names_its_own_settings() -> None:
     class Link:
-        info = BoardInfo("1.1f", hal=True)
+        info = BoardInfo("1.1f", hal=True, extensions=frozenset(("ENUMS",)))
 
-        def ask(self, command: str):
+        def ask(self, command: str, patience: float):
             from cnc.boards.grbl.messages import message
 
             assert command == "$ES"
@@ -128,3 +128,27 @@ def test_grblhal_names_its_own_settings() -> None:
     assert names[384] == "Disable G92 persistence"
     assert names[28] == "G73 Retract distance, mm"
     assert names[11] == "junction deviation, mm"
+
+
+def test_settings_of_grblhal_have_its_own_names(cncrun) -> None:
+    with PtyServer(GrblSimulator(GRBLHAL.with_axes("XYZA")), 10.0) as served:
+        code, out, err = cncrun("settings", "--machine", "grbl-uno", "--port", served.name)
+        assert (code, err) == (0, "")
+        rows = out.splitlines()
+        assert "$11 = 0.010  Junction deviation, millimeters" in rows
+        assert "$341 = 0  Tool change mode" in rows
+        assert "$103 = 250.000  A steps/mm" in rows
+        assert cncrun("settings", "341=4", "--yes", "--port", served.name)[0] == 0
+        assert served.simulator.core.setting[341] == 4.0
+        code, out, _ = cncrun("boards", served.name)
+        assert code == 0
+        assert "# extensions ENUMS, RT+, TC" in out and "# SIGNALS: HSEP" in out
+
+
+def test_fluidnc_without_numbered_settings_is_refused(cncrun, tmp_path: Path) -> None:
+    file = tmp_path / "board.txt"
+    with PtyServer(GrblSimulator(FLUIDNC), 10.0) as served:
+        code, out, err = cncrun("settings", "--save", str(file), "--port", served.name)
+    assert (code, out) == (2, "")
+    assert "no-settings: the board has no numbered settings (FluidNC 3.7)" in err
+    assert not file.exists()

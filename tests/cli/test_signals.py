@@ -34,9 +34,12 @@ def hang_up_is_not_ignored() -> Iterator[None]:
 
 
 class Run:
-    """A run of the program in a terminal of its own, on a simulated board in real time."""
+    """A run of the program in a terminal, on a simulated board in real time.
 
-    def __init__(self, folder: Path, server: PtyServer) -> None:
+    own: The terminal is the controlling one of its session; only then does the system send SIGHUP.
+    """
+
+    def __init__(self, folder: Path, server: PtyServer, *, own: bool = True) -> None:
         import fcntl
         import termios
 
@@ -56,7 +59,7 @@ class Run:
             stdout=theirs,
             stderr=theirs,
             start_new_session=True,
-            preexec_fn=own_terminal,
+            preexec_fn=own_terminal if own else None,
         )
         os.close(theirs)
         os.set_blocking(self.terminal, False)
@@ -75,11 +78,11 @@ class Run:
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[Run]:
+def run(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Run]:
     if sys.platform != "linux":
         pytest.skip("reads the state of a process from /proc")
     with PtyServer(GrblSimulator(settings=FAST)) as server:
-        started = Run(tmp_path, server)
+        started = Run(tmp_path, server, own=getattr(request, "param", True))
         try:
             yield started
         finally:
@@ -87,6 +90,7 @@ def run(tmp_path: Path) -> Iterator[Run]:
             started.process.wait()
 
 
+@pytest.mark.parametrize("run", [True, False], indirect=True)
 def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
     os.close(run.terminal)
     assert run.process.wait(HANG) == 130

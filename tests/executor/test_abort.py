@@ -12,7 +12,6 @@ import pytest
 from cnc import cli
 from cnc.api import Report, check, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
@@ -20,6 +19,7 @@ from cnc.machine.load import load_machine
 from cnc.model.blocks import Probe
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.streams import PulseChunk
+from tests.support.boards.simulator_bench import material_below
 
 MILL = load_machine(None)
 GRBL = load_machine("grbl-uno")
@@ -140,9 +140,7 @@ def test_board_fault_before_the_abort_is_reported(program: Path) -> None:
 @pytest.mark.parametrize("surface", [-4.0, None])
 def test_abort_on_a_line_board(program: Path, surface: float | None) -> None:
     simulator = (
-        GrblSimulator()
-        if surface is None
-        else GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), surface)))
+        GrblSimulator() if surface is None else GrblSimulator(environment=material_below(surface))
     )
     port = GrblSimulatorPort(simulator)
     board = GrblBoard(port, GRBL, port.clock, "the simulator")

@@ -12,13 +12,13 @@ import pytest
 
 from cnc.api import Callbacks, Control, Machine, Outputs, Report, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop, Unplug
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
+from tests.support.boards.simulator_bench import material_below
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 
@@ -89,7 +89,7 @@ def test_board_keeps_the_offsets_of_the_program(simulator: GrblSimulator, tmp_pa
 
 
 def test_program_gets_the_position_of_the_contact(tmp_path: Path) -> None:
-    simulator = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    simulator = GrblSimulator(environment=material_below(-4.0))
     report = ran(simulator, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
     assert report.ok, report.faults
     assert simulator.position == pytest.approx((1.0, 0.0, 1.0), abs=0.01)

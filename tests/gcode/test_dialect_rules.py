@@ -330,3 +330,29 @@ def test_a_colon_before_words_is_a_line_number() -> None:
     assert points(program, "auto") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
     assert points(":1000\nG0 X1.\nM30", "fanuc") == [(1.0, 0.0, 0.0)]
     assert error_of(program, dialect="linuxcnc").code == "character-unknown"
+
+
+@pytest.mark.parametrize(
+    ("line", "dialect", "name"),
+    [("G111 X1 Y2", "siemens", "pole"), ("G33 Z-10 K1", "siemens", "thread")],
+)
+def test_codes_that_only_the_controller_has_are_named(line: str, dialect: str, name: str) -> None:
+    found = error_of(line, dialect=dialect)
+    assert found.code == "code-not-supported"
+    assert name in found.message
+
+
+@pytest.mark.parametrize("code", ["M11", "M25"])
+def test_the_error_of_an_m_code_says_where_its_effect_is_given(code: str) -> None:
+    assert f'[program.codes] {code} = ".."' in error_of(code, dialect="linuxcnc").hint
+
+
+@pytest.mark.parametrize("dialect", ["haas", "auto"])
+def test_a_number_with_fanucs_repeats_is_explained(dialect: str) -> None:
+    program = "O1\nG0 X1\nM98 P20100\nM30\nO100\nG91 G0 X1\nM99"
+    found = error_of(program, dialect=dialect)
+    assert found.code == "program-unknown"
+    assert "O100, 2 times" in found.hint
+    assert "P100 L2" in found.hint
+    assert points(program, "fanuc") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
+    assert "times" not in error_of(program.replace("20100", "20200"), dialect=dialect).hint

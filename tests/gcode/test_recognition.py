@@ -27,6 +27,7 @@ EVIDENCE = [
     ("G91 G81 X5. Z-5. R-8. F100. K3", "fanuc"),
     ("G83 Z-9. R1. I2. J.5 K1. F90.", "auto"),
     ("G81 G99 Z-1. R1. F9. L0\nG70 I5. J0. L4", "haas"),
+    ("G94 G710 ; mm\nG17\nG0 X1", "siemens"),
     ("o<a> sub\no<a> endsub", "linuxcnc"),
     ("#<depth> = 5", "linuxcnc"),
     ("O100 (PART)\n#<depth> = 5", "linuxcnc"),

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
-from cnc.model.blocks import Polyline
+from cnc.model.blocks import NurbsFeed, Polyline
+from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
 
 
@@ -231,3 +232,84 @@ def test_corners_and_angles() -> None:
 
 def test_a_dwell_in_turns_of_the_spindle() -> None:
     assert summaries("S600 M3\nG4 S10\nG4 F2")[1:] == ["dwell 1", "dwell 2", "spindle off 0"]
+
+
+@pytest.mark.parametrize(
+    ("source", "ends", "feeds"),
+    [
+        ("G70 G1 X1 F10", [25.4], [10.0]),
+        ("G700 G1 X1 F10", [25.4], [254.0]),
+        ("G71 G1 X1 F10", [1.0], [10.0]),
+        ("G700 G1 X1 F10\nG71 X5 F20", [25.4, 5.0], [254.0, 20.0]),
+        ("G70\nG1 F10 X1\nX2\nX3 F20\nG700 X4 F1", [25.4, 50.8, 76.2, 101.6], [10, 10, 20, 25.4]),
+        ("G70 G95 S1000 M3\nG1 X1 F.1", [25.4], [100.0]),
+    ],
+)
+def test_g70_leaves_the_units_of_feeds(source: str, ends: list[float], feeds: list[float]) -> None:
+    """G70 and G71 are for distances; G700 and G710 for feeds too."""
+    moves = [
+        block for block in run(f"{source}\nM30", dialect="siemens") if isinstance(block, Polyline)
+    ]
+    assert [row[0] for block in moves for row in block.points] == pytest.approx(ends)
+    assert [60.0 * feed for block in moves for feed in block.feeds] == pytest.approx(feeds)
+
+
+def test_a_feed_under_g70_is_reported_once() -> None:
+    found: list[Diagnostic] = []
+    run("G70 G1 X1 F10\nX2 F20\nM30", dialect="siemens", warn=found.append)
+    assert [(each.code, each.line, each.severity) for each in found] == [
+        ("feed-in-mm", 1, "warning")
+    ]
+    found.clear()
+    run("G71 G1 X1 F10\nG700 X2 F20\nM30", dialect="siemens", warn=found.append)
+    assert not found
+    thread = "G70\nCYCLE84(10,0,2,-5,,0,5,,1,0,100,100)"
+    assert error_of(thread, dialect="siemens").code == "code-not-supported"
+
+
+def test_variables_of_the_main_program() -> None:
+    source = (
+        "DEF REAL _Tol, _home=-5\nDEF INT _n\n_tol=.5 _N=2\nCYCLE832(_Tol,0,1)\n"
+        "G0 X=_tol*_n+1 Y=_HOME\nIF _n==2 GOTOF OUT\nX9\nOUT: G0 Z=-_n"
+    )
+    assert points(f"{source}\nM30") == [(2, -5, 0), (2, -5, -2)]
+    found = error_of("G0 X=_none", dialect="siemens")
+    assert found.code == "parameter-undefined"
+    sub = "L10\nM30\n%_N_L10_SPF\nDEF REAL _a\nM17"
+    assert error_of(sub, dialect="siemens").code == "code-not-supported"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("OFFN=0.5", "only OFFN=0"),
+        ("KONT", "NORM"),
+        ('CYCLE800(0,"TC",0,57,0,0,0,0,0,0,0,0,0,1)', "CYCLE800()"),
+        ("POCKET3(1,2)", "CAM system"),
+        ("CYCLE840(1,2)", "CYCLE84"),
+        ("HOLES1(0,0,0,5,5,3)", "MCALL CYCLE81"),
+        ("DEF STRING[8] _NAME", "DEF REAL"),
+        ("DEF INT _n=1.5", "DEF REAL"),
+    ],
+)
+def test_words_that_change_the_path_are_refused_by_name(line: str, said: str) -> None:
+    found = error_of(f"G0 X1\n{line}", dialect="siemens")
+    assert (found.code, found.line) == ("code-not-supported", 2)
+    assert said in found.hint
+
+
+def test_the_end_of_a_swivelled_plane_has_no_effect() -> None:
+    assert points("CYCLE800()\nOFFN=0\nG0 X1\nM30") == [(1, 0, 0)]
+    assert error_of("TRANS X1\nCYCLE800()", dialect="siemens").code == "code-not-supported"
+    assert points("TRANS X1\nTRANS\nCYCLE800()\nG0 X1\nM30") == [(1, 0, 0)]
+
+
+def test_splines_have_the_words_of_rs274() -> None:
+    """The dialect reads BSPLINE, SD=, PL= and PW= as ``auto`` does, with expressions too."""
+    program = "G1 F60 X0\nBSPLINE SD=2\nX1 Y2\nX3 Y1 PW={weight} PL=1.5\nX5\nG1 X6\nM30"
+    own = run(program.format(weight="2*2"), dialect="siemens")
+    other = run(program.format(weight="4"), dialect="auto")
+    curves = [next(b for b in blocks if isinstance(b, NurbsFeed)) for blocks in (own, other)]
+    assert (curves[0].knots == curves[1].knots).all()
+    assert (curves[0].weights == [1.0, 1.0, 4.0, 1.0]).all()
+    assert (curves[0].control_points == curves[1].control_points).all()

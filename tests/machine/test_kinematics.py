@@ -49,10 +49,46 @@ WRONG = [
     ({"type": 'type = "corexy"\narms = [1, 2]'}, "kinematics.arms: there is no such key"),
     ({"type": 'type = "scara"'}, "kinematics.arms: is missing"),
     ({"type": 'type = "scara"\narms = [1, -2]'}, "kinematics.arms: must be greater than 0"),
+    ({"type": 'type = "scara"\narms = [1]'}, "kinematics.arms: has too few numbers"),
+    ({"type": 'type = "scara"\narms = [1, 2e6]'}, "kinematics.arms: must be at most 1e+06"),
     ({"type": 'type = "cartesian"'}, "axes.x.steps_per_mm: is missing"),
     ({"b": "b = {steps_per_mm=100, max_velocity=50}"}, "joints.b.max_acceleration: nothing limits"),
     ({"more": "[axes.a]\n" + AXIS[1:-1].replace(", ", "\n")}, "axes.a: the kinematics has a joint"),
 ]
+
+
+GEOMETRIES = [
+    ("delta", "radius = 100\nrod = 100", "kinematics.rod: must be longer than radius"),
+    ("delta", "radius = 1\nrod = 9\nangles = [90, 90, 210]", "kinematics.angles: must be three"),
+    ("delta", "radius = 1\nrod = 9\nangles = [0, 120, 359.5]", "kinematics.angles: must be three"),
+    (
+        "rotary-delta",
+        "base = 520\nplatform = 40\narm = 110\nrod = 370",
+        "kinematics.rod: must be longer than 370",
+    ),
+    ("cylinder", "radius = 0.001", "kinematics.radius: must be greater than 0.01"),
+    ("xyzac", "tilt_point = [0, 0]", "kinematics.tilt_point: has too few numbers"),
+    ("xyzac", "turn_point = [0, 0, -2e6]", "kinematics.turn_point: must be at least -1e+06"),
+    ("xyzac", "turn_point = [0, 0, inf]", "kinematics.turn_point: must be a finite number"),
+]
+
+
+@pytest.mark.parametrize(("kind", "keys", "message"), GEOMETRIES)
+def test_geometry_that_reaches_no_position_is_an_error(
+    tmp_path: Path, kind: str, keys: str, message: str
+) -> None:
+    names = {"delta": "", "rotary-delta": "", "cylinder": "xz"}.get(kind, "xyzac")
+    travels = "".join(f"[axes.{each}]\ntravel = [-5, 5]\n" for each in "xyz" if each not in names)
+    own = "".join(f"[axes.{each}]\n" + AXIS[1:-1].replace(", ", "\n") + "\n" for each in names)
+    joints = {"cylinder": "a", "xyzac": ""}.get(kind, "abc")
+    movers = "".join(
+        f"[joints.{each}]\n" + AXIS[1:-1].replace(", ", "\n") + "\n" for each in joints
+    )
+    text = f'[kinematics]\ntype = "{kind}"\n{keys}\n{travels}{own}{movers}'
+    with pytest.raises(MachineFileError) as caught:
+        load(tmp_path, text)
+    assert message in caught.value.diagnostic.message
+    assert caught.value.diagnostic.line > 0
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)

@@ -129,6 +129,13 @@ def test_an_entered_line_keeps_the_modes_of_the_lines_before(any_operator):
     assert any_operator.history == ["G91 G1 X2 F1200", "X1"]
 
 
+def test_an_entered_line_uses_the_parameters_of_the_lines_before(operator):
+    for line in ("G91", "#1=1.5 #100=2", "G0 X#1 Y[#100 + 0.5]", "X#1"):
+        assert ended(operator, line).outcome == "done"
+    assert operator.state.machine["x"] == pytest.approx(3.0, abs=GRID)
+    assert operator.state.machine["y"] == pytest.approx(2.5, abs=GRID)
+
+
 def test_the_error_of_an_entered_line_is_that_of_a_file(any_operator):
     assert ended(any_operator, "G90 G1 X2 F1200").outcome == "done"
     found = ended(any_operator, "G1 X2 Q+").findings[0]

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
+from cnc.boards.grbl.simulator.workpiece import Box, HalfSpace, Hole, Workpiece
+from cnc.gcode.state.tool_table import ToolTable
+from cnc.machine.height_map import load_height_map, save_height_map
 from cnc.machine.load import load_machine
-from cnc.model.diagnostics import UsageError
+from cnc.model.diagnostics import BoardError, UsageError
+from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
 
@@ -22,15 +27,26 @@ def with_folder(machine, folder):
 
 
 @pytest.fixture
-def session():
-    with OperatorSession(load_machine("grbl-uno"), subroutines=[shipped_cycles()]) as found:
+def machine():
+    """A mill that stands in the middle of its travel."""
+    found = load_machine("grbl-uno")
+    axes = {
+        letter: axis.model_copy(update={"travel": (-60.0, 60.0)})
+        for letter, axis in found.axes.items()
+    }
+    return found.model_copy(update={"axes": axes})
+
+
+@pytest.fixture
+def session(machine):
+    with OperatorSession(machine, subroutines=[shipped_cycles()]) as found:
         found.connect("grbl-sim").result(PATIENCE)
         yield found
 
 
 def run(session, name, **parameters):
     ended = session.probe(mdi_line(name, parameters, session.machine)).result(PATIENCE)
-    assert (ended.outcome, ended.findings) == ("done", ())
+    assert (ended.outcome, [(each.code, each.message) for each in ended.findings]) == ("done", [])
 
 
 def test_the_shipped_cycles_have_titles_and_parameters():
@@ -61,24 +77,116 @@ def test_a_call_has_the_parameters_in_order(tmp_path):
         mdi_line("other", {}, machine)
 
 
+def on(session, *solids, radius=0.0):
+    """Put a workpiece below the probe; the machine is at zero."""
+    environment = session._operated.board.simulator.core.environment
+    environment.workpiece = Workpiece(solids, radius)
+
+
 def test_a_plate_sets_z(session):
     """The plate is 12 mm thick and its top is at machine Z -5, so Z zero is at -17."""
-    environment = session._operated.board.simulator.core.environment
-    environment.surface = ((0.0, 0.0, 1.0), -5.0)
-    run(session, "probe_z", thickness=12.0, distance=8.0, feed=900.0)
+    on(session, Box((-5.0, 5.0), (-5.0, 5.0), -5.0), radius=1.5)
+    run(session, "probe_z", thickness=12.0, distance=8.0, feed=1500.0)
     assert session.offsets["G54"]["z"] == pytest.approx(-17.0, abs=CLOSE)
 
 
 @pytest.mark.parametrize(
-    ("axis", "direction", "normal", "edge"),
-    [("x", 1.0, (-1.0, 0.0, 0.0), 6.0), ("y", 1.0, (0.0, -1.0, 0.0), 5.0)],
+    ("axis", "direction", "box", "edge"),
+    [
+        ("x", 1.0, Box((6.013, 40.0), (-9.0, 9.0), 4.0), 6.013),
+        ("x", -1.0, Box((-40.0, -3.5), (-9.0, 9.0), 4.0), -3.5),
+        ("y", 1.0, Box((-9.0, 9.0), (5.0, 40.0), 4.0), 5.0),
+    ],
 )
-def test_an_edge_sets_its_axis(session, axis, direction, normal, edge):
+def test_an_edge_sets_its_axis(session, axis, direction, box, edge):
     """The centre of the probe is its radius before the edge at the contact."""
-    environment = session._operated.board.simulator.core.environment
-    environment.surface = (normal, -(edge - 1.5))
-    run(session, f"probe_edge_{axis}", direction=direction, distance=10.0, radius=1.5, feed=900.0)
+    on(session, box, radius=1.5)
+    run(session, f"probe_edge_{axis}", direction=direction, distance=10.0, radius=1.5, feed=1500.0)
     assert session.offsets["G54"][axis] == pytest.approx(edge, abs=CLOSE)
+
+
+@pytest.mark.parametrize(("towards_x", "towards_y"), [(-1, 1), (1, -1)])
+def test_a_corner_sets_x_and_y(session, towards_x, towards_y):
+    """The part lies behind the corner, as seen from the start."""
+    corner = 4.02 * towards_x, 3.0 * towards_y
+    spans = (
+        sorted((at, at + 20.0 * way))
+        for at, way in zip(corner, (towards_x, towards_y), strict=True)
+    )
+    on(session, Box(*map(tuple, spans), 1.0), radius=1.0)
+    run(
+        session, "probe_corner", x_direction=towards_x, y_direction=towards_y, distance=5.0,
+        inset=4.0, radius=1.0, feed=1500.0,
+    )  # fmt: skip
+    zero = session.offsets["G54"]
+    assert (zero["x"], zero["y"]) == pytest.approx(corner, abs=CLOSE)
+    assert zero["z"] == 0.0
+
+
+def test_a_hole_sets_its_centre(session):
+    """The start is off the centre, and the radius of the pin has no effect."""
+    on(session, Box((-40.0, 40.0), (-40.0, 40.0), 2.0, (Hole(1.25, -0.7, 5.0),)), radius=1.5)
+    run(session, "probe_hole", distance=8.0, feed=1500.0)
+    zero = session.offsets["G54"]
+    assert (zero["x"], zero["y"]) == pytest.approx((1.25, -0.7), abs=CLOSE)
+    assert session.state.machine["x"] == pytest.approx(1.25, abs=CLOSE)
+
+
+def test_the_length_of_a_tool_is_written_into_the_tool_table(tmp_path, machine):
+    """The setter is at work Z -15, and the contact at -7.75: the tool is 7.25 mm long."""
+    table = tmp_path / "mill.tbl"
+    table.write_text("T3 P3 Z1 D6 ;end mill\n")
+    program = machine.program.model_copy(update={"tool_table": table})
+    machine = machine.model_copy(update={"program": program})
+    with OperatorSession(machine, subroutines=[shipped_cycles()]) as session:
+        session.connect("grbl-sim").result(PATIENCE)
+        on(session, Box((-5.0, 5.0), (-5.0, 5.0), -7.75))
+        run(session, "tool_length", tool=3, height=-15.0, distance=10.0, feed=1500.0)
+    found = ToolTable.load(table).tool(3)
+    assert found.offset("Z") == pytest.approx(7.25, abs=CLOSE)
+
+
+def test_a_grid_becomes_a_height_map(session, tmp_path):
+    """The surface is a plane with two slopes; the work zero is off the machine's."""
+    session.zero({"x": 1.0, "y": -2.0, "z": 5.0}).result(PATIENCE)
+    normal = np.array([-0.02, 0.05, 1.0]) / math.hypot(0.02, 0.05, 1.0)
+    level = normal @ (-1.0, 2.0, -5.0)
+    on(session, HalfSpace(tuple(normal.tolist()), float(level)))
+    grid = Grid(x=(1.0, 7.0), y=(-2.0, 2.0), step=3.0, clear=1.0, depth=1.0, feed=1500.0)
+    found = session.probe_grid(grid).result(PATIENCE)
+    assert (found.x, found.y) == ((0.0, 3.0, 6.0), (0.0, 2.0, 4.0))
+    x, y = np.meshgrid(np.array(found.x) + 1.0, np.array(found.y) - 2.0)
+    assert np.array(found.heights) == pytest.approx(0.02 * x - 0.05 * y, abs=CLOSE)
+    assert (found.system, found.work_zero["z"]) == ("G54", pytest.approx(-5.0, abs=CLOSE))
+    save_height_map(found, tmp_path / "map.json")
+    assert load_height_map(tmp_path / "map.json") == found
+
+
+def test_the_first_contact_of_a_grid_can_set_z(session):
+    on(session, Box((-5.0, 40.0), (-5.0, 40.0), -1.5))
+    grid = Grid(x=(0.0, 2.0), y=(0.0, 2.0), step=2.0, clear=1.0, depth=2.0, feed=1500.0, zero=True)
+    found = session.probe_grid(grid).result(PATIENCE)
+    assert np.abs(found.heights).max() <= CLOSE
+    assert session.offsets["G54"]["z"] == pytest.approx(-1.5, abs=CLOSE)
+
+
+def test_a_grid_with_a_missing_contact_is_no_map(session):
+    on(session, Box((-5.0, 1.0), (-5.0, 40.0), -0.5))
+    grid = Grid(x=(0.0, 3.0), y=(0.0, 3.0), step=3.0, clear=1.0, depth=1.0, feed=1500.0)
+    with pytest.raises(BoardError, match="height-map-grid"):
+        session.probe_grid(grid).result(PATIENCE)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"x": (5.0, 5.0)}, {"y": (1.0, 0.0)}, {"step": 0.0}, {"clear": -1.0}, {"depth": 0.0},
+        {"feed": math.nan}, {"step": 0.001}, {"tolerance": 0.0}, {"step": 0.1},
+    ],
+)  # fmt: skip
+def test_impossible_grids_are_refused(wrong):
+    with pytest.raises(UsageError, match="height-map-grid"):
+        Grid(**{"x": (0.0, 10.0), "y": (0.0, 10.0), **wrong}).check()
 
 
 def test_a_contact_that_does_not_come_is_an_error(session):

@@ -7,6 +7,7 @@ import pytest
 
 from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_range
+from cnc.kernels.planner.audit_samples import span_point
 from cnc.kernels.planner.hull import derivative_bounds
 from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import PathLimits
@@ -301,3 +302,18 @@ def test_limits_that_a_machine_leaves_out_are_infinite():
     for chunk in ahead.plan(path_of([lines([(5, 5, 0)], feed=50.0)])):
         audit.check(chunk)
     assert not audit.violations
+
+
+@pytest.mark.parametrize("degree", range(1, 10))
+def test_sampled_points_of_a_spline_are_those_of_the_curve(degree):
+    rng = np.random.default_rng(degree)
+    points = np.cumsum(rng.normal(0.0, 5.0, (degree + 4, 3)), axis=0)
+    weights = rng.uniform(0.3, 3.0, len(points))
+    spline = nurbs(points - points[0], weights=weights, degree=degree)
+    (path,) = path_of([PathMode("", 1, "exact-path"), spline])
+    exact, sampled, scratch = np.zeros((4, 3)), np.zeros((5, 3)), np.zeros(10)
+    for kind, at in zip(path.kind, path.at, strict=True):
+        for u in np.linspace(*curve_range(kind, path.data, at), 31):
+            curve_eval(kind, path.data, at, u, exact)
+            span_point(path.data, at, u, scratch, sampled)
+            assert sampled[4] == pytest.approx(exact[0], abs=1e-12)

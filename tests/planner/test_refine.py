@@ -13,6 +13,7 @@ from cnc.kernels.planner.intervals import (
     interval_at,
     largest_shares,
 )
+from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import PHASE, phase_at
 from cnc.kernels.planner.stretches import possible_gain
 from cnc.machine.models import Axis, Machine, PathLimits
@@ -21,7 +22,10 @@ from cnc.path.build import build
 from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.phases import plan_to_rest
+from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
+from tests.support.soak import share
 
 END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 
@@ -54,13 +58,12 @@ def test_phases_of_a_cell_connect_its_cuts():
         assert (ahead - other) / 2e-6 == pytest.approx(slope[:, m], rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
-def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
-    rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
-    known = Intervals(
+def straight_intervals(top: float) -> Intervals:
+    """Return intervals of a path along no axis, with one speed bound in mm/s."""
+    return Intervals(
         end=END,
-        speed=np.full(4, 10.0),
-        top=np.full(4, 10.0),
+        speed=np.full(4, top),
+        top=np.full(4, top),
         accel=np.full((4, LEVELS), 100.0),
         jerk=np.full((4, LEVELS), 100.0),
         flat=np.zeros(4, bool),
@@ -69,6 +72,12 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
         sampled=np.zeros((4, 2)),
         samples=np.zeros((4, 5, 3, 2)),
     )
+
+
+@pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
+def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
+    rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
+    known = straight_intervals(10.0)
     limits = np.full(3, 100.0)
     gain = possible_gain(rows, 0, 1, known, SumLimits(limits, limits))
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
@@ -156,3 +165,42 @@ def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
         )
     )
     assert not ahead.audit.violations
+
+
+@pytest.mark.parametrize("seed", share(range(20, 420), (20, 43, 258, 385, 392, 399)))
+def test_windows_that_begin_at_speed_are_as_fast_as_on_the_way_back(seed):
+    # The seams of the windows lie elsewhere on the way back.
+    assert duration(seed) == pytest.approx(duration(seed, backwards=True), rel=0.03)
+
+
+@pytest.mark.parametrize(("legs", "faster"), [(5.0, True), (400.0, False)])
+def test_a_turn_is_refined_if_that_shortens_the_motion_noticeably(legs, faster):
+    mill = machine(tangential=1000.0, normal=1000.0, jerk=50_000.0)
+    around = arc((legs, 0, 0), (legs, 0.15), 0.5, feed=25.0)
+    moves = [lines([(legs, 0, 0)], 25.0), around, lines([(0.0, 0.3, 0.0)], 25.0)]
+    (path,) = path_of([PathMode("", 1, "exact-path"), *moves])
+    limits = Limits.of(mill)
+    known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
+    times = []
+    for refined in (True, False):
+        status, phases = plan_to_rest(0.0, known, 0.0, limits, refined=refined)
+        assert status == PLANNED
+        times.append(phases["duration"].sum())
+    assert (times[0] < (1.0 - 1e-9) * times[1]) == faster
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "gains"),
+    [
+        ((-100.0, 1000.0), (0.0, -1000.0), True),
+        ((100.0, -1000.0), (0.0, 1000.0), True),
+        ((-100.0, 1000.0), (0.0, 1000.0), True),
+        ((100.0, -1000.0), (0.0, -1000.0), False),
+    ],
+    ids=["slows on", "speeds up further", "a slow place", "a fast place"],
+)
+def test_a_motion_that_ends_its_acceleration_at_a_slow_place_can_gain(first, second, gains):
+    known = straight_intervals(10.0)
+    rows = np.array([(0.1, 0.5, 9.9, *first), (0.1, 1.4, 9.9, *second)], PHASE)
+    limits = SumLimits(np.full(3, 100.0), np.full(3, 1000.0))
+    assert (possible_gain(rows, 0, 2, known, limits) > 0.0) == gains

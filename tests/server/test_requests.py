@@ -32,6 +32,8 @@ def x_of(console):
         ("POST", "/api/mdi", {"line": "G0 X1"}),
         ("POST", "/api/macros/a.ngc/run", {}),
         ("POST", "/api/probing/probe_z/run", {}),
+        ("POST", "/api/height-maps/plate/probe", {"x": [0, 9], "y": [0, 9]}),
+        ("DELETE", "/api/height-maps/plate", None),
         ("POST", "/api/hold", {}),
         ("POST", "/api/resume", {}),
         ("POST", "/api/override", {"feed": 50}),
@@ -47,6 +49,17 @@ def test_a_command_needs_control(client, method, path, body):
         headers = {} if key is None else {"x-control": key}
         answer = client(method, path, body, headers=headers)
         assert (answer.status_code, answer.json()["code"]) == (409, "no-control")
+
+
+def test_a_long_job_has_a_coarse_picture(controller, monkeypatch):
+    monkeypatch.setattr("cnc.server.console.SKETCHED", 10)
+    controller("PUT", "/api/jobs/sketched.nc", {"text": PROGRAM})
+    assert controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 404
+    assert controller("POST", "/api/jobs/sketched.nc/check").status_code == 200
+    wait_until(lambda: controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 200)
+    about = controller("GET", "/api/jobs/sketched.nc/sketch").json()["about"]
+    assert about["extent"][0] == pytest.approx([0.0, 30.0], abs=1e-3)
+    assert about["extent"][1] == pytest.approx([0.0, 10.0], abs=0.06)
 
 
 def test_control_that_is_taken_is_lost_by_the_one_before(controller, app):

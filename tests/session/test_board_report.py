@@ -10,10 +10,10 @@ from rich.console import Console
 
 from cnc.api import Machine, Report, check, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.report.summary import print_summary
+from tests.support.boards.simulator_bench import material_below
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
@@ -38,7 +38,7 @@ def ran(
 
 
 def test_the_end_position_is_that_of_the_board_after_a_probe(tmp_path: Path) -> None:
-    box = GrblSimulator(settings=FAST, environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    box = GrblSimulator(settings=FAST, environment=material_below(-4.0))
     report, _ = ran(tmp_path, "G21 G90\nG0 X3\nG38.2 Z-20 F100\nM2\n", box)
     assert report.end_position == pytest.approx(dict(zip("xyz", box.position, strict=True)))
     assert report.end_position["z"] == pytest.approx(-4.0, abs=0.1)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from cnc.api import Callbacks, Report, start_position
 from cnc.boards.grbl.driver import GrblBoard
@@ -251,6 +252,10 @@ def test_a_run_from_a_line_ends_at_the_end_of_the_program(board: str, tmp_path: 
         "G21 G90\nG0 Z5\nM3 S500\nG1 Z-1 F300\nG1 X10 F900\nY10\nX0\nG0 Z5\nM5\nM2\n"
     )
     asked: list[str] = []
+    drawn: list[list[list[float]]] = []
+
+    def draw(places: Sequence[NDArray[np.float64]]) -> None:
+        drawn.append([place.tolist() for place in places])
 
     def ran(answer: bool) -> Report:
         def ask(story: object) -> bool:
@@ -258,13 +263,14 @@ def test_a_run_from_a_line_ends_at_the_end_of_the_program(board: str, tmp_path: 
             return answer
 
         opened = GrblSimulatorBoard.from_machine(MACHINE) if board == "grbl-sim" else board
-        return run_with(
-            program, MACHINE, board=opened, from_line=6, callbacks=Callbacks(on_beginning=ask)
-        )
+        callbacks = Callbacks(on_beginning=ask, on_approach=draw)
+        return run_with(program, MACHINE, board=opened, from_line=6, callbacks=callbacks)
 
     done = ran(True)
     assert done.ok, done.faults
     assert done.end_position == pytest.approx({"x": 0.0, "y": 10.0, "z": 5.0})
+    # Up to the highest place before line 6, across, and down.
+    assert drawn == [[[0.0, 0.0, 0.0], [0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [10.0, 0.0, -1.0]]]
     refused = ran(False)
     assert refused.stopped_at_line == 0
     assert len(asked) == 2

@@ -8,6 +8,7 @@ import pytest
 
 from cnc.api import Callbacks, Control, load_machine
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
@@ -63,6 +64,25 @@ def test_a_pause_has_its_line_and_text(
     assert pauses_of(tmp_path, "G21 G90\n" + text + "M2\n", tools) == [
         (expected[0] + 1, expected[1])
     ]
+
+
+@pytest.mark.parametrize(("mode", "event"), [(0, "tool"), (4, "pause"), (2, "pause")])
+def test_grblhal_changes_the_tool_by_m6_where_it_only_waits(
+    mode: int, event: str, tmp_path: Path
+) -> None:
+    """``$341``: 0 waits in state Tool; modes that measure or ignore M6 get a pause."""
+    box = GrblSimulator(GRBLHAL, settings={341: float(mode)})
+    text = "G21 G90\nM3 S500\nG1 X1 F600\nT3 M6\nM3 S800\nG1 X2\nM2\n"
+    assert pauses_of(tmp_path, text, "T3 P1\n", box) == [(4, "put in tool 3")]
+    waited = [(each.kind, each.value) for each in box.events if each.kind in ("tool", "pause")]
+    assert waited == [(event, "3" if mode == 0 else "")]
+    # The spindle stands still while the tool is changed.
+    order = [
+        "M5" if each.kind == "spindle" and each.value.startswith("M5") else each.kind
+        for each in box.events
+    ]
+    assert "M5" in order[: order.index(event)]
+    assert box.position == pytest.approx((2.0, 0.0, 0.0), abs=0.01)
 
 
 def test_an_open_door_is_called_a_door(tmp_path: Path) -> None:

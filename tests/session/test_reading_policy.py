@@ -10,6 +10,7 @@ import pytest
 
 from cnc.api import check, load_machine, run
 from cnc.boards.protocols import BoardTraits
+from cnc.model.choices import DialectName
 from cnc.session.board_choices import reading_policy
 from cnc.session.options import Outputs, RunOptions
 
@@ -137,3 +138,23 @@ def test_a_report_names_everything_that_was_assumed(tmp_path: Path) -> None:
     assert "assumed" not in check(path).as_json()
     path.write_text("O1000\nG21 G90 G0 X1\nX2\nM30\n")
     assert check(path).as_json()["assumed"].count("decimal point") == 1
+
+
+@pytest.mark.parametrize("dialect", ["auto", "fanuc", "haas", "siemens", "mach3", "grbl"])
+def test_units_that_no_line_gives_are_assumed_in_every_dialect(
+    tmp_path: Path, dialect: DialectName
+) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("G90 G0 X1.\nM30\n")
+    options = RunOptions(dialect=dialect)
+    assert "millimetres, as no G20" in check(path, options=options).as_json()["assumed"]
+    path.write_text("(G20)\nG90 G21 G0 X1.\nM30\n")
+    assert "assumed" not in check(path, options=options).as_json()
+
+
+def test_functions_that_controllers_compute_differently_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text("G21 G90\n#1=[#2 MOD 3]\n#3=FIX[#1] (FUP)\nG0 X#3\nM30\n")
+    assert "FIX, MOD of negative numbers" in check(path).as_json()["assumed"]
+    options = RunOptions(dialect="mach3")
+    assert "assumed" not in check(path, options=options).as_json()

@@ -14,7 +14,7 @@ from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.setting_comparison import differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.status import WAITING, Status
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, MachineReport, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
@@ -173,8 +173,8 @@ class GrblBoard:
 
     @property
     def holds(self) -> bool:
-        """Whether a hold has come to rest, as last reported; a door counts as a hold."""
-        return self.status.state in ("Hold", "Door") and self.status.at_rest
+        """Whether the machine rests until it is resumed, as last reported."""
+        return self.status.state in WAITING and self.status.at_rest
 
     @property
     def hold_reason(self) -> str:
@@ -223,9 +223,9 @@ class GrblBoard:
         return self.info.blocks
 
     @property
-    def mist(self) -> bool:
-        """Whether the board was built with M7."""
-        return "M" in self.info.options
+    def codes(self) -> frozenset[str]:
+        """M6 and M7, if the board has them."""
+        return self.info.codes
 
     def limited_to_board(self, machine: Machine) -> Machine:
         """Return the machine as the board limits it: travel by its soft limits, laser by its mode.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from cnc.boards.grbl.codes import alarm_meaning, error_meaning
@@ -18,16 +19,23 @@ STOP_IT = (
 )
 HOME_IT = "home the machine before the next run; its position is lost"
 PROBE_ALARMS = (4, 5)
+_PASSED_ON = re.compile(r"M0*(?![0-9]$|30$|6[2-8]$)[0-9]+", re.IGNORECASE)
+"""An M-code that only the program can have: it is passed on by ``[program.codes]``."""
+_PASS_ON_LESS = (
+    "the program's code is passed on to the board, which lacks it: change its effect under "
+    "[program.codes] in the machine file"
+)
 
 
 def refused(code: int, text: str, line: int, *, hal: bool) -> BoardError:
     """Return the fault of a line that the board refuses with ``error:code``."""
     meaning = error_meaning(code, hal=hal)
+    hint = _PASS_ON_LESS if _PASSED_ON.fullmatch(text.strip()) else meaning.advice
     return board_error(
         "board-error",
         f"the board refuses {text!r} with error:{code}: {meaning.fault}",
         line=line,
-        hint=meaning.advice,
+        hint=hint,
     )
 
 

@@ -15,7 +15,7 @@ from cnc.boards.grbl.line_kinds import Kind, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.status import Status, in_mm
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport, board_error
 from cnc.model.diagnostics import BoardError, Diagnostic
@@ -26,6 +26,10 @@ WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
 POLL_AT_REST = 0.05
 """Seconds between two ``?`` while the machine comes to rest."""
+GATHERING = 0.004
+"""Seconds in which answers gather: about two short lines at 115200 baud."""
+ENOUGH_WAITING = 4
+"""Lines that keep the board and the wire busy for more than that."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
@@ -116,7 +120,7 @@ class LineStream:
         ):
             if self.stopping:
                 return False
-            self.serve(self.wait)
+            self._await_answers()
         if self.stopping:
             return False
         if kind == "probe":
@@ -128,6 +132,18 @@ class LineStream:
         ):
             self._mark()
         return True
+
+    def _await_answers(self) -> None:
+        """Receive; where answers come fast, let some gather, which saves half of the CPU time.
+
+        The board meanwhile reads the lines that wait in its buffer.
+        """
+        if (
+            self.link.protocol.waiting >= ENOUGH_WAITING
+            and self.monitor.liveness.interval < GATHERING
+        ):
+            self.link.pause(GATHERING)
+        self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
         """Raise BoardError ``board-locked`` while the board is in alarm."""
@@ -289,7 +305,7 @@ class LineStream:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""
         place, _, touched = text.partition(":")
         try:
-            unit = self.link.info.unit
-            return (*(float(value) * unit for value in place.split(",")), float(touched))
+            info, numbers = self.link.info, [float(value) for value in place.split(",")]
+            return (*in_mm(numbers, info.unit, info.rotary), float(touched))
         except ValueError:
             return None

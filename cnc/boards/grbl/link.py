@@ -108,6 +108,12 @@ class GrblLink:
         data, self._queued = self._queued + data, b""
         self._port.write(data)
 
+    def pause(self, seconds: float) -> None:
+        """Write what is queued, then wait without receiving."""
+        if self._queued:
+            self.write(b"")
+        self.clock.sleep(seconds)
+
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
         self.write(command.value)
@@ -180,8 +186,12 @@ class GrblLink:
                     return True
         return False
 
-    def ask(self, command: str) -> list[Feedback | Setting]:
+    def ask(self, command: str, patience: float = ANSWER) -> list[Feedback | Setting]:
         """Return the answer to a command while the board is at rest.
+
+        Args:
+            command: The line.
+            patience: Longest time of the whole answer, s.
 
         Raises:
             BoardError: ``board-error``, ``board-alarm``, ``no-answer``.
@@ -203,7 +213,7 @@ class GrblLink:
         if self.protocol.state is not State.READY:
             raise _ReconnectError(faults.restarted(0).diagnostic)
         self.write(self.protocol.send(command, 0))
-        if not self.until(done, ANSWER):
+        if not self.until(done, patience):
             hint = (
                 "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 "
                 "or grblHAL"
@@ -243,19 +253,27 @@ class GrblLink:
         log.info("%s: %s", self.name, self.info.firmware)
         # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
-        self.info.take([*self.ask("$I"), *self._settings()])
-        self.protocol.status_reader.unit = self.info.unit
+        self.info.take(self.ask("$I"))
+        if welcome.hal and not self.info.extensions:
+            self.info.take(self._answers("$I+"))
+        self.info.take(self._answers("$$") if welcome.fluid else self.ask("$$"))
+        reader = self.protocol.status_reader
+        reader.unit, reader.rotary = self.info.unit, self.info.rotary
         self.info.take(self.ask("$#"))
-        self.protocol.status_reader.axes = len(self.info.places.get("G54", ()))
+        reader.axes = len(self.info.places.get("G54", ()))
         self.protocol.rx_bytes = self.info.rx_bytes
         self.refresh()
 
-    def _settings(self) -> list[Feedback | Setting]:
-        """Return the numbered settings; FluidNC keeps its own in a file, and may have none."""
+    def _answers(self, command: str) -> list[Feedback | Setting]:
+        """Return the answer to a command that the board may not have; nothing then.
+
+        FluidNC keeps its settings in a file, and may have no ``$$``. Old builds of grblHAL have no
+        ``$I+``.
+        """
         try:
-            return self.ask("$$")
+            return self.ask(command)
         except BoardError as error:
-            if self.info.fluid and error.diagnostic.code == "board-error":
+            if error.diagnostic.code == "board-error":
                 # The answer was an error, so the lines before it do not count.
                 self.protocol.state = State.READY
                 return []

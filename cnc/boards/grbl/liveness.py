@@ -59,6 +59,11 @@ class LivenessMonitor:
         self._state = ""
         self._position: tuple[float, ...] | None = None
 
+    @property
+    def interval(self) -> float:
+        """Average time between two answers lately, s."""
+        return self._interval
+
     def begin(self, now: float) -> None:
         """Note that a line is sent after a time without lines."""
         self._answered_at = self._quiet_since = self._moved_at = now

@@ -1,8 +1,9 @@
 """The operator's requests as real-time commands of GRBL. No I/O.
 
 A byte may get lost (the board loses bytes while it writes to its EEPROM). So each request is
-compared with the status reports, and repeated. Where the machine itself holds (a program stop, the
-safety door, a button), this becomes a hold of the operator, who resumes at the machine or here.
+compared with the status reports, and repeated. Where the machine itself holds (a program stop, a
+tool change, the safety door, a button), this becomes a hold of the operator, who resumes at the
+machine or here.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cnc.boards.grbl.protocol import RealTime
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.status import WAITING, Status
 from cnc.model.operator_control import Control
 
 PATIENCE = 0.5
@@ -94,7 +95,7 @@ class OperatorRequests:
             return RealTime.HOLD.value if self._held else RealTime.RESUME.value
         if now - self._requested_at <= PATIENCE or status_at <= self._requested_at:
             return b""
-        if status.state in ("Hold", "Door") and not self._held:
+        if status.state in WAITING and not self._held:
             self._held = self._held_by_machine = True
             control.hold()
         elif status.state in ("Run", "Jog") and self._held:

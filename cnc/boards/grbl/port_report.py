@@ -45,6 +45,10 @@ def grbl_report(port: str, info: BoardInfo, status: Status, baud: int) -> Iterat
         f"# planner {info.blocks or 'unknown'} blocks, receive buffer {info.rx_bytes} bytes, "
         f"options {info.options or 'none'}"
     )
+    if info.extensions:
+        yield f"# extensions {', '.join(sorted(info.extensions))}"
+    for line in info.about:
+        yield f"# {line}"
     for number, value in sorted(info.settings.items()):
         yield f"# ${number} = {value}  {NAMES.get(number, '')}".rstrip()
     try:

@@ -27,6 +27,8 @@ from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute
 
+LISTING = 10.0
+"""Longest time of the answer to ``$ES``: some 300 lines at 115200 baud take 2 s."""
 SAME = 1e-3
 """Values that differ by less are equal: GRBL prints three decimals."""
 _LINE = re.compile(r"\$?(\d{1,5})\s*=\s*([^;]*)")
@@ -42,11 +44,11 @@ class Change(NamedTuple):
 
 
 def names_of(link: GrblLink) -> dict[int, str]:
-    """Return the name and unit of each setting, as far as known; grblHAL tells its own."""
-    if not link.info.hal:
+    """Return the name and unit of each setting, as far as known; grblHAL lists its own."""
+    if "ENUMS" not in link.info.extensions:
         return NAMES
     names = dict(NAMES)
-    for answer in link.ask("$ES"):
+    for answer in link.ask("$ES", LISTING):
         if isinstance(answer, Feedback) and answer.kind == "SETTING":
             number, _, name, unit, *_ = [*answer.text.split("|"), "", "", ""]
             if number.isdigit() and name:

@@ -10,16 +10,20 @@ from dataclasses import dataclass, field
 
 from cnc.boards.grbl.messages import Feedback, Setting
 from cnc.boards.grbl.protocol import RX_BYTES
-from cnc.boards.grbl.status import MM_PER_INCH
+from cnc.boards.grbl.status import MM_PER_INCH, in_mm
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
+TOOL_CHANGE_MODE = 341
 HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
+ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
+ABOUT = ("DRIVER", "DRIVER VERSION", "BOARD", "SIGNALS", "AUX IO", "PLUGIN")
+"""Lines of grblHAL's ``$I+`` that describe the board."""
 NAMES = {
     0: "step pulse, us",
     1: "motors stay on at rest, ms (255: always)",
@@ -55,6 +59,8 @@ NAMES = {
     },
 }
 """Names of the settings."""
+LINEAR_AXES = 3
+"""X, Y and Z."""
 SMALLEST_RX = 32
 """Bytes of the smallest receive buffer that is believed."""
 
@@ -69,6 +75,8 @@ class BoardInfo:
         fluid: Whether it is FluidNC.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
+        extensions: Names of its NEWOPT line, of grblHAL: ENUMS, TC, ATC and others.
+        about: Further lines of ``$I``, such as ``DRIVER:STM32F407``.
         letters: Names of the axes in the order of their settings; "" where they are not reported.
         blocks: Blocks of the planner; 0 where it is not reported.
         rx_bytes: Bytes of the receive buffer.
@@ -82,6 +90,8 @@ class BoardInfo:
     fluid: bool = False
     build: str = ""
     options: str = ""
+    extensions: frozenset[str] = frozenset()
+    about: list[str] = field(default_factory=list)
     letters: str = ""
     blocks: int = 0
     rx_bytes: int = RX_BYTES
@@ -106,8 +116,12 @@ class BoardInfo:
                 self._options(each.text)
             elif each.kind == "AXS":
                 self.letters = each.text.partition(":")[2].upper()
+            elif each.kind == "NEWOPT":
+                self.extensions = frozenset(each.text.upper().split(","))
             elif each.kind == "FIRMWARE":
                 self.hal = self.hal or "grblhal" in each.text.lower()
+            elif each.kind in ABOUT:
+                self.about.append(f"{each.kind}: {each.text}")
             elif each.kind in PLACES:
                 self.places[each.kind] = self._lengths(each.text)
             elif each.kind == "TLO":
@@ -119,8 +133,21 @@ class BoardInfo:
 
     @property
     def unit(self) -> float:
-        """Unit of reported positions in mm (``$13``)."""
+        """Unit of reported lengths and feeds in mm (``$13``)."""
         return MM_PER_INCH if self.number(REPORT_INCHES) == 1 else 1.0
+
+    @property
+    def rotary(self) -> frozenset[int]:
+        """Numbers of the axes that the board reports in degrees, whatever the unit of lengths is.
+
+        grblHAL names them in ``$376``, where bit 0 is the axis behind Z ("Settings_Axis_Rotational"
+        of its core). In FluidNC these are A, B and C.
+        """
+        further = range(LINEAR_AXES, len(AXIS_LETTERS))
+        if self.fluid:
+            return frozenset(further)
+        mask = int(self.number(ROTARY_AXES) or 0)
+        return frozenset(column for column in further if mask >> (column - LINEAR_AXES) & 1)
 
     def number(self, setting: int) -> float | None:
         """Return the value of a setting; None if it is absent or not a number."""
@@ -170,6 +197,18 @@ class BoardInfo:
     def may_be_laser(self) -> bool:
         """Whether the board is in laser mode, or is FluidNC, whose file of settings decides."""
         return self.laser or (self.fluid and LASER_MODE not in self.settings)
+
+    @property
+    def codes(self) -> frozenset[str]:
+        """M6, if the board waits then until the operator resumes, and M7 if it has mist.
+
+        grblHAL has M6 with option TC. It only waits where ``$341`` is 0. In modes 1 to 3 it
+        measures the tool, and changes its tool length, which the lines of a program contain
+        already. Mode 4 ignores M6. A tool changer (option ATC) moves the machine by itself.
+        """
+        waits = "TC" in self.extensions and "ATC" not in self.extensions
+        has = (waits and self.number(TOOL_CHANGE_MODE) == 0.0, "M" in self.options)
+        return frozenset(code for code, there in zip(("M6", "M7"), has, strict=True) if there)
 
     def top(self, column: int) -> float | None:
         """Return the highest machine position that keeps clear of the limit switch, mm."""
@@ -251,6 +290,6 @@ class BoardInfo:
 
     def _lengths(self, text: str) -> tuple[float, ...]:
         try:
-            return tuple(float(value) * self.unit for value in text.split(","))
+            return in_mm([float(value) for value in text.split(",")], self.unit, self.rotary)
         except ValueError:
             return ()

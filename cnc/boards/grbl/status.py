@@ -5,7 +5,7 @@ Source: "Grbl v1.1 Interface", real-time status reports.
     <Idle|WPos:1.000,2.000,0.000|Bf:15,128|FS:0,0|WCO:5.000,0.000,0.000>
 
 State and position are always present. All other fields are optional and come in any order. WCO and
-Ov come at intervals and hold until they come again. Positions are in inches where ``$13=1``.
+Ov come at intervals and hold until they come again. Lengths are in inches where ``$13=1``.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ MM_PER_INCH = 25.4
 
 MOVING = frozenset(("Run", "Jog", "Home"))
 """States of a machine in motion (in a dwell it is Idle)."""
+WAITING = frozenset(("Hold", "Door", "Tool"))
+"""States in which the machine waits for the operator to resume."""
 STILL_MOVING = frozenset((("Hold", 1), ("Door", 2), ("Door", 3)))
 """States of braking or resuming, in which a reset would lose the position."""
 _NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
@@ -59,12 +61,14 @@ class StatusReader:
     """Reads reports, and keeps the fields that they do not repeat.
 
     Attributes:
-        unit: Unit of the reported positions in mm.
+        unit: Unit of the reported lengths and feeds in mm.
+        rotary: Numbers of the axes that are reported in degrees.
         axes: Numbers in a position; 0 as long as it is not known.
     """
 
     def __init__(self) -> None:
         self.unit = 1.0
+        self.rotary: frozenset[int] = frozenset()
         self.axes = 0
         self._offset: list[float] | None = None
         self._overrides: tuple[int, int, int] | None = None
@@ -115,7 +119,7 @@ class StatusReader:
         return None
 
     def _lengths(self, numbers: Sequence[float]) -> tuple[float, ...]:
-        return tuple(number * self.unit for number in numbers)
+        return in_mm(numbers, self.unit, self.rotary)
 
     def _numbers(self, values: str) -> list[float]:
         """Return the numbers in the unit of the board, which may not be known yet.
@@ -129,3 +133,16 @@ class StatusReader:
         if self.axes and len(numbers) != self.axes:
             raise ValueError(values)
         return numbers
+
+
+def in_mm(numbers: Sequence[float], unit: float, rotary: frozenset[int]) -> tuple[float, ...]:
+    """Return a reported position in mm, and in degrees for rotary axes.
+
+    Args:
+        numbers: The numbers of the report, one an axis.
+        unit: Unit of lengths in the report, mm.
+        rotary: Numbers of the rotary axes; the board reports these in degrees in any case.
+    """
+    return tuple(
+        number if column in rotary else number * unit for column, number in enumerate(numbers)
+    )

@@ -42,6 +42,7 @@ class AxisWords:
         coordinates: The coordinate systems.
         polar: The mode of polar coordinates (G16).
         rotary: The rotary axes that repeat after 360 degrees.
+        turns_linearly: Whether a direction of the tool turns the rotary axes linearly.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class AxisWords:
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
         self.scales: list[float] = []
+        self.turns_linearly = False
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -78,6 +80,16 @@ class AxisWords:
         if state.diameter and "X" in self.column:
             self.scales[self.column["X"]] *= 0.5
 
+    @property
+    def has_direction_words(self) -> bool:
+        """Whether A3=, B3= and C3= are the direction of the tool."""
+        return self._dialect.flavour == "siemens"
+
+    @property
+    def rotary_columns(self) -> list[int]:
+        """Columns of the rotary axes."""
+        return [column for column, linear in enumerate(self._linear) if not linear]
+
     # Words to coordinates
 
     def needs_interpreter(self, index: int) -> bool:
@@ -86,9 +98,14 @@ class AxisWords:
         return all_axes or self.rotary.has(index)
 
     def turn_directions(self, text: str) -> None:
-        """Set the direction of an axis for its word in this line: its letter and the direction."""
+        """Set the direction of an axis for its word in this line: its letter and the direction.
+
+        TOOL and ``linear`` or ``circle`` say how the tool turns to a direction from here on.
+        """
         letter, direction = text.split()
-        if letter in self.column:
+        if letter == "TOOL":
+            self.turns_linearly = direction == "linear"
+        elif letter in self.column:
             self.rotary.turn(self.column[letter], direction)
 
     def axis_values(self, words: LineWords, user: str) -> dict[int, float]:

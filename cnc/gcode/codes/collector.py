@@ -34,3 +34,10 @@ class VectorMove(Protocol):
 
     def __call__(self, words: LineWords, code: Word | None, *, rapid: bool) -> None:
         """Make the move."""
+
+
+class VectorTurn(Protocol):
+    """The angles of a point that has a direction of the tool."""
+
+    def __call__(self, words: LineWords, point: list[float], at: str) -> None:
+        """Take the direction of a line, if it has one, and set the angles of the point (axes,)."""

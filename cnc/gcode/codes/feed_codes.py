@@ -14,7 +14,7 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.words import LineWords, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.units import MM_PER_INCH
 
 _NO_FEED = (None, G.G0)
@@ -37,6 +37,7 @@ class FeedCodes:
         unused_words: UnusedWords,
     ) -> None:
         self.moving: G | None = None
+        self._feed_units_reported = False
         self._dialect = dialect
         self._here = here
         self._state = state
@@ -57,7 +58,9 @@ class FeedCodes:
         """Execute G20, G21, G7 and G8."""
         state = self._state
         if (code := codes.get("units")) or "diameter" in codes:
-            state.scale = _scale(code) if code else state.scale
+            if code:
+                state.scale = _scale(code)
+                state.feed_scale = 1.0 if self._leaves_feeds(code) else state.scale
             self._parameters.increments = 1_000.0 if state.scale == 1.0 else 10_000.0
             if diameter := codes.get("diameter"):
                 state.diameter = diameter.number == G.G7
@@ -77,10 +80,12 @@ class FeedCodes:
             self._inverse_time(words)
             return
         word = words.rest.pop("F")
-        scale = state.scale
+        scale = state.feed_scale
+        if scale != state.scale:
+            self._report_feed_units(word)
         if (
             (code := codes.get("units"))
-            and scale != _scale(code)
+            and state.scale != _scale(code)
             and not self._dialect.units_before_feed
         ):
             message = f"F is read before {code.word.written} takes effect"
@@ -100,6 +105,19 @@ class FeedCodes:
             raise fault("feed-too-slow", message, word)
         state.feed = feed
         self._unused_words.note(word)
+
+    def _leaves_feeds(self, code: Code) -> bool:
+        """Whether a code changes the units of distances alone; feeds are in mm then."""
+        number = code.word.written[1:].strip()
+        return number.isdigit() and int(number) in self._dialect.length_units
+
+    def _report_feed_units(self, word: Word) -> None:
+        """Warn once that F is in mm where distances are in inches."""
+        if not self._feed_units_reported:
+            self._feed_units_reported = True
+            message = f"{word.written} is in mm: G70 makes only distances inches"
+            hint = "write G700 for feeds in inches; a control whose basic system is inches has them"
+            self._here.report_warning("feed-in-mm", message, word, hint)
 
     def _inverse_time(self, words: LineWords) -> None:
         """Take an F of a line without a feed move, as LinuxCNC does."""

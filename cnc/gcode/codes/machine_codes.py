@@ -37,7 +37,7 @@ _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M53: "feed_stop",
 }
 _SAVED = (
-    "plane", "scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed",
+    "plane", "scale", "feed_scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed",
     "constant_surface", "speed", "most_rpm", "spindle", "mist", "flood", "initial_level", "path",
     "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
 )  # fmt: skip
@@ -100,7 +100,7 @@ class MachineCodes:
         number = not_negative(word, "the spindle speed")
         if not self._state.constant_surface:
             return number
-        return number * (1000.0 if self._state.scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
+        return number * (1000.0 if self._state.feed_scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
 
     def _limit_speed(self, words: LineWords, codes: Codes) -> None:
         """S of a lathe's G50 (G92 in systems B and C): the highest speed under G96, rpm."""

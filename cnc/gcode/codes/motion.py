@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
-from cnc.gcode.codes.collector import Collector, VectorMove
+from cnc.gcode.codes.collector import Collector, VectorMove, VectorTurn
 from cnc.gcode.codes.corner_moves import CornerMoves
 from cnc.gcode.codes.move_feeds import MoveFeeds
 from cnc.gcode.codes.prepared_lines import QuickMove
@@ -53,7 +53,9 @@ class Motion(MoveFeeds):
         motion_before: Motion code in effect before the line.
         repeat_words: Letters that repeat the move of a motion code without an axis word.
         tip_controlled: Whether tool-tip control is on.
-        move_with_vector: Makes a move of which I, J and K are the direction of the tool (G43.5).
+        move_with_vector: Makes a move that has the direction of the tool (G43.5, TRAORI).
+        turn_with_vector: Turns the rotary axes of a control point to the direction of the tool.
+        vector_letters: Words of the direction of the tool.
         corners: The corner whose second move is not known yet (,C and ,R).
         may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
@@ -77,6 +79,8 @@ class Motion(MoveFeeds):
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self.tip_controlled = False
         self.move_with_vector: VectorMove | None = None
+        self.turn_with_vector: VectorTurn | None = None
+        self.vector_letters: tuple[str, ...] = ()
         self._out = out
         self._resting: G | None = dialect.motion
         self.may_assume = dialect.motion_assumed
@@ -282,7 +286,7 @@ class Motion(MoveFeeds):
 
     def _has_vector(self, words: LineWords) -> bool:
         """Whether a straight move has the direction of the tool."""
-        return self.move_with_vector is not None and not words.rest.keys().isdisjoint("IJK")
+        return not words.rest.keys().isdisjoint(self.vector_letters)
 
     def traverse(self, end: list[float]) -> None:
         """Make a straight move at the speed of the axes."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.gcode.codes.axis_words import AxisWords
 from cnc.gcode.codes.prepared_lines import Known
 from cnc.gcode.state.modal_groups import Feed, feed_of
@@ -85,6 +88,18 @@ class MoveFeeds(AxisWords):
                 length = length or self.distance(end)
                 return feed.linear * length / math.hypot(length, *turned)
         return feed.linear
+
+    def feed_of_rotary_curve(self, points: NDArray[np.float64]) -> float:
+        """Return the ratio of the feed of a curve to that of linear axes.
+
+        Args:
+            points: (n, axes), control points.
+        """
+        moved = (points != points[0]).any(axis=0)
+        feed = self._state.feed
+        if feed is None or not moved.any() or moved[self._linear].any():
+            return 1.0
+        return feed.rotary / feed.linear
 
     def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
         word = words.take("F", "G93")

@@ -1,7 +1,8 @@
 """Tool-tip control: programs move the tip on the part while the rotary axes turn.
 
 FANUC's G43.4 H, Haas' G234 H and SINUMERIK's TRAORI switch it on with the length of a tool; G49 and
-TRAFOOF end it. Under G43.5 I, J and K of a move are the direction of the tool. LinuxCNC's M428 and
+TRAFOOF end it. Under G43.5 I, J and K of a move are the direction of the tool, under TRAORI A3=,
+B3= and C3=. It turns there on a great circle, or with ORIAXES linearly. LinuxCNC's M428 and
 M429 select the kinematics with the tool offset in effect. The joints do not move at the switch: the
 position gets other coordinates. Source: FANUC, "Tool center point control"; LinuxCNC, "Switchable
 Kinematics"; Siemens, "Job Planning", TRAORI.
@@ -20,6 +21,8 @@ from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation
 from cnc.model.blocks import NurbsFeed, TipControl
 
+DIRECTIONS = ("A3", "B3", "C3")
+"""Words of SINUMERIK for the direction of the tool."""
 DEGREE = 7
 """Of the curves of the angles along a great circle."""
 POLE = 1e-4
@@ -87,37 +90,40 @@ class TipControlCodes:
                 TipControl(self._here.file, self._here.line, vector if on else None, place)
             )
         motion.tip_controlled = on
-        motion.move_with_vector = self._move_with_vector if on and vectors else None
+        letters: tuple[str, ...] = ()
+        if on and motion.has_direction_words:
+            letters = DIRECTIONS
+        elif on and vectors:
+            letters = ("I", "J", "K")
+        motion.vector_letters = letters
+        motion.move_with_vector = self._move_with_vector if letters else None
+        motion.turn_with_vector = self._turn_with_vector if letters else None
         coordinates.tool_offset = offset
 
     def _move_with_vector(self, words: LineWords, code: Word | None, *, rapid: bool) -> None:
-        """Make a straight move of the tip; the tool turns to I, J, K on a great circle.
+        """Make a straight move of the tip; the tool turns to its direction on a great circle.
 
-        A traverse turns linearly in the joints. A word that is left out is 0.
+        A traverse turns linearly in the joints, and so does each move with ORIAXES.
         """
         motion, machine = self._motion, self._machine
         assert machine is not None
-        at = code or words.first()
-        for column in machine.rotary:
-            if clash := words.rest.get(motion.axes[column].upper()):
-                message = f"{clash.written} beside the direction of the tool"
-                raise fault("tool-direction", message, clash, "give angles, or I, J and K")
-        taken = [words.take(letter, at.written) for letter in "IJK"]
-        at = next(filter(None, taken), at)
-        swing = machine.swing(motion.position, self._direction(taken, at))
+        direction, at = self._taken(words, (code or words.first()).written)
+        linear = rapid or motion.turns_linearly
+        if linear:
+            angles = machine.angles(motion.position, direction)
+            self._move_linearly(words, angles, at, rapid=rapid)
+            return
+        swing = machine.swing(motion.position, direction)
         if swing is None:
             hint = "give a direction between both"
             raise fault("tool-direction", "the tool would turn by 180 degrees", at, hint)
-        end = motion.target(words, "G0" if rapid else "G1", motion.position)
-        if not rapid and swing.nearest <= POLE:
+        end = motion.target(words, "G1", motion.position)
+        if swing.nearest <= POLE:
             message = f"the tool passes {swing.nearest:.2g} degrees from the axis of C"
             hint = "there C has no bounded speed: go round it, or give angles under G43.4"
             raise fault("singular-pose", message, at, hint)
         for column, value in zip(machine.rotary, swing.end, strict=True):
             end[column] = value
-        if rapid:
-            motion.traverse(end)
-            return
         length = motion.distance(end)
         feed = motion.feed(words, end, length, at)
         if not len(swing.parameters):
@@ -130,8 +136,48 @@ class TipControlCodes:
         weights = np.ones(len(points))
         motion.spline(NurbsFeed(file, line, DEGREE, swing.knots, points, weights, feed))
 
+    def _move_linearly(
+        self, words: LineWords, angles: tuple[float, float], at: Word, *, rapid: bool
+    ) -> None:
+        """Make a straight move to two angles, in which the rotary axes turn linearly."""
+        motion, machine = self._motion, self._machine
+        assert machine is not None
+        end = motion.target(words, "G0" if rapid else "G1", motion.position)
+        for column, value in zip(machine.rotary, angles, strict=True):
+            end[column] = value
+        if rapid:
+            motion.traverse(end)
+        else:
+            motion.feed_to(end, motion.feed(words, end, motion.distance(end), at))
+
+    def _turn_with_vector(self, words: LineWords, point: list[float], at: str) -> None:
+        """Set the angles of a control point to the direction in its line, if it has one."""
+        machine = self._machine
+        assert machine is not None
+        if words.rest.keys().isdisjoint(self._motion.vector_letters):
+            return
+        direction, _ = self._taken(words, at)
+        angles = machine.angles(point, direction)
+        for column, value in zip(machine.rotary, angles, strict=True):
+            point[column] = value
+
+    def _taken(self, words: LineWords, user: str) -> tuple[Floats, Word]:
+        """Take the direction of the tool on the part; return it, and its first word.
+
+        A word that is left out is 0.
+        """
+        motion, machine = self._motion, self._machine
+        assert machine is not None
+        for column in machine.rotary:
+            if clash := words.rest.get(motion.axes[column].upper()):
+                message = f"{clash.written} beside the direction of the tool"
+                raise fault("tool-direction", message, clash, "give angles, or the direction")
+        taken = [words.take(letter, user) for letter in motion.vector_letters]
+        at = next(filter(None, taken))
+        return self._direction(taken, at), at
+
     def _direction(self, taken: list[Word | None], at: Word) -> Floats:
-        """Return the direction of the tool on the part from I, J and K."""
+        """Return the direction of the tool on the part from its three words."""
         coordinates, column = self._motion.coordinates, self._motion.column
         vector = [0.0] * len(self._motion.axes)
         columns = [column[letter] for letter in "XYZ"]
@@ -140,7 +186,8 @@ class TipControlCodes:
         turned = coordinates.rotated(vector) if coordinates.turned else vector
         found = np.array([turned[index] for index in columns])
         if not found.any():
-            raise fault("tool-direction", "I, J and K are 0", at, "give the direction of the tool")
+            names = ", ".join(self._motion.vector_letters)
+            raise fault("tool-direction", f"{names} are 0", at, "give the direction of the tool")
         return found
 
     def _of_tool(self, offset: list[float]) -> Offset:

@@ -28,6 +28,7 @@ _HINTS = {
     "PL": "PL belongs to the control points of a BSPLINE",
     "PW": "PW belongs to the control points of a BSPLINE",
     "SD": "SD belongs to BSPLINE: the degree",
+    **dict.fromkeys(("A3", "B3", "C3"), "it belongs to G0, G1 and BSPLINE under TRAORI"),
     "O": "a program's number stands in a line of its own",
     "P": "P belongs to G4, G5, G5.2, G10, G64, G76, M50 to M53, M62 to M66, M98, "
     "to cycles with a dwell and to the turns of an arc",

@@ -107,7 +107,8 @@ class DrillingCycles:
                 at,
                 "give the place of the hole, such as X10 Y20",
             )
-        refuse_axes(words, name, "XYZ")
+        turns = self._rules.turns and not self._dialect.lathe
+        refuse_axes(words, name, "XYZABC" if turns else "XYZ")
         plane = CyclePlane(motion, state)
         plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
         across = plane.columns[2]
@@ -144,7 +145,32 @@ class DrillingCycles:
         self.series = series
         if not repeats:
             return
-        self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
+        turned = {column: given[column] for column in motion.rotary_columns if column in given}
+        if not turned:
+            self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
+            return
+        for hole in holes:
+            self._turn(turned, hole)
+            plane = CyclePlane(motion, state)
+            self._performer.perform(steps(cycle, plane.start, [hole], settings), plane)
+
+    def _turn(self, values: dict[int, float], hole: Hole) -> None:
+        """Go to the place of a hole, and turn the rotary axes, at R or at a greater height.
+
+        Args:
+            values: degrees by column.
+            hole: the hole.
+        """
+        motion = self._motion
+        turned = motion.reached(values, motion.position)
+        plane = CyclePlane(motion, self._state)
+        height = max(plane.start[2], hole.retract)
+        if height > plane.start[2]:
+            motion.traverse(plane.place((*plane.start[:2], height)))
+        end = plane.place((hole.first, hole.second, height))
+        for column in values:
+            end[column] = turned[column]
+        motion.traverse(end)
 
     def _series_of(self, cycle: G) -> Series:
         """The series that this line continues, or a new one."""

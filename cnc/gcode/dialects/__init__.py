@@ -52,6 +52,7 @@ class CycleRules:
     Attributes:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
+        turns: Whether words of rotary axes turn them before each hole.
         pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
             smallest one.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
@@ -65,6 +66,7 @@ class CycleRules:
 
     repeats: str
     no_hole: bool
+    turns: bool
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
@@ -152,6 +154,7 @@ class Dialect:
     after_g80: Literal["none", "previous"]
     local_calls: bool
     hole_patterns: bool
+    length_units: list[int]
     scale_unit: float
     extruder: str
     corners: Literal["", "lines", "rounds", "all"]
@@ -340,7 +343,7 @@ _PLAIN = (
     "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
     "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
     "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns", "wrap",
-    "feed_of_all_axes",
+    "feed_of_all_axes", "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -380,16 +383,17 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault(
             "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
         )
+    builder = (
+        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+    )
     if meaning := _known()[kind].get(f"{code:g}"):
-        return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
+        hint = builder if kind == "m" else ""
+        return fault("code-not-supported", f"{name} ({meaning}) is not supported", word, hint)
     similar = " or ".join(
         f"{kind.upper()}{other}"
         for other in near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
     )
     hint = f"did you mean {similar}?" if similar else ""
     if kind == "m":
-        builder = (
-            f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
-        )
         hint = f"{hint} {builder}" if hint else builder
     return fault("code-unknown", f"{name} is unknown", word, hint)

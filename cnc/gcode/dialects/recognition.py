@@ -30,6 +30,7 @@ _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
 _UNITS = re.compile(r"G\s*0?(?:2[01]|7[01]0?)(?![0-9.])")
+_FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -75,7 +76,6 @@ class Recognition(NamedTuple):
         rival: Another dialect with evidence of its own; empty if there is none.
         lathe: The evidence for a lathe in FANUC's or Haas' language.
         turns: Whether that evidence is enough to refuse the program on another machine.
-        units: Whether the first lines have a code of the units.
     """
 
     dialect: DialectName = "auto"
@@ -84,7 +84,6 @@ class Recognition(NamedTuple):
     rival: str = ""
     lathe: tuple[Reason, ...] = ()
     turns: bool = False
-    units: bool = False
 
     def described(self) -> str:
         """Return the dialect and its reasons as one line."""
@@ -126,13 +125,12 @@ def recognise(lines: Iterable[str]) -> Recognition:
     """Return the language of a program, from its first lines."""
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
-    has_y, has_units, plane = False, False, None
+    has_y, plane = False, None
     left = list(table.evidence)
     for number, line in _first(lines):
-        code = _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
+        code = _code_of(line)
         comments = _COMMENT.findall(line)
         has_y = has_y or _Y_WORD.search(code) is not None
-        has_units = has_units or _UNITS.search(code) is not None
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         for each in tuple(left):
@@ -144,7 +142,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     found.setdefault(each.language, []).append((each, reason))
                     break
     lathe = found.pop("lathe", [])
-    choice = _choice(table, found)._replace(units=has_units)
+    choice = _choice(table, found)
     if has_y or choice.refusal or choice.dialect not in _LATHES:
         return choice
     lathe.sort(key=lambda row: -row[0].points)
@@ -153,6 +151,22 @@ def recognise(lines: Iterable[str]) -> Recognition:
     points = sum(evidence.points for evidence, _ in lathe) + (plane is not None)
     reasons = [reason for _, reason in lathe] + ([plane] if plane else [])
     return choice._replace(lathe=tuple(reasons[:MOST_REASONS]), turns=points > table.enough)
+
+
+def names_units(lines: Iterable[str]) -> bool:
+    """Return whether the first lines of a program have a code of the units."""
+    return any(_UNITS.search(_code_of(line)) for _, line in _first(lines))
+
+
+def differing_functions(lines: Iterable[str]) -> tuple[str, ...]:
+    """Return the functions in the first lines that FANUC and LinuxCNC compute differently."""
+    found = {name for _, line in _first(lines) for name in _FUNCTIONS.findall(_code_of(line))}
+    return tuple(sorted(found))
+
+
+def _code_of(line: str) -> str:
+    """Return a line in capitals, without its comments and the texts in its quotes."""
+    return _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
 
 
 def _first(lines: Iterable[str]) -> Iterator[tuple[int, str]]:

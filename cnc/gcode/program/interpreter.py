@@ -278,7 +278,7 @@ class Interpreter:
         """Find again whether moves are plain, after a change of the state."""
         state, motion = self.modal, self.motion
         self.plain = (
-            state.feed_mode == "per-minute"
+            state.feeds_are_plain
             and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned

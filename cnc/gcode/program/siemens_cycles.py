@@ -17,7 +17,7 @@ from cnc.model.diagnostics import CncError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole. More are a typing error."""
-_END = 0
+_END, _TAPPING = 0, 84
 _ROUNDING = 1e-9
 _HEIGHTS = "RTP RFP SDIS DP DPR"
 _NAMES = {
@@ -72,6 +72,8 @@ class Cycle:
 
         if flow.interpreter.modal.plane != "XY":
             raise fault("code-not-supported", " in another plane than G17")
+        if kind == _TAPPING and flow.interpreter.modal.feed_scale != flow.interpreter.modal.scale:
+            raise fault("code-not-supported", " under G70: write G700, as its pitch gives the feed")
         moves = list(_Hole(kind, given, fault).moves())
         if not self.modal:
             return _perform(flow, moves, line)

@@ -24,6 +24,7 @@ from cnc.gcode.program.control_flow import (
 )
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.siemens import variable_name
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.model.diagnostics import CncError
 
@@ -132,6 +133,28 @@ class _For:
         """Return the line to continue at, by the value of the parameter."""
         count = flow.parameters.name(self.name, 1)
         return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
+
+
+class _Definition:
+    """``DEF REAL _NAME=1.5, _OTHER``: variables of the main program."""
+
+    __slots__ = ("at", "names", "values")
+
+    def __init__(self, line: int, control: Control) -> None:
+        assert isinstance(control.label, str)
+        self.at = Place(line, control.column, control.length)
+        self.names, self.values = control.label.split(), control.values
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Set the variables."""
+        if flow.frame.kind != "main":
+            hint = "use R parameters in a subprogram"
+            message = "DEF in a subprogram is not supported"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        flow.interpreter.begun = True
+        for name, value in zip(self.names, self.values, strict=True):
+            flow.parameters.set_name(variable_name(name), value(flow.parameters), 1)
+        return line + 1
 
 
 class _EndFor:
@@ -243,5 +266,13 @@ def _jump_at(_: Flow, line: int, control: Control) -> LabelJump:
     return LabelJump(line, control)
 
 
-MAKERS = {"s-goto": _jump_at, **dict.fromkeys((*_END_OF, *_ENDS), _block_at)}
+def _define(_: Flow, line: int, control: Control) -> Step:
+    return _Definition(line, control)
+
+
+MAKERS = {
+    "s-goto": _jump_at,
+    "s-def": _define,
+    **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
+}
 """Functions that make the step of a control line, by keyword."""

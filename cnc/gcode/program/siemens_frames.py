@@ -44,6 +44,10 @@ class FrameLine:
         *axes, angle = given
         x, y, z = axes
         kind = self.name.removeprefix("A")
+        if kind == "CYCLE800" and flow.program_frame != ProgramFrame():
+            message = "CYCLE800() after TRANS, ROT, SCALE or MIRROR is not supported"
+            hint = "end the frame first, with TRANS in a line of its own"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         if all(value != value for value in given):
             return ProgramFrame() if not self.name.startswith("A") else frame
         if kind == "TRANS":

@@ -101,13 +101,13 @@ class ControlPolygon(PointCollector):
 
     def _point(self, words: LineWords, at: Word | None) -> None:
         interval, weight = words.take("PL", "BSPLINE"), words.take("PW", "BSPLINE")
-        axes = self.axes(words)
+        axes = self.axes(words) or self.directions(words)
         if axes:
             if len(self.points) == 1:
                 self._feed = self.motion.feed(words, self.motion.position, 0.0, at or axes[0])
             if interval:
                 not_negative(interval, "the interval")
-            self.points.append(self.motion.target(words, "BSPLINE", self.points[-1]))
+            self.points.append(self._place(words))
             self.weights.append(weight_of(weight) if weight else 1.0)
             self._intervals.append(WordLocation.of(interval, self.here) if interval else None)
         elif word := interval or weight:
@@ -115,6 +115,14 @@ class ControlPolygon(PointCollector):
             raise fault(
                 "nurbs-foreign-word", f"{word.written} is {what} without a control point", word
             )
+
+    def _place(self, words: LineWords) -> list[float]:
+        """Return the control point of a line; a direction of the tool gives its angles."""
+        turn = self.motion.turn_with_vector
+        before = self.points[-1].copy()
+        if turn is not None:
+            turn(words, before, "BSPLINE")
+        return self.motion.target(words, "BSPLINE", before)
 
     def _complete(self) -> None:
         degree, count = self._degree, len(self.points)

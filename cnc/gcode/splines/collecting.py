@@ -60,9 +60,12 @@ class PointCollector:
     The first point is the position at the start.
 
     Attributes:
+        takes_rotary: Whether A, B and C may be coordinates of the points.
         name: Code that opens the curve, for messages.
         holds: Words that its lines may have, for messages.
     """
+
+    takes_rotary = True
 
     def __init__(
         self, name: str, holds: str, start: Word, motion: Motion, here: SourceLocation
@@ -87,21 +90,25 @@ class PointCollector:
             raise fault("nurbs-foreign-word", message, word, "write it on the line before")
 
     def axes(self, words: LineWords) -> list[Word]:
-        """Return the axis words of a line from left to right. Only X, Y and Z are allowed."""
+        """Return the axis words of a line from left to right: X, Y, Z, and rotary axes."""
         found = sorted(
             (word for word in words.rest.values() if word.letter in AXES),
             key=lambda word: word.column,
         )
         for word in found:
-            if word.letter in _ROTARY:
+            if word.letter in _ROTARY and not self.takes_rotary:
                 raise fault(
                     "nurbs-rotary-axis",
-                    f"{word.written}: rotary axes can't move along a NURBS",
+                    f"{word.written}: rotary axes can't move along {self.name}",
                     word,
                 )
-            if word.letter not in POINT_AXES:
+            if word.letter not in POINT_AXES and word.letter not in _ROTARY:
                 raise self.foreign(word)
         return found
+
+    def directions(self, words: LineWords) -> list[Word]:
+        """Return the words of the direction of the tool in a line."""
+        return [words.rest[each] for each in self.motion.vector_letters if each in words.rest]
 
     def no_codes(self, codes: Codes) -> None:
         """Refuse codes in a line inside the curve."""
@@ -137,9 +144,29 @@ class PointCollector:
             np.array(self.weights, dtype=np.float64),
         )
         self.motion.collector = None
+        feed *= self.motion.feed_of_rotary_curve(points)
+        self._check_ends(points)
         self.motion.spline(
             NurbsFeed(self.start.file, self.start.line, degree, knots, points, weights, feed)
         )
+
+    def _check_ends(self, points: NDArray[np.float64]) -> None:
+        """Refuse a curve whose tip rests at an end, where rotary axes would turn at any speed.
+
+        Raises:
+            GcodeError: ``nurbs-tip-rests``.
+        """
+        linear = [letter.upper() not in _ROTARY for letter in self.motion.axes]
+        moved = points != points[0]
+        if not moved[:, linear].any():
+            return
+        for step, which in ((points[1] - points[0], "first"), (points[-1] - points[-2], "last")):
+            if step.any() and not step[linear].any():
+                raise self.start.fault(
+                    "nurbs-tip-rests",
+                    f"rotary axes turn between the {which} two control points, but the tip rests",
+                    "turn the axes in a move of their own, or move the tip",
+                )
 
 
 def weight_of(word: Word) -> float:

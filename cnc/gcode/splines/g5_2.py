@@ -68,6 +68,8 @@ class NurbsBlock(PointCollector):
     ``first`` takes the G5.2 line and ``line`` each one after it.
     """
 
+    takes_rotary = False
+
     def __init__(
         self,
         start: Word,

@@ -187,6 +187,7 @@ class ModalState:
 
     Attributes:
         scale: mm of a program unit.
+        feed_scale: mm of a unit of feeds, which SINUMERIK's G70 and G71 leave as it was.
         diameter: X words are diameters (G7).
         speed: rpm, or mm/s under G96.
         most_rpm: Limit of the spindle speed under G96; 0 for none.
@@ -200,6 +201,7 @@ class ModalState:
     motion: G | None = None
     plane: Plane = "XY"
     scale: float = 1.0
+    feed_scale: float = 1.0
     diameter: bool = False
     absolute: bool = True
     arc_absolute: bool = False
@@ -222,3 +224,8 @@ class ModalState:
     speed_override: bool = True
     adaptive_feed: bool = False
     feed_stop: bool = True
+
+    @property
+    def feeds_are_plain(self) -> bool:
+        """Whether F counts units of distance a minute."""
+        return self.feed_mode == "per-minute" and self.feed_scale == self.scale

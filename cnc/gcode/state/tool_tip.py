@@ -48,6 +48,9 @@ class ToolTip(Protocol):
     def tip(self, joints: list[float], offset: Offset) -> list[float]:
         """Return the tip of joints."""
 
+    def angles(self, here: list[float], direction: Floats) -> tuple[float, float]:
+        """Return tilt and turn of a direction of the tool (3,), from a position (axes,)."""
+
     def swing(self, here: list[float], direction: Floats) -> Swing | None:
         """Return the way from a position (axes,) to a direction of the tool (3,).
 

@@ -62,7 +62,7 @@ _TYPOGRAPHIC = {
 DIGITS = "0123456789."
 LETTERS = re.compile(r"[A-Z]+")
 
-_TOKEN = re.compile(r"\([^()]*\)|(?:SD|PL|PW)=|[A-Z]+|[0-9.]+|\*\*|<[^<>]*>|.")
+_TOKEN = re.compile(r"\([^()]*\)|(?:SD|PL|PW|[ABC]3)=|[A-Z]+|[0-9.]+|\*\*|<[^<>]*>|.")
 
 
 class ErrorContext:

@@ -22,7 +22,7 @@ from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
 DIRECTION = "direction"
-"""Kind of the remark that sets the direction of a rotary axis: its letter and the direction."""
+"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -33,12 +33,15 @@ _HEAD = re.compile(
 )
 _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
+_VARIABLE = re.compile(r"(_[A-Z0-9_]+)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
-_EQUAL = re.compile(r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|S1|M1|[A-Z])\s*=(?!=)\s*", re.I)
+_EQUAL = re.compile(
+    r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC]3|[A-Z])\s*=(?!=)\s*", re.I
+)
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
 _OPERAND = re.compile(
-    r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|[A-Z][A-Z0-9]*(?=\s*\())", re.I
+    r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|_[A-Z0-9_]+|[A-Z][A-Z0-9]*(?=\s*\())", re.I
 )
 _OPERATOR = re.compile(r"\s*(\*\*|==|<>|<=|>=|[-+*/<>]|\bMOD\b|\bAND\b|\bOR\b)", re.I)
 _LETTERS = {
@@ -49,6 +52,8 @@ _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
+_TOOL_TURNS = {"ORIAXES": "linear", "ORIVECT": "circle", "ORIPLANE": "circle"}
+_ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -78,9 +83,8 @@ def _words() -> dict[str, dict[str, str]]:
 def _no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
     tables = _words()
-    return frozenset(
-        (*tables["not-needed"], *tables["refused"], *_TRANSFORMATIONS, "SUPA", "BSPLINE")
-    )
+    words = tables["not-needed"].keys() | tables["only-zero"].keys() | tables["refused"].keys()
+    return frozenset(words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, "SUPA", "BSPLINE"})
 
 
 def translate(text: str) -> Translation:
@@ -143,6 +147,9 @@ class _Line:
         elif assignment := _ASSIGN.match(self.text, self.at):
             self.at = assignment.end()
             self.out.append(f"#<_r{int(assignment[1])}>=[{self._expression()}]")
+        elif variable := _VARIABLE.match(self.text, self.at):
+            self.at = variable.end()
+            self.out.append(f"#<{variable_name(variable[1])}>=[{self._expression()}]")
         elif equal := _EQUAL.match(self.text, self.at):
             self.at = equal.end()
             self._address(equal[1].upper())
@@ -202,6 +209,10 @@ class _Line:
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
             self.out.append(f"{letter}[{value}-#<_{_CENTRES[name]}>]")
+        elif name in _ADDRESSES:
+            if mode:
+                raise self._fault(f"{name}={mode}(..)", 1, "")
+            self.out.append(f"{name}=[{value}]")
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
         else:
@@ -228,6 +239,14 @@ class _Line:
         elif name in _TRANSFORMATIONS:
             self._pass_value()
             self.out.append(_TRANSFORMATIONS[name])
+        elif name in tables["only-zero"]:
+            self._only_zero(name, tables["only-zero"][name])
+        elif name == "BSPLINE":
+            self.out.append(name)
+        elif name in _TOOL_TURNS:
+            self.remarks.append(
+                Remark(DIRECTION, f"TOOL {_TOOL_TURNS[name]}", begin + 1, len(name))
+            )
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"
@@ -235,7 +254,16 @@ class _Line:
         else:
             self.at = begin
             what = tables["refused"].get(name, "a name, or a word that is not known")
-            raise self._fault(f"{name} ({what})", len(name), "")
+            raise self._fault(f"{name} ({what})", len(name), tables["instead"].get(name, ""))
+
+    def _only_zero(self, name: str, what: str) -> None:
+        """Pass a word whose value other than 0 would move the path otherwise."""
+        begin = self.at - len(name)
+        self._pass_value()
+        value = self.text[begin + len(name) : self.at].lstrip(" \t=")
+        if not value or value.strip("0."):
+            self.at = begin
+            raise self._fault(f"{name} ({what})", len(name), f"only {name}=0 is read")
 
     def _pass_value(self) -> None:
         """Pass the = and value, or the brackets, of a word without effect."""
@@ -283,6 +311,12 @@ class _Line:
         text = re.sub(r"==|<>|<=|>=|<|>", lambda found: f" {_COMPARED[found[0]]} ", text)
         text = re.sub(r"\bTRUNC\b", "FIX", text, flags=re.I)
         text = re.sub(r"\bR([0-9]+)\b", lambda found: f"#<_r{int(found[1])}>", text, flags=re.I)
+        text = re.sub(
+            r"(?<![A-Z0-9_<])_[A-Z0-9_]+",
+            lambda name: f"#<{variable_name(name[0])}>",
+            text,
+            flags=re.I,
+        )
         return text.replace("(", "[").replace(")", "]")
 
     def _fault(self, what: str, length: int, hint: str) -> GcodeError:
@@ -291,6 +325,11 @@ class _Line:
             "code-not-supported", f"{what} is not supported", column=self.at + 1, length=length,
             hint=hint,
         )  # fmt: skip
+
+
+def variable_name(written: str) -> str:
+    """Return the name here of a variable that begins with an underscore."""
+    return f"_v{written.lower()}"
 
 
 def _is_code(word: str) -> bool:

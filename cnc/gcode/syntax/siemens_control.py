@@ -21,6 +21,9 @@ _HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAV
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
+_LEVEL = re.compile(r"CYCLE800\s*\(\s*\)", re.I)
+_DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(_.*)", re.I)
+_DEFINED = re.compile(r"(_[A-Z0-9_]+)\s*(?:=\s*(.+))?", re.I)
 _FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
 _STRUCTURES: dict[Keyword, re.Pattern[str]] = {
     "s-if": re.compile(r"IF\b\s*(.+)", re.I),
@@ -43,8 +46,8 @@ class ControlLine(NamedTuple):
     Attributes:
         keyword: Its kind.
         label: The target of a jump after its direction (F, B or a blank), the number of a cycle,
-            the name of a frame, the R parameter of a FOR, the number of M2 or M30, or the name of a
-            subprogram and its repeats.
+            the name of a frame, the R parameter of a FOR, the number of M2 or M30, the name of a
+            subprogram and its repeats, or the names of variables.
         values: Its expressions, as they are written; empty where one is left out.
     """
 
@@ -81,6 +84,10 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
         if "SAVE" in head[1].upper():
             raise refuse("PROC with SAVE", "write the codes again after the call")
         return ControlLine("s-proc")
+    if _LEVEL.fullmatch(text):
+        return ControlLine("frame", "CYCLE800", ("", "", "", ""))
+    if definition := _DEFINITION.fullmatch(text):
+        return _definition(definition[1].upper(), definition[2], refuse)
     if frame := _FRAME.fullmatch(text):
         return _frame(frame[1].upper(), frame[2], refuse)
     if text and (cycle := _CYCLE.fullmatch(text)):
@@ -100,6 +107,16 @@ def call_line(text: str, known: Container[str]) -> ControlLine | None:
     if call is None or call[1].upper() in known:
         return None
     return ControlLine("s-call", f"{call[1].upper()} {call[2] or ''}".rstrip())
+
+
+def _definition(kind: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
+    """Return the line that defines variables: their names, and their values or 0."""
+    found = [_DEFINED.fullmatch(part) for part in _arguments(text)]
+    if any(each is None or (each[2] and kind != "REAL") for each in found):
+        hint = "DEF REAL _NAME=1.5, _OTHER is read; other forms are not"
+        raise refuse(f"DEF {kind} of this form", hint)
+    names = " ".join(each[1].lower() for each in found if each)
+    return ControlLine("s-def", names, tuple(each[2] or "0" for each in found if each))
 
 
 def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:

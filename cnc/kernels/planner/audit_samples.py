@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import curve_inv_arclen
+from cnc.kernels.path.bspline import MAX_DEGREE
 from cnc.kernels.path.curve import METRIC, METRICS, SPAN, SPAN_BODY, START, U0, U1, curve_eval
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
@@ -28,28 +29,44 @@ Floats = NDArray[np.float64]
 
 
 @njit
-def _cubic_point(data: Floats, at: int, u: float, out: Floats) -> None:
-    """Write the position at ``u`` of a span of degree 3 to the last row of ``out``.
+def span_point(data: Floats, at: int, u: float, weight: Floats, out: Floats) -> None:
+    """Write the position at ``u`` of a span to the last row of ``out``.
 
     It computes no derivatives, which would take most of the time.
+
+    Args:
+        data: the records.
+        at: index of the record of the span.
+        u: its parameter.
+        weight: (degree + 1,): scratch for the Bernstein polynomials.
+        out: (rows, axes).
     """
     n = out.shape[1]
     start = at + START
+    k = start + 2 * n
+    p = int(data[k])
+    k += SPAN_BODY
     x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
     y = 1.0 - x
-    c0 = y * y * y
-    c1 = 3.0 * y * y * x
-    c2 = 3.0 * y * x * x
-    c3 = x * x * x
-    k = start + 2 * n + SPAN_BODY
-    inverse = 1.0 / (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3])
+    # C(p, m) x^m from one end, times y^(p - m) from the other: no step loses digits.
+    rising = 1.0
+    for m in range(p + 1):
+        weight[m] = rising
+        rising *= x * (p - m) / (m + 1)
+    falling = 1.0
+    divisor = 0.0
+    for m in range(p, -1, -1):
+        weight[m] *= falling
+        falling *= y
+        divisor += weight[m] * data[k + m]
+    inverse = 1.0 / divisor
     row = out.shape[0] - 1
     for i in range(n):
-        k += 4
-        out[row, i] = (
-            data[start + i]
-            + (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3]) * inverse
-        )
+        k += p + 1
+        total = 0.0
+        for m in range(p + 1):
+            total += weight[m] * data[k + m]
+        out[row, i] = data[start + i] + total * inverse
 
 
 @njit
@@ -193,6 +210,7 @@ def audit_samples(
     kind, data, piece_s = pieces.kind, pieces.data, plan.piece_s
     along, n = largest.along, len(largest.axis_v)
     q = np.zeros((4, n))
+    weight = np.zeros(MAX_DEGREE + 1)
     bounds = np.zeros((n + 1, BOUNDS))
     bent = math.inf
     bounded = -1
@@ -214,8 +232,8 @@ def audit_samples(
         here = kind[piece]
         where = pieces.at[piece]
         u = curve_inv_arclen(here, data, where, local)
-        if here == SPAN and data[where + START + 2 * n] == 3.0:
-            _cubic_point(data, where, u, last)
+        if here == SPAN:
+            span_point(data, where, u, weight, last)
         else:
             curve_eval(here, data, where, u, q)
             for i in range(n):

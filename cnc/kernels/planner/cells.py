@@ -12,19 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import Cells, cell_phases, copy_part, empty_cells
+from cnc.kernels.planner.cell_motion import (
+    A_MIDDLE,
+    J1,
+    J2,
+    V_MIDDLE,
+    Cells,
+    H,
+    cell_phases,
+    copy_part,
+    empty_cells,
+)
 from cnc.kernels.planner.intervals import (
     SAMPLES,
+    SCRATCH,
     Intervals,
     SumLimits,
     derivatives,
     interval_at,
+    largest_shares,
 )
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.scurve import phase_time
 from cnc.kernels.planner.stretches import Stretch
 
 Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 
 RAMP_CELLS = 5
 """Cells in the longest jerk phase of a stretch; the others are about as long in time."""
@@ -52,6 +65,9 @@ COARSEST = 4.0
 TINY = 0.15
 """A phase shorter than this part of a cell becomes part of the cell before."""
 
+
+FAR = 1.5
+"""A cell is cut at the ends of the plan's phases if it exceeds a limit by this factor."""
 
 REACHED = 1.6
 """The refinement may be this much faster than the bound that leaves acceleration for any direction.
@@ -261,14 +277,41 @@ def plan_cells(stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
     cells = empty_cells(number, columns)
     place_cuts(stretch, known, limits, cells, True)
     cells.s[number], cells.v[number], cells.a[number] = stretch.end_s, stretch.end_v, 0.0
-    return with_phases(with_knots(cells, stretch, known, limits), stretch)
+    return with_phases(with_knots(cells, stretch, known, limits), stretch, known, limits)
 
 
 @njit
-def with_phases(cells: Cells, stretch: Stretch) -> Cells:
-    """Return the cells, cut at the ends of the plan's phases where else no motion leads through.
+def far_beyond(
+    cells: Cells, m: int, x: Floats, place: int, known: Intervals, limits: SumLimits
+) -> bool:
+    """Return whether cell ``m`` exceeds a limit by far.
 
-    A cell within one phase has the motion of that phase.
+    Args:
+        cells: the cells with a motion.
+        m: the cell.
+        x: (5,): the motion of the cell, of :func:`cell_phases`.
+        place: an interval near its start.
+        known: the intervals of the path.
+        limits: for the sums.
+    """
+    scratch = np.empty((SCRATCH, len(limits.a)))
+    s, v, a = cells.s[m], cells.v[m], cells.a[m]
+    half = phase_at(x[H], s, v, a, x[J1])[0]
+    worst, _, place = largest_shares(x[H], s, v, a, x[J1], half, place, known, limits, scratch)
+    if worst > FAR:
+        return True
+    worst, _, _ = largest_shares(
+        x[H], half, x[V_MIDDLE], x[A_MIDDLE], x[J2], cells.s[m + 1], place, known, limits, scratch
+    )
+    return bool(worst > FAR)
+
+
+@njit
+def with_phases(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+    """Return the cells, cut at the ends of the plan's phases where they differ too much from it.
+
+    A cell within one phase has the motion of that phase. Through another, there may be no motion,
+    or one that exceeds the limits by far.
     """
     rows = stretch.rows
     n = len(cells.length)
@@ -277,14 +320,19 @@ def with_phases(cells: Cells, stretch: Stretch) -> Cells:
     out = empty_cells(n + stretch.last - stretch.first, cells.q.shape[3])
     count = 0
     r = stretch.first
+    place = interval_at(cells.s[0], np.searchsorted(known.end, cells.s[0]), known.end)
     for m in range(n):
         out.s[count], out.v[count], out.a[count] = cells.s[m], cells.v[m], cells.a[m]
         count += 1
         while r < stretch.last and rows[r]["s"] <= cells.s[m] + NEAR_END:
             r += 1
+        if r == stretch.last or rows[r]["s"] >= cells.s[m + 1] - NEAR_END:
+            continue
         v, a = cells.v, cells.a
         if cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, slope):
-            continue
+            place = interval_at(cells.s[m], place, known.end)
+            if not far_beyond(cells, m, x, place, known, limits):
+                continue
         while r < stretch.last and rows[r]["s"] < cells.s[m + 1] - NEAR_END:
             if rows[r]["s"] > out.s[count - 1] + NEAR_END:
                 out.s[count], out.v[count], out.a[count] = rows[r]["s"], rows[r]["v"], rows[r]["a"]

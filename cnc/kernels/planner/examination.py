@@ -51,6 +51,11 @@ TIGHT = 0.8
 CLEARLY = 1.01
 """A cell is cut at the end of an interval if it exceeds a speed bound by this factor."""
 
+LOWERED = 0.998
+"""A cell whose share of the speed bounds is below this is cut there too: to lower it further would
+not help where the speed is too high between the places at which the bounds are held.
+"""
+
 LEAST_SHARE = 0.3
 """A cell is never allowed less of the limits than this."""
 
@@ -180,7 +185,8 @@ def tighten(
         if sums > 1.0 + TOUCH and not wanted:
             cells.share[m] = max(cells.share[m] * (1.0 - 2.0 * TOUCH) / sums, LEAST_SHARE)
         if speed > 1.0 + TOUCH:
-            if speed > CLEARLY and crossing(cells, m, known, at[m, 0]):
+            again = cells.pace[m] < LOWERED
+            if (speed > CLEARLY or again) and crossing(cells, m, known, at[m, 0]):
                 # Between these cuts the motion has one phase each, so it stays the same.
                 cuts += 1
                 if halfway(cells, m, at[m, 1]) and abs(at[m, 1, 0] - at[m, 0, 0]) > APART:
@@ -196,7 +202,9 @@ def tighten(
                 wanted = False
                 part = 1.0 / (speed * (1.0 + 2.0 * TOUCH))
                 cells.pace[m] *= part
-                if m > 0:
+                if m > 0 and again:
+                    cells.pace[m - 1] *= part
+                elif m > 0:
                     cells.pace[m - 1] = min(cells.pace[m - 1], max(cells.pace[m], part))
         if wanted and halfway(cells, m, at[m, 0]):
             cuts += 1

@@ -8,7 +8,8 @@ holds the limits at four points of a cell. So the search
 2. raises the weight of the time in steps, and keeps the motion of each step;
 3. examines the motion between the points when the weight is large enough. Cells that exceed a
    limit there are cut or allowed less (:mod:`cnc.kernels.planner.examination`), and the descent
-   goes on from the last motion that was kept;
+   goes on from the last motion that was kept, or anew from the first one if only that is inside the
+   limits at the new cuts;
 4. slows the clock until the motion is legal, if it runs out of tries.
 
 A motion that starts or ends at speed keeps that speed: towards such an end the clock is slowed less
@@ -24,11 +25,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import Cells, copy_part, duration_of, with_motion
+from cnc.kernels.planner.cell_motion import (
+    A_MIDDLE,
+    J1,
+    J2,
+    V_MIDDLE,
+    Cells,
+    H,
+    cell_phases,
+    copy_part,
+    duration_of,
+    with_motion,
+)
 from cnc.kernels.planner.cells import describe
-from cnc.kernels.planner.descent import HIGH, TOUCH, centre, merit, system_for
+from cnc.kernels.planner.descent import HIGH, NEAR, TOUCH, centre, merit, system_for
 from cnc.kernels.planner.examination import Shares, examine, passable, tighten, with_cuts
 from cnc.kernels.planner.intervals import Intervals, SumLimits
+from cnc.kernels.planner.phases import phase_at
+from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
@@ -120,6 +134,62 @@ def slowed_to_legal(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
 
 
 @njit
+def moved_to(cells: Cells, known: Cells) -> bool:
+    """Give the cells the motion of others over the same path.
+
+    Args:
+        cells: their speeds and accelerations change, except at both ends.
+        known: cells with a motion, which may be cut elsewhere.
+
+    Returns:
+        Whether that motion leads through each of the others. It is changed a little by cuts that
+        are not between two of its phases.
+    """
+    x = np.empty(5)
+    dx = np.empty((5, 4))
+    s, v, a = known.s, known.v, known.a
+    m = 0
+    for k in range(1, len(cells.length)):
+        place = cells.s[k]
+        while m + 1 < len(known.length) and s[m + 1] <= place:
+            m += 1
+        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], known.length[m], x, dx):
+            return False
+        start, speed, accel, jerk = s[m], v[m], a[m], x[J1]
+        half = phase_at(x[H], start, speed, accel, jerk)[0]
+        if place > half:
+            start, speed, accel, jerk = half, x[V_MIDDLE], x[A_MIDDLE], x[J2]
+        t = phase_time(speed, accel, jerk, x[H], place - start)
+        _, cells.v[k], cells.a[k] = phase_at(t, start, speed, accel, jerk)
+    return True
+
+
+@njit
+def inside_instead(first: Cells, last: Cells, limits: SumLimits) -> bool:
+    """Return whether one motion is inside the limits in the cells in which another is not.
+
+    Args:
+        first: the cells with the one motion.
+        last: the cells with the other.
+        limits: for the sums.
+
+    Returns:
+        False also if the other is inside the limits everywhere.
+    """
+    n = len(last.length)
+    at_first, at_last = system_for(n, HIGH), system_for(n, HIGH)
+    if merit(0, n, first, limits, 0.0, False, at_first)[1] == math.inf:
+        return False
+    used = merit(0, n, last, limits, 0.0, False, at_last)[1]
+    if used < NEAR or used == math.inf:
+        return False
+    inside = True
+    for m in range(n):
+        inside = inside and (at_last.used[m] < NEAR or at_first.used[m] < NEAR)
+    return inside
+
+
+@njit
 def after_violation(
     cells: Cells, found: Cells, shares: Shares, known: Intervals, limits: SumLimits
 ) -> Cells:
@@ -162,6 +232,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         slow_clock(cells, START)
         slow_until(cells, limits, INSIDE)
     good = with_motion(cells, cells.v.copy(), cells.a.copy())
+    first = with_motion(cells, cells.v.copy(), cells.a.copy())
     good_level = -1
     level = tries = failed = 0
     kept = 1
@@ -199,6 +270,10 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
         cells = after_violation(last, cells, shares, known, limits)
         level = max(level - 1, 0)
+        begun = with_motion(cells, cells.v.copy(), cells.a.copy())
+        if moved_to(begun, first) and inside_instead(begun, cells, limits):
+            cells = begun
+            level = 0
         n = len(cells.length)
         if n + 1 != kept_v.shape[1]:
             kept_v, kept_a = np.empty((LEVELS + 2, n + 1)), np.empty((LEVELS + 2, n + 1))

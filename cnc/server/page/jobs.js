@@ -1,6 +1,7 @@
 // Jobs: library, upload, check with findings, program text, run.
 
 import {attempt, get, on, post, put, remove} from "./api.js";
+import * as heights from "./heights.js";
 import {say} from "./machine.js";
 import * as picture from "./picture.js";
 
@@ -14,6 +15,7 @@ export async function begin() {
   element("jobs").addEventListener("change", () => open(element("jobs").value));
   element("upload").addEventListener("change", upload);
   element("check").addEventListener("click", () => attempt(() => check()));
+  element("height-map").addEventListener("change", () => attempt(check));
   element("simulate").addEventListener("click", () => attempt(async () => {
     if (job === null) return;
     await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null});
@@ -27,6 +29,12 @@ export async function begin() {
   element("text").addEventListener("scroll", showText);
   on("jobs", () => attempt(list));
   on("job-checked", event => { if (event.name === job) attempt(showCheck); });
+  on("job-sketched", event => {
+    if (event.name === job) attempt(async () => {
+      const found = await get(path("/sketch"));
+      if (event.name === job && !picture.isWhole()) await picture.show(found, job, {isWhole: false});
+    });
+  });
   on("job-progress", event => {
     if (event.program === job) element("outcome").textContent = event.stage === "checking"
       ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
@@ -88,7 +96,7 @@ async function upload(event) {
 async function check() {
   if (job === null) return;
   element("outcome").textContent = "checking";
-  await post(path("/check"));
+  await post(path("/check"), {height_map: heights.chosen()});
 }
 
 async function showCheck(given) {
@@ -166,7 +174,7 @@ async function run() {
   const from = Number(element("from-line").value) || null;
   picture.restart();
   say("");
-  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked}));
+  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked, height_map: heights.chosen()}));
 }
 
 function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {

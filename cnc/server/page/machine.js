@@ -10,7 +10,7 @@ const PAD = [["x", -1, "y", 1], ["y", 1], ["x", 1, "y", 1], null, ["z", 1],
 const ARROWS = {"x-1": "X −", "x1": "X +", "y1": "Y +", "y-1": "Y −", "z1": "Z +", "z-1": "Z −"};
 const KEY_MAP = [["ArrowRight", {x: 1}, "X +"], ["ArrowLeft", {x: -1}, "X −"], ["ArrowUp", {y: 1}, "Y +"], ["ArrowDown", {y: -1}, "Y −"],
   ["PageUp", {z: 1}, "Z +"], ["PageDown", {z: -1}, "Z −"]];
-const KEEP = 100;  // ms between two signs of life of a jog
+const KEEP = 60;  // ms between two signs of life of a jog
 
 export let machine = {axes: {}};
 export let state = {state: "disconnected", machine: {}, work: {}};

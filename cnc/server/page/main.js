@@ -1,6 +1,7 @@
 // Starts the parts of the page.
 
 import {attempt, listen} from "./api.js";
+import * as heights from "./heights.js";
 import * as jobs from "./jobs.js";
 import * as machine from "./machine.js";
 import * as more from "./more.js";
@@ -24,6 +25,7 @@ for (const button of document.querySelectorAll("nav button")) button.addEventLis
 
 await attempt(async () => {
   await machine.begin();
+  await heights.begin();
   await jobs.begin();
   picture.begin();
   more.begin();

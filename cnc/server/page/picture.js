@@ -2,6 +2,7 @@
 
 /* global Scene, load, packages, upTo, VIEWS, FLOATS, NO_DASH */
 import {on} from "./api.js";
+import {machine} from "./machine.js";
 import {Part, decoded} from "./part.js";
 
 const element = id => document.getElementById(id);
@@ -13,6 +14,7 @@ const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [
 const MOST_REPORTS = 20000;
 const LEFT = 46, BOTTOM = 16, TOP = 6;
 
+let whole = false;  // whether the picture is that of the plan
 let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [];
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -35,6 +37,8 @@ export function begin() {
     }
     redraw();
   });
+  on("dialog", ({kind, approach}) => { if (kind === "restart") showApproach(approach); });
+  on("job-ended", () => showApproach([]));
   pointer(element("space"));
   new ResizeObserver(redraw).observe(element("space"));
 }
@@ -42,10 +46,14 @@ export function begin() {
 /** Forget the picture. */
 export function clear() {
   model = scene = part = job = null;
+  whole = false;
   reports = [];
   element("picture-note").textContent = "";
   redraw();
 }
+
+/** Return whether the path of the check is shown. */
+export const isWhole = () => whole;
 
 /** A run begins: the reported speeds of the last one go. */
 export function restart() {
@@ -53,11 +61,12 @@ export function restart() {
 }
 
 /** Show the toolpath of a job. */
-export async function show(found, name) {
+export async function show(found, name, {isWhole = true} = {}) {
   const stored = new Map(Object.entries(found.columns).map(([key, text]) => [`column-${key}`, text]));
   packages = {has: id => stored.has(id), take: id => stored.get(id)};  // eslint-disable-line no-global-assign
   const loaded = await load(found.about), {about, strokes} = loaded, {origin} = strokes;
   model = loaded;
+  whole = isWhole;
   job = name;
   model.size = Math.max(Math.hypot(...about.extent.map(([low, high]) => high - low)), 1e-3);
   const boxes = [about.extent, about.travel, about.stock].filter(Boolean);
@@ -77,6 +86,18 @@ export async function showPart(found, name) {
   scene.prepare();
   part = new Part(scene.gl, surface);
   scene.look("3d");
+  redraw();
+}
+
+/** Show the moves that lead to the line at which a run begins; places in the order of the axes. */
+function showApproach(places) {
+  if (!scene?.gl) return;
+  const {origin} = model.strokes, letters = Object.keys(machine.axes), at = place => ["x", "y", "z"].map((letter, k) => (place[letters.indexOf(letter)] ?? 0) - origin[k]);
+  const data = places.slice(1).flatMap((place, k) => [...at(places[k]), 0, 0, 0, 0, NO_DASH, ...at(place), 0, 0, 0, 0, NO_DASH]);
+  scene.shown = scene.shown.filter(({isApproach}) => !isApproach);
+  if (data.length) scene.shown.push({data: new Float32Array(data), isApproach: true, whole: true, colour: () => triple(shade("reported"))});
+  element("space").dataset.approach = Math.max(places.length - 1, 0);
+  scene.prepare();
   redraw();
 }
 

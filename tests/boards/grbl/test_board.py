@@ -7,7 +7,6 @@ import random
 import pytest
 
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -20,6 +19,7 @@ from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, LineBoardConformance, feed
 from tests.support.boards.line_reader import lines_with_effects
+from tests.support.boards.simulator_bench import material_below
 from tests.support.soak import share
 
 
@@ -144,7 +144,7 @@ def test_a_long_dwell_and_a_long_move_are_not_faults() -> None:
 
 
 def test_a_probe_returns_its_contact_and_a_miss_is_reported() -> None:
-    simulator = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    simulator = GrblSimulator(environment=material_below(-4.0))
     board = started(simulator)
     feed(board, PREAMBLE, "G38.2 Z-8 F120")
     answer = board.execute(Dwell("p.nc", 2, 0.0), 0)

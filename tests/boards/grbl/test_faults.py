@@ -13,6 +13,7 @@ from dataclasses import replace
 import pytest
 
 from cnc.boards.grbl.events import Reported
+from cnc.boards.grbl.faults import refused
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
     Corrupt,
@@ -191,3 +192,11 @@ def test_queued_lines_do_not_move_after_an_error() -> None:
     assert simulator.position[1] < 0.5
     assert board.position == pytest.approx(simulator.position, abs=0.002)
     assert simulator.core.state == "Idle"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("M36", "[program.codes]"), ("m0117", "[program.codes]"), ("M3", "report")]
+)
+def test_the_advice_for_a_line_is_that_of_its_writer(text: str, said: str) -> None:
+    """The program's own code was passed on; the translator wrote the others."""
+    assert said in refused(20, text, 3, hal=False).diagnostic.hint

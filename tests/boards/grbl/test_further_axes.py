@@ -9,10 +9,15 @@ import pytest
 
 from cnc.api import run
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.messages import Feedback
+from cnc.boards.grbl.operation import read_offsets
+from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
+from cnc.boards.grbl.simulator.report import status_report
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
@@ -92,7 +97,7 @@ def test_the_work_offset_of_a_is_the_boards(four_axes):
 
 def test_a_stop_and_the_probe_keep_a_where_it_is(four_axes):
     board = GrblSimulatorBoard.from_machine(four_axes)
-    board.simulator.core.environment.surface = ((0.0, 0.0, 1.0), -5.0)
+    board.simulator.core.environment.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), -5.0),))
     program = "G21 G90 G0 A90\nG38.2 Z-20 F200\nG91 G0 Z2\nG90\nG38.2 Z-20 F50\nG0 Z5 A0\nM2\n"
     assert run(text(program), four_axes, board=board).ok
     assert board.simulator.position == (0.0, 0.0, 5.0, 0.0)
@@ -117,6 +122,7 @@ def test_settings_and_reports_of_six_axes():
     assert "$105=250.000" in lines and "$133=200.000" in lines
     assert "[AXS:6:XYZABC]" in lines and "[OPT:VNMSL,35,1024,6,0]" in lines
     assert "[G54:0.000,0.000,0.000,0.000,0.000,0.000]" in lines
+    assert bench.reply("$376=7") == "ok"
     assert bench.send("G20 G1 B10 F5 A-2\n", 0.1)[0] == "ok"
     bench.finish()
     # inches do not scale degrees
@@ -126,3 +132,38 @@ def test_settings_and_reports_of_six_axes():
 
 def test_grbl_refuses_a_word_of_a_fourth_axis():
     assert Bench().reply("G1 A10 F100") == "error:20"
+
+
+@pytest.mark.parametrize(
+    ("mask", "reported"),
+    [(1, "0.3937,0.0000,-0.1969,90.000"), (0, "0.3937,0.0000,-0.1969,3.5433")],
+)
+def test_inches_in_reports_do_not_scale_rotary_axes(four_axes, mask, reported):
+    """``$376`` names the rotary axes; by default grblHAL takes A for one more axis of lengths."""
+    settings = {13: 1.0, 376: float(mask)}
+    simulator = GrblSimulator(GRBLHAL.with_axes("XYZA"), settings=settings)
+    simulator.core.environment.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), -5.0),))
+    port = GrblSimulatorPort(simulator)
+    board = GrblBoard(port, four_axes, port.clock, NAME)
+    board.connect()
+    program = "G21 G90 G10 L2 P1 A15\nG0 A75\nG0 X10\nG38.2 Z-20 F100\nG0 Z-5\nM2\n"
+    report = run(text(program), four_axes, board=board)
+    assert report.ok, report.faults
+    assert simulator.position == pytest.approx((10.0, 0.0, -5.0, 90.0), abs=0.01)
+    assert report.end_position == pytest.approx({"x": 10, "y": 0, "z": -5, "a": 90}, abs=0.02)
+    read_offsets(board)
+    assert board.work_offset == pytest.approx((0.0, 0.0, 0.0, 15.0), abs=0.01)
+    assert f"MPos:{reported}" in status_report(simulator.core)
+
+
+@pytest.mark.parametrize(
+    ("info", "expected"),
+    [
+        (BoardInfo("1.1f", hal=True, settings={13: "1", 376: "2"}), (25.4, 25.4, 25.4, 25.4, 1.0)),
+        (BoardInfo("1.1f", hal=True, settings={13: "1"}), (25.4, 25.4, 25.4, 25.4, 25.4)),
+        (BoardInfo("3.7", hal=False, fluid=True, settings={13: "1"}), (25.4, 25.4, 25.4, 1.0, 1.0)),
+    ],
+)
+def test_offsets_are_read_in_the_units_of_their_axes(info, expected):
+    info.take([Feedback("G54", "1,1,1,1,1")])
+    assert info.places["G54"] == expected

@@ -10,7 +10,6 @@ import pytest
 from cnc.boards.grbl.events import SentLine
 from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
 from cnc.boards.grbl.protocol import State
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -26,6 +25,7 @@ from tests.support.boards.grbl_wire import (
     started,
 )
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
+from tests.support.boards.simulator_bench import material_below
 from tests.support.soak import share
 
 END = (4.5, 3.25, 0.0)
@@ -143,7 +143,7 @@ def test_a_board_lost_at_any_time_is_reported(
     ]
     for seed in range(share(60, 8)):
         rng = random.Random(seed)
-        simulator = GrblSimulator(profile, environment=Environment(surface=((0.0, 0.0, 1.0), -2.0)))
+        simulator = GrblSimulator(profile, environment=material_below(-2.0))
         struck = rng.uniform(0.0, 32.0)
         simulator.inject(make(), time=struck)
         error = life(simulator, lines)

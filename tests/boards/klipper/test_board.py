@@ -19,6 +19,7 @@ from tests.support.boards.klipper_rig import (
     MCUS,
     board,
     check_pulses,
+    check_queues,
     machine,
     pins,
     place,
@@ -74,6 +75,7 @@ def test_pins_make_the_planned_steps(small: Path, tmp_path: Path, mcu: str) -> N
     report, simulator = played(small, tmp_path, known)
     assert report.ok, report.faults
     check_pulses(known, simulator, tmp_path, tolerance_us(mcu))
+    check_queues(known, simulator, tmp_path)
     assert simulator.reason == ""
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -26,19 +26,23 @@ from tests.support.waiting import HANG, wait_until
 
 PROGRAM = "G21 G90\nM3 S500\n" + "G1 X8 Y5 F1500\nG3 X0 Y0 I-4 J-2.5\n" * 8 + "M2\n"
 MOMENTS = np.random.default_rng(5).uniform(0.3, 4.0, share(50, 3)).tolist()
-ATTEMPTS = 4
-"""A busy computer may end a run with an underrun before it is killed."""
+ATTEMPTS = 12
+"""A busy computer may end a run with an underrun before it is killed; then the next kill comes in
+half of the motion that this run made.
+"""
 COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
 
 
-def parts(simulator: KlipperSimulator) -> int:
-    """Return the number of recorded parts of the motion."""
-    return sum(len(each) for each in simulator.edges_of.values())
+def made(simulator: KlipperSimulator) -> int:
+    """Return the number of steps so far."""
+    return sum(each.size for parts in list(simulator.edges_of.values()) for each in parts)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
-@pytest.mark.parametrize("wait", np.random.default_rng(7).uniform(0.1, 3.0, share(50, 1)).tolist())
-def test_killed_command(wait: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "steps", np.random.default_rng(7).integers(50, 12_000, share(50, 1)).tolist()
+)
+def test_killed_command(steps: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     known = load_machine("klipper-uno")
     (tmp_path / "p.ngc").write_text(PROGRAM)
     simulator = simulator_for(known)
@@ -60,21 +64,20 @@ def test_killed_command(wait: float, tmp_path: Path, monkeypatch: pytest.MonkeyP
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
-            begun = parts(simulator)
+            begun = made(simulator)
             try:
                 wait_until(
-                    lambda begun=begun, process=process: (  # type: ignore[misc]
-                        parts(simulator) > begun or process.poll() is not None
+                    lambda begun=begun, process=process, steps=steps: (  # type: ignore[misc]
+                        made(simulator) >= begun + steps or process.poll() is not None
                     )
                 )
-                time.sleep(wait)
-                alive = process.poll() is None
             finally:
                 process.kill()
-                process.wait(HANG)
-            if alive:
+                ended = process.wait(HANG)
+            if ended == -signal.SIGKILL:
                 break
-        assert alive
+            steps = max((made(simulator) - begun) // 2, 1)
+        assert ended == -signal.SIGKILL
         killed = simulator.now
         wait_until(lambda: simulator.now > killed + 1.0)
         with server.lock:
@@ -89,6 +92,45 @@ def test_killed_command(wait: float, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert again._position.counts(again._supervisor.read_positions()) == rested
     # A busy computer may have ended the motion on its path before.
     assert again.known_steps in ((None, None, None), tuple(rested))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("steps", share([500, 4000, 9000], []))
+def test_stopped_process(steps: int, tmp_path: Path) -> None:
+    """A process that the system stops for seconds: the motors stop dead, and that is said."""
+    known = load_machine("klipper-uno")
+    (tmp_path / "p.ngc").write_text(PROGRAM)
+    simulator = simulator_for(known)
+    with PtyServer(simulator) as server:
+        command = [*COMMAND, str(tmp_path / "p.ngc"), "--machine", "klipper-uno"]
+        process = subprocess.Popen(
+            [*command, "--port", server.name, "--quiet"],
+            env={**os.environ, "XDG_STATE_HOME": str(tmp_path), "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            wait_until(lambda: made(simulator) >= steps or process.poll() is not None)
+            process.send_signal(signal.SIGSTOP)
+            stopped = simulator.now
+            wait_until(lambda: simulator.now > stopped + 1.0)
+            with server.lock:
+                rested = place(known, simulator)
+            wait_until(lambda: simulator.now > stopped + 2.0)
+            with server.lock:
+                assert place(known, simulator) == rested
+            process.send_signal(signal.SIGCONT)
+            said = process.communicate(timeout=HANG)[1]
+        finally:
+            process.kill()
+            process.wait(HANG)
+        assert place(known, simulator) == rested
+    assert process.returncode == 3
+    assert "stopped without a ramp" in said
+    assert "home the machine" in said
+    if "the machine is at" in said:
+        x, y, _ = (each / 400 for each in rested)
+        assert f"X{x:.6g} Y{y:.6g}" in said
 
 
 @pytest.mark.parametrize(

@@ -371,3 +371,24 @@ def test_a_lathe_drills_along_its_axis() -> None:
 def test_no_feed_and_no_axis() -> None:
     assert error_of("G81 X1 Z-1 R1").code == "feed-missing"
     assert error_of("F60 G18\nG81 X1 Z-1 R1", axes=("x", "z")).code == "axis-missing"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_rotary_axes_turn_before_each_hole(dialect: str) -> None:
+    """They turn with the move to the hole, at R or above, and never while the tool goes down."""
+    repeats = "K" if dialect == "fanuc" else "L"
+    program = (
+        "G21 G90 F600. S1000 M3\nG0 X1. Y2. Z0. C0.\nG99 G81 X4. Y5. Z-1. R1. C30.\nC60.\n"
+        f"G98 X5. C90.\nG80 G0 Z3.\nG91 G99 G81 X2. Z-2. R-1. C-15. {repeats}2\nG90 G80\nM30"
+    )
+    found = block_summaries(program, dialect=dialect, axes=("x", "y", "z", "c"))
+    expected = ["spindle cw 1000", "rapid 1 2 0 0", "rapid 1 2 1 0"]
+    for x, turned, top, bottom, end in (
+        (4, 30, 1, -1, 1), (4, 60, 1, -1, 1), (5, 90, 1, -1, 1)
+    ):  # fmt: skip
+        expected += [f"rapid {x} 5 {top} {turned}", f"line {x} 5 {bottom} {turned} F600"]
+        expected += [f"rapid {x} 5 {end} {turned}"]
+    expected += ["rapid 5 5 3 90", "rapid 7 5 3 75", "rapid 7 5 2 75", "line 7 5 0 75 F600"]
+    expected += ["rapid 7 5 2 75", "rapid 9 5 2 60", "line 9 5 0 60 F600", "rapid 9 5 2 60"]
+    assert found[: len(expected)] == expected
+    assert not [row for row in found[len(expected) :] if row.startswith(("rapid", "line"))]

@@ -192,7 +192,7 @@ CASES: dict[str, tuple[str, str]] = {
     "torn apart": ("nurbs-position-jump", "F60\nBSPLINE SD=2\nX1\nX2\nX3 PL=0\nX4 ¦PL=0\nX5\nM2"),
     "all empty": ("nurbs-end-multiplicity", "F60\nBSPLINE SD=2\nX1 PL=0\nX2 ¦PL=0\nX3 PL=0\nM2"),
     "degree inside": ("nurbs-foreign-word", "F60\nBSPLINE\nX1 ¦SD=2"),
-    "rotary axis": ("nurbs-rotary-axis", "F60\nBSPLINE\nX1 ¦A1"),
+    "rotary axis of another machine": ("axis-missing", "F60\nBSPLINE\nX1 ¦B1"),
     "parallel axis": ("nurbs-foreign-word", "F60\nBSPLINE\nX1 ¦U1"),
     "feed inside": ("nurbs-foreign-word", "F60\nBSPLINE\nX1\nX2 ¦F90"),
     "spindle inside": ("nurbs-foreign-word", "F60\nBSPLINE\nX1\n¦M3 S100"),

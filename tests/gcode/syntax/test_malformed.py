@@ -214,8 +214,8 @@ CASES: dict[str, tuple[str, str]] = {
     "too few points": ("nurbs-too-few-points", "G06.2 K2 U0 X0 F60\nU0 X1\n¦U1"),
     "another axis": ("nurbs-mixed-axes", PAPER + "U0 X1 ¦Z1"),
     "another axis after a borrowed start": ("nurbs-mixed-axes", "G06.2 P2 F60\nK0 X1\nK1 ¦Y1"),
-    "rotary axis": ("nurbs-rotary-axis", PAPER + "U0 X1 ¦A5"),
-    "rotary axis in the first line": ("nurbs-rotary-axis", "G06.2 P2 K0 X0 ¦B0 F60"),
+    "rotary axis": ("nurbs-mixed-axes", PAPER + "U0 X1 ¦A5"),
+    "rotary axis in the first line": ("axis-missing", "G06.2 P2 K0 X0 ¦B5 F60"),
     "linear axis named like nothing here": ("nurbs-foreign-word", PAPER + "U0 X1 ¦V5"),
     "feed inside": ("nurbs-foreign-word", PAPER + "U0 X1 ¦F90"),
     "spindle inside": ("nurbs-foreign-word", PAPER + "U0 X1 ¦M3"),
@@ -286,11 +286,12 @@ profile-line profile-missing profile-not-monotone profile-place profile-start pr
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-unopened program-for-lathe program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
-feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
+feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
+unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn
-tool-direction singular-pose
+tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

@@ -121,6 +121,29 @@ def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:
     return -counted if backward else counted
 
 
+def check_queues(known: Machine, simulator: KlipperSimulator, folder: Path) -> None:
+    """Check that the queued times are those of the plan, within the tolerance and a tick.
+
+    The processor then makes a step at most the time of one step of each other motor later.
+    """
+    assert known.board.klipper is not None
+    with np.load(folder / "pulses.npz") as planned:
+        time_ns, step = planned["time_ns"], planned["step"]
+    frequency, offsets = simulator.firmware.frequency, []
+    for column, letter in enumerate(known.axes):
+        rows = np.flatnonzero(step[:, column])
+        pin = simulator.pin(getattr(pins(known), letter).step[0].lstrip("!"))
+        if len(rows):
+            due = np.concatenate(simulator.due_of[pin])
+            offsets.append(due - time_ns[rows] * 1e-9 * frequency)
+            delays = steps_of(known, simulator, letter)[0] - due
+            assert delays.min() >= 0
+            assert delays.max() <= len(known.axes) * simulator.firmware.step_ticks
+    late = np.concatenate(offsets)
+    tolerance = known.board.klipper.tolerance_us * 1e-6 * frequency
+    assert late.max() - late.min() <= 2.0 * (tolerance + 1.0)
+
+
 def check_pulses(
     known: Machine, simulator: KlipperSimulator, folder: Path, tolerance_us: float
 ) -> None:

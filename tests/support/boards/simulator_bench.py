@@ -4,6 +4,7 @@ from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 
 BYTE = 10 / 115200
 """Time of a byte on the wire, s."""
@@ -20,6 +21,11 @@ HOMING = {
     122: 500.0,
 }
 """Settings of a fast machine that can home."""
+
+
+def material_below(level: float) -> Environment:
+    """Return an environment with material below a height of Z, mm."""
+    return Environment(workpiece=Workpiece((HalfSpace((0.0, 0.0, 1.0), level),)))
 
 
 class Bench:

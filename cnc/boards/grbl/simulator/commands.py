@@ -11,6 +11,7 @@ from dataclasses import replace
 from cnc.boards.grbl.simulator import report
 from cnc.boards.grbl.simulator.core import BUSY, Core, Wait
 from cnc.boards.grbl.simulator.eeprom import LONGEST_TEXT, STARTUP_LINES
+from cnc.boards.grbl.simulator.firmware_profile import TOOL_CHANGE_MODE
 from cnc.boards.grbl.simulator.line_check import check_line
 from cnc.boards.grbl.simulator.modal import NUMBER, Modes, Refused, sort_words
 from cnc.boards.grbl.simulator.motion import home, move_to, perform, within_travel, write_eeprom
@@ -21,6 +22,10 @@ REPORTS: dict[str, Callable[[Core], list[str]]] = {
     "I": report.build_info,
     "N": report.startup_lines,
 }
+LARGEST_NUMBER = {"grbl": 255, "grblhal": 65535, "fluidnc": 255}
+"""Largest number of a setting."""
+MEASURING = (1, 2, 3)
+"""Tool change modes that measure the tool; they are not modelled."""
 JOG_COMMANDS = {"distance", "units", "other"}
 
 
@@ -46,6 +51,10 @@ def system_command(core: Core, text: str) -> Answer:
 
 def _command_at_rest(core: Core, body: str) -> Answer:
     """Carry out a command that needs state Idle or Alarm."""
+    if body == "ES" and core.profile.name == "grblhal":
+        return (yield from _print(core, report.enumerated_settings(core)))
+    if body == "I+" and core.profile.name == "grblhal":
+        body = "I"
     if body in REPORTS:
         return (yield from _print(core, REPORTS[body](core)))
     if body == "H":
@@ -146,7 +155,9 @@ def _set(core: Core, body: str) -> Answer:
         return 2
     rest = body[number.end() :]
     value = NUMBER.fullmatch(rest[1:])
-    if not rest.startswith("=") or float(number.group()) not in range(256):
+    if not rest.startswith("=") or float(number.group()) not in range(
+        LARGEST_NUMBER[core.profile.name] + 1
+    ):
         return 3
     if value is None:
         return 2
@@ -185,6 +196,9 @@ def run_line(core: Core, text: str) -> Answer:
         line = check_line(text, core.modes, core.place)
     except Refused as refused:
         return refused.code
+    if line.changes_tool and core.setting[TOOL_CHANGE_MODE] in MEASURING:
+        # as in a build with a compatibility level of 2
+        return 20
     yield from perform(core, line)
     return 0
 
@@ -208,7 +222,7 @@ def _jog(core: Core, body: str) -> Answer:
         return 3
     try:
         axes = set(core.profile.axes)
-        found = sort_words(body[1:], core.profile.mist, core.profile.axes)
+        found = sort_words(body[1:], core.profile.codes, core.profile.axes)
         if not set(found.values) & axes and not set(found.commands) - JOG_COMMANDS:
             return 26
         if not found.values.get("F"):

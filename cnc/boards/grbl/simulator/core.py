@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from cnc.boards.grbl.simulator.eeprom import Eeprom
 from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import STEPS, FirmwareProfile
+from cnc.boards.grbl.simulator.firmware_profile import ROTARY, STEPS, FirmwareProfile
 from cnc.boards.grbl.simulator.line_check import ParserPosition
 from cnc.boards.grbl.simulator.modal import Modes
 from cnc.boards.grbl.simulator.planner import Move, Planner, Point
@@ -138,6 +138,15 @@ class Core:
         return tuple(self.setting[first + axis] for axis in range(len(self.profile.axes)))
 
     @property
+    def rotary(self) -> frozenset[int]:
+        """Numbers of the rotary axes: A, B and C on FluidNC, and what ``$376`` names on grblHAL."""
+        further = range(3, len(self.profile.axes))
+        if self.profile.name == "fluidnc":
+            return frozenset(further)
+        mask = int(self.setting.get(ROTARY, 0.0))
+        return frozenset(axis for axis in further if mask >> (axis - 3) & 1)
+
+    @property
     def origin(self) -> Point:
         """Zero of each axis."""
         return (0.0,) * len(self.profile.axes)
@@ -154,8 +163,9 @@ class Core:
             self.parsed,
             self.eeprom.systems | {"G92": self.shift},
             self.tool_length,
-            self.profile.mist,
+            self.profile.codes,
             self.profile.axes,
+            self.rotary,
         )
 
     @property

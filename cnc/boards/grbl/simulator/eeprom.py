@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 
-from cnc.boards.grbl.simulator.firmware_profile import RATES, STEPS
+from cnc.boards.grbl.simulator.firmware_profile import RATES, ROTARY, STEPS, TOOL_CHANGE_MODE
 from cnc.boards.grbl.simulator.modal import Refused
 from cnc.boards.grbl.simulator.planner import Point
 
@@ -17,7 +17,7 @@ SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
 STARTUP_LINES = 2
 LONGEST_TEXT = 79
 """Characters of a start-up line or of the build info."""
-WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
+WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32, TOOL_CHANGE_MODE, ROTARY)
 """Settings that are a byte, a mask or a switch."""
 NO_DECIMALS = (*WHOLE, 30, 31)
 SWITCHES = (4, 5, 6, 13, 20, 21, 22, 32)

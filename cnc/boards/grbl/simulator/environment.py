@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cnc.boards.grbl.simulator.planner import Move, Point
+from cnc.boards.grbl.simulator.workpiece import NEAR, Workpiece
 
 AXES = "XYZ"
 
@@ -24,8 +25,7 @@ class Environment:
         offset: True position minus machine position, mm.
         broken: Axes whose switch never trips.
         stuck: Axes whose switch never lets go.
-        surface: (normal, distance): the probe touches where normal . machine position <= distance;
-            None without a workpiece.
+        workpiece: What the probe touches, in machine positions; None without one.
         door_open: Whether the safety door is open.
     """
 
@@ -34,7 +34,7 @@ class Environment:
     offset: Point = (-100.0, -100.0, -100.0)
     broken: set[str] = field(default_factory=set)
     stuck: set[str] = field(default_factory=set)
-    surface: tuple[Point, float] | None = None
+    workpiece: Workpiece | None = None
     door_open: bool = False
 
     @classmethod
@@ -44,21 +44,11 @@ class Environment:
 
     def touches(self, position: Point) -> bool:
         """Return whether the probe touches at a machine position."""
-        if self.surface is None:
-            return False
-        normal, distance = self.surface
-        return sum(n * p for n, p in zip(normal, position, strict=False)) <= distance + 1e-9
+        return self.workpiece is not None and self.workpiece.distance(position) <= NEAR
 
     def contact(self, move: Move, towards: bool) -> float | None:
         """Return the path length of a block at which the probe touches or lets go."""
-        if self.surface is None:
-            return None
-        normal, distance = self.surface
-        rate = sum(n * u for n, u in zip(normal, move.unit, strict=False))
-        if rate == 0.0 or (rate < 0.0) != towards:
-            return None
-        along = (distance - sum(n * p for n, p in zip(normal, move.start, strict=False))) / rate
-        return along if 0.0 <= along < move.length else None
+        return None if self.workpiece is None else self.workpiece.contact(move, towards)
 
     def switch(self, move: Move) -> float | None:
         """Return the path length of a block at which the first switch trips; None without.

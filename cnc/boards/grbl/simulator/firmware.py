@@ -114,6 +114,10 @@ class Firmware:
         """Read lines, and answer them."""
         core, ring, buffer = self.core, self.core.receiver.ring, self.buffer
         while True:
+            if core.state == "Tool":
+                # No line is read until a cycle start ends the tool change.
+                yield Wait(lambda: core.state != "Tool")
+                continue
             if core.flushed and not self.complete:
                 core.flushed = False
                 buffer.clear()

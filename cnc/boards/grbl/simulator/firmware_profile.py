@@ -6,6 +6,10 @@ from dataclasses import dataclass, field, replace
 
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; Y and Z follow. Steps/mm, mm/min, mm/s^2, mm."""
+TOOL_CHANGE_MODE = 341
+"""grblHAL: 0 waits for the operator, 4 ignores M6; 1 to 3 measure the tool."""
+ROTARY = 376
+"""Mask of the rotary axes on grblHAL; bit 0 is the fourth axis. Inches do not scale these."""
 GRBL_SETTINGS: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0,
     20: 0, 21: 0, 22: 0, 23: 0, 24: 25.0, 25: 500.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0,
@@ -35,7 +39,7 @@ class FirmwareProfile:
         estop_alarm: Number of the alarm of the emergency stop.
         alarm_s: Time after an alarm's message during which the main program is busy, s.
         line_numbers: Whether ``Ln:`` is reported.
-        mist: Whether M7 is compiled in.
+        codes: M7 where mist is compiled in; M6 where the program may change tools.
         variable_spindle: Whether the spindle has a speed.
         max_step_rate_hz: Highest step rate that settings may need; None: not checked, as in GRBL.
         build_lines: Additional lines of the answer to ``$I``.
@@ -62,7 +66,7 @@ class FirmwareProfile:
     estop_alarm: int | None
     alarm_s: float = 0.0
     line_numbers: bool = True
-    mist: bool = False
+    codes: frozenset[str] = frozenset()
     variable_spindle: bool = True
     max_step_rate_hz: float | None = None
     build_lines: tuple[str, ...] = ()
@@ -84,6 +88,8 @@ class FirmwareProfile:
             f"[AXS:{len(letters)}:{letters}]" if line.startswith("[AXS:") else line
             for line in self.build_lines
         )
+        if self.name == "grblhal" and len(letters) > 3:
+            further[ROTARY] = 0
         settings = dict(sorted((self.settings | further).items()))
         return replace(self, axes=letters, build_lines=build_lines, settings=settings)
 
@@ -122,9 +128,16 @@ GRBLHAL = FirmwareProfile(
     pairs_line_ends=True,
     eeprom_blinds=False,
     estop_alarm=10,
-    mist=True,
+    codes=frozenset(("M6", "M7")),
     jog_cancel_flushes=True,
-    build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:simulator]"),
+    build_lines=(
+        "[AXS:3:XYZ]",
+        "[NEWOPT:ENUMS,RT+,TC]",
+        "[FIRMWARE:grblHAL]",
+        "[SIGNALS:HSEP]",
+        "[DRIVER:simulator]",
+    ),
+    settings=GRBL_SETTINGS | {TOOL_CHANGE_MODE: 0},
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
 

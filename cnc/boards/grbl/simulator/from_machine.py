@@ -8,6 +8,7 @@ from cnc.boards.grbl.simulator.firmware_profile import (
     GRBL_SETTINGS,
     GRBLHAL,
     RATES,
+    ROTARY,
     STEPS,
     TRAVELS,
     FirmwareProfile,
@@ -41,7 +42,10 @@ def settings_of(machine: Machine) -> dict[int, float]:
     settings: dict[int, float] = {32: 1.0} if machine.kind == "laser" else {}
     if machine.can_home:
         settings |= _homing(machine)
-    for column, letter in enumerate(AXIS_LETTERS[: len(axes_of(machine))]):
+    letters = axes_of(machine)
+    if len(letters) > 3:
+        settings[ROTARY] = float((1 << (len(letters) - 3)) - 1)
+    for column, letter in enumerate(AXIS_LETTERS[: len(letters)]):
         axis = machine.axes.get(letter)
         if axis is None:
             continue

@@ -51,6 +51,7 @@ class CheckedLine:
         number: The N word; 0 without.
         flow: M0, M1, M2 or M30.
         coolant: M7, M8 or M9.
+        changes_tool: Whether it has M6.
         length_offset: New tool length; None without.
         select: New coordinate system.
         store: Coordinate system that G10 stores.
@@ -72,6 +73,7 @@ class CheckedLine:
     number: int = 0
     flow: str = ""
     coolant: str = ""
+    changes_tool: bool = False
     length_offset: float | None = None
     select: str = ""
     store: str = ""
@@ -87,15 +89,17 @@ class ParserPosition:
         position: Machine position, mm.
         stored: Stored offsets by name (G54.., G28, G30, G92), mm.
         length: Tool length, mm.
-        mist: Whether M7 is compiled in.
+        codes: Codes that only some builds have.
         axes: Letters of the axes.
+        rotary: Numbers of the axes that inches do not scale.
     """
 
     position: Point
     stored: dict[str, Point]
     length: float
-    mist: bool = False
+    codes: frozenset[str] = frozenset()
     axes: str = AXES
+    rotary: frozenset[int] = frozenset()
 
     def offset(self, coordinates: str) -> Point:
         """Return the work offset: system, G92 and tool length together (interface.md, WCO)."""
@@ -106,12 +110,12 @@ class ParserPosition:
 
 def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
     """Return the line with its effect; Refused if anything in it is wrong."""
-    found = sort_words(text, place.mist, place.axes)
+    found = sort_words(text, place.codes, place.axes)
     number = found.use("N")
     line = CheckedLine(modes, number=int(number or 0))
     modes = _set_modes(line, found)
     scale = MM_PER_INCH if modes.units == "G20" else 1.0
-    _set_words(line, found, modes, scale, place.axes)
+    _set_words(line, found, modes, scale, place)
     other = found.commands.get("other", "")
     if other == "G4":
         line.dwell = found.use("P")
@@ -143,14 +147,13 @@ def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
 
 
 def _set_words(
-    line: CheckedLine, found: SortedWords, modes: Modes, scale: float, axes: str
+    line: CheckedLine, found: SortedWords, modes: Modes, scale: float, place: ParserPosition
 ) -> None:
-    given = [found.values.get(axis) for axis in axes]
+    given = [found.values.get(axis) for axis in place.axes]
     line.axes = frozenset(index for index, value in enumerate(given) if value is not None)
-    # Rotary axes are in degrees.
     line.words = tuple(
-        None if value is None else value * (scale if axis in AXES else 1.0)
-        for axis, value in zip(axes, given, strict=True)
+        None if value is None else value * (1.0 if index in place.rotary else scale)
+        for index, value in enumerate(given)
     )
     line.relative = modes.distance == "G91"
 
@@ -170,6 +173,7 @@ def _set_modes(line: CheckedLine, found: SortedWords) -> Modes:
     commands, modes = found.commands, line.modes
     line.flow, line.coolant = commands.get("flow", ""), commands.get("coolant", "")
     line.select = commands.get("coordinates", "")
+    line.changes_tool = "tool" in commands
     line.sets_spindle = "spindle" in commands or found.values.get("S", modes.speed) != modes.speed
     coolant = line.coolant
     return replace(

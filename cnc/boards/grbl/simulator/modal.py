@@ -25,6 +25,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "path": ("G61",),
     "flow": ("M0", "M1", "M2", "M30"),
     "spindle": ("M3", "M4", "M5"),
+    "tool": ("M6",),
     "coolant": ("M7", "M8", "M9"),
 }
 """The modal groups (commands.md, ``$G``), and the words that hold for one line."""
@@ -117,12 +118,22 @@ def words(text: str) -> list[tuple[str, float]]:
     return found
 
 
-def sort_words(text: str, mist: bool, axes: str = AXES) -> SortedWords:
-    """Return commands and values of a line. Errors 4, 20, 21, 23 to 25, 27, 29, 38."""
+OPTIONAL = frozenset(("M6", "M7"))
+"""Codes that some builds do not have."""
+
+
+def sort_words(text: str, codes: frozenset[str] = frozenset(), axes: str = AXES) -> SortedWords:
+    """Return commands and values of a line. Errors 4, 20, 21, 23 to 25, 27, 29, 38.
+
+    Args:
+        text: The line without spaces.
+        codes: Those of OPTIONAL that the firmware has.
+        axes: Letters of its axes.
+    """
     line = SortedWords()
     for letter, value in words(text):
         if letter in "GM":
-            _add_command(line, letter, value, mist)
+            _add_command(line, letter, value, codes)
         else:
             _add_value(line, letter, value, axes)
     if line.values.get("N", 0.0) > LARGEST_LINE_NUMBER:
@@ -132,9 +143,9 @@ def sort_words(text: str, mist: bool, axes: str = AXES) -> SortedWords:
     return line
 
 
-def _add_command(line: SortedWords, letter: str, value: float, mist: bool) -> None:
+def _add_command(line: SortedWords, letter: str, value: float, codes: frozenset[str]) -> None:
     word = f"{letter}{value:g}"
-    if word not in GROUP_OF or (word == "M7" and not mist):
+    if word not in GROUP_OF or word in OPTIONAL - codes:
         raise Refused(_unknown(letter, value))
     group = GROUP_OF[word]
     if word in WITH_AXES and any(other in WITH_AXES for other in line.commands.values()):

@@ -11,7 +11,12 @@ from dataclasses import replace
 
 from cnc.boards.grbl.simulator.arcs import chords
 from cnc.boards.grbl.simulator.core import BUSY, Core, Program, Wait
-from cnc.boards.grbl.simulator.firmware_profile import ACCELERATIONS, RATES, TRAVELS
+from cnc.boards.grbl.simulator.firmware_profile import (
+    ACCELERATIONS,
+    RATES,
+    TOOL_CHANGE_MODE,
+    TRAVELS,
+)
 from cnc.boards.grbl.simulator.line_check import CheckedLine
 from cnc.boards.grbl.simulator.modal import PLANES, Modes
 from cnc.boards.grbl.simulator.planner import Move, Point, smallest_over_axes
@@ -22,6 +27,8 @@ PLAN_TIME = 0.0021
 """
 LEAST_FEED = 1.0 / 60.0
 """mm/s: lowest possible feed."""
+IGNORED = 4
+"""Tool change mode in which M6 does nothing."""
 SEARCH, LOCATE = 1.5, 5.0
 """Homing looks for a switch over 1.5 travels, then over 5 pull-offs (interface.md, ALARM:9)."""
 
@@ -111,6 +118,8 @@ def perform(core: Core, line: CheckedLine) -> Program:
     before, core.modes = core.modes, line.modes
     modes = line.modes
     check = core.state == "Check"
+    if line.changes_tool and not check:
+        yield from _change_tool(core)
     if not check:
         yield from _outputs(core, line, before, modes)
     if line.dwell is not None and not check:
@@ -124,6 +133,18 @@ def perform(core: Core, line: CheckedLine) -> Program:
     yield from _act(core, line)
     if line.flow:
         yield from _end_or_pause(core, line.flow, check)
+
+
+def _change_tool(core: Core) -> Program:
+    """Carry out M6: wait for the operator in state Tool. The line is answered at once.
+
+    Source: "Manual tool change protocol" of grblHAL's wiki, and its settings ``$341``.
+    """
+    if core.setting[TOOL_CHANGE_MODE] == IGNORED:
+        return
+    yield from synchronize(core)
+    core.note("tool", str(core.modes.tool))
+    core.state = "Tool"
 
 
 def _outputs(core: Core, line: CheckedLine, before: Modes, modes: Modes) -> Program:

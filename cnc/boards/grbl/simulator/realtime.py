@@ -5,6 +5,7 @@ Each is noted as its byte arrives, and carried out when the main program next se
 Idle --queued motion--> Run --!--> Hold:1 --at rest--> Hold:0 --~--> Run or Idle
 any of these --0x84--> Door:2 --at rest--> Door:0 (Door:1 while the door is open)
 Door:0 --~--> Door:3 --> Run or Idle
+Idle --M6 (grblHAL)--> Tool --~--> Idle
 Jog --! or 0x85--> at rest, the queue dropped --> Idle
 """
 
@@ -177,6 +178,9 @@ def _serve_start(core: Core) -> None:
     core.flags.start = False
     if core.state == "Idle":
         core.start_cycle()
+    elif core.state == "Tool":
+        core.note("resume")
+        core.state = "Idle"
     elif core.state == "Hold" and core.hold_complete and not core.resuming:
         if core.spindle_stopped:
             core.spindle_stopped = False
@@ -227,7 +231,7 @@ def _override(core: Core, byte: int) -> None:
     elif byte == SPINDLE_STOP and core.state == "Hold" and core.modes.spindle != "M5":
         core.spindle_stopped = not core.spindle_stopped
         core.set_spindle("M5" if core.spindle_stopped else core.modes.spindle, core.modes.speed)
-    elif (byte == FLOOD or (byte == MIST and core.profile.mist)) and core.state in (
+    elif (byte == FLOOD or (byte == MIST and "M7" in core.profile.codes)) and core.state in (
         "Idle",
         "Run",
         "Hold",

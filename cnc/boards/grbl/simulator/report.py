@@ -11,6 +11,17 @@ MOVING = ("Run", "Hold", "Jog", "Home", "Door")
 OFFSET_REFRESH = {True: 30, False: 10}
 OVERRIDE_REFRESH = {True: 20, False: 10}
 """Reports from one WCO (Ov) field to the next, with and without motion."""
+NAMES = {
+    0: ("Step pulse time", "microseconds"),
+    11: ("Junction deviation", "millimeters"),
+    12: ("Arc tolerance", "millimeters"),
+    22: ("Homing cycle", ""),
+    30: ("Maximum spindle speed", "RPM"),
+    110: ("X-axis maximum rate", "mm/min"),
+    341: ("Tool change mode", ""),
+    376: ("Rotary axes", ""),
+}
+"""Name and unit of some settings, as grblHAL prints them."""
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
 
 
@@ -111,6 +122,15 @@ def settings_list(core: Core) -> list[str]:
     return [setting_text(number, value) for number, value in core.setting.items()]
 
 
+def enumerated_settings(core: Core) -> list[str]:
+    """Return grblHAL's answer to ``$ES``: number, group, name, unit, type, format, limits."""
+    return [
+        f"[SETTING:{number}|0|{NAMES[number][0]}|{NAMES[number][1]}|6|##0.000|||0|0]"
+        for number in core.setting
+        if number in NAMES
+    ]
+
+
 def startup_lines(core: Core) -> list[str]:
     """Return the answer to ``$N``."""
     return [f"$N{index}={text}" for index, text in enumerate(core.eeprom.startup)]
@@ -133,7 +153,11 @@ def _length(core: Core, value: float) -> str:
 
 
 def _lengths(core: Core, point: Point) -> str:
-    return ",".join(_length(core, value) for value in point)
+    """Return the values of the axes; rotary ones are in degrees in any case."""
+    return ",".join(
+        f"{value:.3f}" if axis in core.rotary else _length(core, value)
+        for axis, value in enumerate(point)
+    )
 
 
 def _minus(a: Point, b: Point) -> Point:

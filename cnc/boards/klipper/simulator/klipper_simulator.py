@@ -42,6 +42,8 @@ class KlipperSimulator:
         cable: The cable.
         levels: Level of each input pin by its number, or a function that gives it.
         uarts, spi: Motor drivers at UART pins and at chip selects.
+        due_of: Clocks at which these steps were due by the queues: the processor makes one step
+            after the other.
         edges_of: Clocks of the steps of each motor by its step pin, as :meth:`edges` joins them.
         history: Changes of outputs: clock, pin, value.
         reason: Reason of the shutdown, "" while there is none.
@@ -66,6 +68,7 @@ class KlipperSimulator:
         self.history: list[tuple[int, int, int]] = []
         self.uarts: dict[int, UartModel] = {}
         self.spi: dict[int, DriverModel] = {}
+        self.due_of: dict[int, list[NDArray[np.int64]]] = {}
         self.edges_of: dict[int, list[NDArray[np.int64]]] = {}
         self.positions: dict[int, int] = {}
         self.blocks_refused = 0
@@ -182,6 +185,7 @@ class KlipperSimulator:
         for part, pin in zip(parts, pins, strict=True):
             end = begin + len(part)
             sign = np.where(part < 0, -1, 1)
+            self.due_of.setdefault(pin, []).append(np.abs(part))
             self.edges_of.setdefault(pin, []).append(actual[begin:end] * sign)
             begin = end
         if late > LATE_S * self.firmware.frequency:

@@ -3,7 +3,7 @@
 import pytest
 
 from cnc.boards.grbl.simulator.environment import Environment
-from tests.support.boards.simulator_bench import HOMING, Bench
+from tests.support.boards.simulator_bench import HOMING, Bench, material_below
 
 
 def locked(bench):
@@ -74,7 +74,7 @@ def test_a_reset_during_braking_raises_an_alarm():
 
 
 def test_alarm_4_probe_touches_already():
-    bench = Bench(environment=Environment(surface=((0.0, 0.0, 1.0), 0.0)))
+    bench = Bench(environment=material_below(0.0))
     assert bench.send("G38.2Z-10F100\n", 3.0) == ["ALARM:4", "ok"]
     assert bench.reply("G0X1") == "error:9"
     assert Bench().send("G38.4Z-10F100\n", 3.0) == ["ALARM:4", "ok"]

@@ -2,15 +2,12 @@
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
-from tests.support.boards.simulator_bench import HOMING, Bench
-
-SURFACE = ((0.0, 0.0, 1.0), -5.0)
+from tests.support.boards.simulator_bench import HOMING, Bench, material_below
 
 
 def test_probe_touches():
-    bench = Bench(environment=Environment(surface=SURFACE))
+    bench = Bench(environment=material_below(-5.0))
     heard = bench.send("G38.2Z-10F100\n", 10.0)
     assert heard == ["[PRB:0.000,0.000,-5.000:1]", "ok"]
     assert -5.3 < bench.simulator.position[2] < -5.0

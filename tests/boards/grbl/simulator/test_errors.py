@@ -18,7 +18,7 @@ ERRORS = [
     (10, "$20=1"),
     (3, "$J"), (3, "$JX1F10"), (35, "$J=G2X1F10"), (36, "$J=X1F10S5"), (16, "$J=M3X1F10"),
     (16, "$J=G2X1I0.5F10"),
-    (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"),
+    (20, "G5X1"), (20, "G64"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"),
     (20, "G81"),
     (21, "G17G18"), (21, "M3M5"), (21, "G54G55"), (21, "G90G91"), (21, "M8M9"), (21, "G20G21"),
     (21, "G93G94"), (21, "G80G80"),
@@ -42,8 +42,8 @@ ERRORS = [
     (38, "T256"),
 ]  # fmt: skip
 
-ON_GRBL_ALONE = [(20, "M7"), (11, "G1" + "X1" * 50)]
-"""grblHAL has mist, and longer lines."""
+ON_GRBL_ALONE = [(20, "M6"), (20, "M7"), (11, "G1" + "X1" * 50)]
+"""grblHAL has tool changes, mist, and longer lines."""
 EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [
     (GRBLHAL, *error) for error in ERRORS
 ]

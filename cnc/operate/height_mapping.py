@@ -1,0 +1,165 @@
+"""Probing of a surface on a grid: the program that probes, and the height map of its contacts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from cnc.machine.height_map import LEAST_TOLERANCE, MOST_POINTS, TOLERANCE, HeightMap
+from cnc.model.choices import Interpolation
+from cnc.model.diagnostics import EXIT_BOARD, BoardError, CncError, Diagnostic, UsageError
+from cnc.operate.events import JobEnded
+
+HEIGHT_MAP = "height map"
+"""Name of the activity in the events."""
+FIRST_PARAMETER = 31
+MOST_CONTACTS = 4900
+"""Contacts of one grid: each has a numbered parameter, #31 to #4930."""
+FARTHEST = 10.0
+"""Largest distance of the surface from the work zero, mm. Beyond it, Z was not set here."""
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """A grid to probe, in work coordinates.
+
+    Attributes:
+        x: Lowest and highest X, mm.
+        y: Lowest and highest Y, mm.
+        step: Largest distance of two points, mm.
+        clear: Z of the moves between the points, mm.
+        depth: Lowest Z of the contact, mm below the work zero.
+        feed: Speed of the contact, mm/min.
+        zero: Whether the first contact becomes Z zero of the coordinate system.
+        interpolation: Heights between the points.
+        tolerance: Largest distance of the pieces of a move from the warped move, mm.
+    """
+
+    x: Span
+    y: Span
+    step: float = 10.0
+    clear: float = 2.0
+    depth: float = 2.0
+    feed: float = 60.0
+    zero: bool = False
+    interpolation: Interpolation = "bilinear"
+    tolerance: float = TOLERANCE
+
+    def check(self) -> None:
+        """Raise UsageError ``height-map-grid`` for a grid that cannot be probed."""
+        values = (*self.x, *self.y, self.step, self.clear, self.depth, self.feed)
+        wrong = ""
+        if not all(map(math.isfinite, values)):
+            wrong = "a value is not a number"
+        elif self.x[1] - self.x[0] <= 0.0 or self.y[1] - self.y[0] <= 0.0:
+            wrong = "the area is empty: give the lowest value of each axis first"
+        elif min(self.step, self.clear, self.depth, self.feed) <= 0.0:
+            wrong = "step, clear, depth and feed must be greater than 0"
+        elif not LEAST_TOLERANCE <= self.tolerance <= 1.0:
+            wrong = f"the tolerance must be {LEAST_TOLERANCE:g} to 1 mm"
+        elif max(self._counts()) > MOST_POINTS or math.prod(self._counts()) > MOST_CONTACTS:
+            columns, rows = self._counts()
+            wrong = f"{columns} x {rows} points are more than {MOST_CONTACTS}"
+        if wrong:
+            hint = "such as X0:100 Y0:60 --step 10 --clear 2 --depth 2 --feed 60"
+            raise UsageError(Diagnostic("height-map-grid", wrong, hint=hint))
+
+    def _counts(self) -> tuple[int, int]:
+        """Return the number of columns and rows."""
+        spans = (self.x[1] - self.x[0], self.y[1] - self.y[0])
+        columns, rows = (math.ceil(span / self.step - 1e-9) + 1 for span in spans)
+        return max(columns, 2), max(rows, 2)
+
+    def columns(self) -> list[float]:
+        """Return X of the columns, mm."""
+        return _spread(self.x, self._counts()[0])
+
+    def rows(self) -> list[float]:
+        """Return Y of the rows, mm."""
+        return _spread(self.y, self._counts()[1])
+
+    def program(self, height: float) -> str:
+        """Return the program that probes the grid.
+
+        Args:
+            height: Present work position of Z, mm.
+        """
+        xs, ys = self.columns(), self.rows()
+        lines = ["G21 G90 G94 G40 G49 G17"]
+        first = f"G0 X{xs[0]:.6f} Y{ys[0]:.6f}"
+        if self.zero:
+            reach = self.clear + self.depth
+            lines += [
+                first,
+                f"G91 G38.2 Z{-reach:.6f} F{self.feed:g}",
+                "G90 G10 L20 P#5220 Z[#5422 - #5063]",
+            ]
+        elif height > self.clear:
+            lines.append(first)
+        lines.append(f"G0 Z{self.clear:.6f}")
+        for row, y in enumerate(ys):
+            # There and back, so that the way is short.
+            order = range(len(xs)) if row % 2 == 0 else reversed(range(len(xs)))
+            for column in order:
+                number = FIRST_PARAMETER + row * len(xs) + column
+                lines += [
+                    f"G0 X{xs[column]:.6f} Y{y:.6f}",
+                    f"G38.2 Z{-self.depth:.6f} F{self.feed:g}",
+                    f"#{number} = #5063",
+                    f"G0 Z{self.clear:.6f}",
+                ]
+        return "\n".join([*lines, "M2", ""])
+
+    def height_map(
+        self, parameters: Mapping[int, float], system: str, work_zero: Mapping[str, float]
+    ) -> HeightMap:
+        """Return the map of the contacts.
+
+        Args:
+            parameters: Those after the program.
+            system: Coordinate system of the program.
+            work_zero: Machine position of the work zero by axis, mm.
+
+        Raises:
+            UsageError: ``height-map-grid`` if the surface is far from the work zero.
+        """
+        xs, ys = self.columns(), self.rows()
+        heights = tuple(
+            tuple(round(parameters[FIRST_PARAMETER + row * len(xs) + k], 6) for k in range(len(xs)))
+            for row in range(len(ys))
+        )
+        found = HeightMap(
+            x=tuple(round(each + work_zero["x"], 6) for each in xs),
+            y=tuple(round(each + work_zero["y"], 6) for each in ys),
+            heights=heights,
+            interpolation=self.interpolation,
+            tolerance=self.tolerance,
+            system=system,
+            work_zero={letter: round(value, 6) for letter, value in work_zero.items()},
+            probed=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        low, high = found.extremes
+        if max(abs(low), abs(high)) > FARTHEST:
+            message = f"the surface is at Z{low:.3f} to {high:.3f} of {system}, far from its zero"
+            hint = "set Z zero on the surface first, or let the first contact set it (zero)"
+            raise UsageError(Diagnostic("height-map-grid", message, hint=hint))
+        return found
+
+
+def not_probed(ended: JobEnded) -> CncError:
+    """Return the fault of a grid whose probing has not reached its end."""
+    errors = [each for each in ended.findings if each.severity == "error"]
+    reason = errors[0].message if errors else "it was stopped"
+    message = f"the surface is not probed: {reason}"
+    hint = "correct the cause, and probe the whole grid again"
+    fault = BoardError if ended.exit_code == EXIT_BOARD else UsageError
+    return fault(Diagnostic("height-map-grid", message, hint=hint))
+
+
+def _spread(span: Span, count: int) -> list[float]:
+    low, high = span
+    return [low + (high - low) * k / (count - 1) for k in range(count)]
