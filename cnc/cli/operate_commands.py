@@ -32,7 +32,7 @@ from cnc.model.operator_control import Control
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from cnc.operate.events import JobEnded
+    from cnc.operate.events import Event, Finding, JobEnded
     from cnc.operate.height_mapping import Grid
     from cnc.operate.operator_session import OperatorSession
 
@@ -195,10 +195,17 @@ def _session(
     """Provide a session with a connected board."""
     terminal.open_log(machine)
     known = library().load_machine(machine)
+    from cnc.operate.events import Notice
     from cnc.operate.operator_session import OperatorSession
 
     control = Control()
+
+    def show(event: Event) -> None:
+        if isinstance(event, Notice) and event.finding.code == "mdi-modes":
+            print(_diagnostic(event.finding).render(), file=sys.stderr)
+
     with OperatorSession(known) as session, OperatorSignals(control) as signals:
+        session.listen(show)
         session.connect(board, port).result()
         signals.moving = True
         yield session, control
@@ -242,8 +249,11 @@ def _show_position(session: OperatorSession, terminal: TerminalOptions) -> None:
 
 def _show_findings(ended: JobEnded) -> None:
     for each in ended.findings:
-        found = Diagnostic(
-            each.code, each.message, each.file, each.line, each.column, each.length, each.text,
-            each.hint, each.severity,
-        )  # fmt: skip
-        print(found.render(), file=sys.stderr)
+        print(_diagnostic(each).render(), file=sys.stderr)
+
+
+def _diagnostic(found: Finding) -> Diagnostic:
+    return Diagnostic(
+        found.code, found.message, found.file, found.line, found.column, found.length, found.text,
+        found.hint, found.severity,
+    )  # fmt: skip

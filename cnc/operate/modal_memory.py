@@ -6,12 +6,20 @@ line of that program, so that a line has the same meaning as in one file.
 
 A line whose codes are expressions, or that calls a subroutine or a macro, may change any of them:
 then all are forgotten, and the defaults of a program hold. The operator is told.
+
+The numbered parameters below 5000 that a line leaves are assigned in the first line, too.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
 
+MOST_PARAMETERS = 500
+"""Parameters that are kept. With more of them all are forgotten."""
+FIRST_SYSTEM = 5000
+"""The parameters from here on belong to the machine."""
 GROUPS = {
     "units": ("G20", "G21"),
     "plane": ("G17", "G18", "G19"),
@@ -28,7 +36,9 @@ ENDING = {"G93": "feed-mode", "G95": "feed-mode", "G64": "path", "G2": "motion",
 _GROUP_OF = {code: group for group, codes in GROUPS.items() for code in codes}
 _REMARK = re.compile(r"\([^)]*\)|;.*")
 _WORD = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
-_UNREADABLE = re.compile(r"[#\[=O%]|M9[89]|G6[567]|M7[0-3]")
+_COMPUTED = re.compile(r"([FS])(?=[-+]*(?:[#\[]|[A-Z]))")
+_INSIDE = re.compile(r"\[[^\[\]]*\]|<[^<>]*>")
+_UNREADABLE = re.compile(r"[GMO][-+]*[#\[]|O[0-9<]|O$|[\[\]<>%]|M9[89]|G6[567]|M7[0-3]")
 
 
 class ModalMemory:
@@ -36,12 +46,29 @@ class ModalMemory:
 
     def __init__(self) -> None:
         self._kept: dict[str, str] = {}
+        self._parameters: dict[int, float] = {}
+
+    def note_parameters(self, values: Mapping[int, float]) -> bool:
+        """Take over the parameters that a line leaves.
+
+        Returns:
+            Whether they are kept; if not, there are too many, and all are forgotten.
+        """
+        kept = {
+            number: value
+            for number, value in values.items()
+            if 0 < number < FIRST_SYSTEM and math.isfinite(value)
+        }
+        self._parameters = kept if len(kept) <= MOST_PARAMETERS else {}
+        return len(kept) <= MOST_PARAMETERS
 
     def before(self, text: str) -> str:
-        """Return the line that restores the state before a line; empty for the defaults."""
+        """Return the lines that restore the state before a line; empty for the defaults."""
         own = {letter for letter, _ in _WORD.findall(_bare(text))}
         order = (*GROUPS, *(letter for letter in "FS" if letter not in own))
-        return " ".join(self._kept[name] for name in order if name in self._kept)
+        given = [f"#{number}={value:.12f}" for number, value in self._parameters.items()]
+        modes = " ".join(self._kept[name] for name in order if name in self._kept)
+        return "\n".join([*given, *([modes] if modes else [])])
 
     def forget(self) -> None:
         """Return to the defaults of a program."""
@@ -54,9 +81,14 @@ class ModalMemory:
             Whether it was read; if not, everything is forgotten.
         """
         bare = _bare(text)
+        computed = set(_COMPUTED.findall(bare))
+        while (shorter := _INSIDE.sub("#", bare)) != bare:
+            bare = shorter
         if _UNREADABLE.search(bare):
             self.forget()
             return False
+        for letter in computed:
+            self._kept.pop(letter, None)
         words = _WORD.findall(bare)
         codes = {f"G{float(number):g}" for letter, number in words if letter == "G"}
         values = {letter: f"{letter}{number}" for letter, number in words if letter in "FS"}

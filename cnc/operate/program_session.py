@@ -81,13 +81,15 @@ class ProgramSession(Worker):
         self.history = [*self.history, line][-MOST_HISTORY:]
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
-        skipped = 1 if before else 0
+        skipped = before.count("\n") + 1 if before else 0
 
         def run() -> JobEnded:
-            ended = self._run(
-                InlineProgram(MDI_NAME, text.encode()), MDI_NAME, RunOptions(), skipped
-            )
-            if ended.outcome == "done" and not self._modal.note(line):
+            found: dict[int, float] = {}
+            program = InlineProgram(MDI_NAME, text.encode())
+            ended = self._run(program, MDI_NAME, RunOptions(), skipped, found.update)
+            if ended.outcome == "done" and not (
+                self._modal.note_parameters(found) & self._modal.note(line)
+            ):
                 message = "the modal state before this line is forgotten: units, distance, feed"
                 hint = "the next line begins with the defaults of a program"
                 self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="note"))

@@ -126,9 +126,9 @@ class Session:
 
     @property
     def parameters(self) -> Mapping[int, float]:
-        """Parameters by number, as the latest reading of the program leaves them."""
+        """Parameters by number with locals, as the latest reading of the program leaves them."""
         state = self._context.reader.state
-        return {} if state is None else state[0].values
+        return {} if state is None else state[0].locals | state[0].values
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.

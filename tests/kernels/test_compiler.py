@@ -305,3 +305,38 @@ assert not [name for name in ("numba", "numba.core") if name in sys.modules]
 print(json.dumps([value, []]))
 """
     assert answer(warm.start(code)) == (in_python(), [])
+
+
+def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import operator
+
+    from numba.core import types
+    from numba.core.registry import cpu_target
+
+    from cnc.kernels import compiler
+
+    context, found = cpu_target.typing_context, []
+    context.refresh()
+    of_numba = types.Function.get_call_type
+
+    def find(*arguments: Any) -> Any:
+        found.append(arguments)
+        return of_numba(*arguments)
+
+    monkeypatch.setattr(compiler, "_find_call_type", find)
+    monkeypatch.setattr(compiler, "_call_types", {})
+    cases = [
+        (operator.add, (types.float64, types.int64)),
+        (operator.add, (types.int64, types.int64)),
+        (operator.lt, (types.float64, types.int64)),
+        (operator.getitem, (types.float64[:], types.int64)),
+        (operator.getitem, (types.float64[:, ::1], types.int64)),
+    ]
+    for _ in range(3):
+        for function, arguments in cases:
+            known = context.resolve_value_type(function)
+            signature = compiler.call_type(known, context, arguments, {})
+            assert signature == of_numba(known, context, arguments, {})
+    assert len(found) == len(cases)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 
 import pytest
 
 from cnc.model.diagnostics import UsageError
+from cnc.operate import jogging
 from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object
+from cnc.operate.worker import KEEP_ALIVE, WATCH_PERIOD
+from tests.support.paths import ROOT
 from tests.support.waiting import wait_until
 
 REST_TIME = 0.2
@@ -64,6 +68,14 @@ def test_a_jog_without_a_sign_of_life_ends(any_operator):
     jog = any_operator.jog({"x": 1.0}, keep_alive=0.1)
     jog.ended.result(PATIENCE)
     assert any_operator.state.machine["x"] < 60.0
+
+
+def test_the_jog_of_a_lost_client_ends_with_a_margin():
+    """Rest within 0.5 s: silence, its detection, and the stop. Three signs fit in the silence."""
+    assert KEEP_ALIVE + WATCH_PERIOD + jogging.REST_TIME <= 0.45
+    page = (ROOT / "cnc" / "server" / "page" / "machine.js").read_text(encoding="utf-8")
+    period = re.search(r"const KEEP = (\d+);", page)
+    assert 3 * int(period[1]) <= 1000 * KEEP_ALIVE
 
 
 def test_a_jog_never_passes_the_end_of_the_travel(any_operator):
@@ -127,6 +139,13 @@ def test_an_entered_line_keeps_the_modes_of_the_lines_before(any_operator):
     assert ended(any_operator, "X1").outcome == "done"
     assert any_operator.state.machine["x"] == pytest.approx(3.0, abs=GRID)
     assert any_operator.history == ["G91 G1 X2 F1200", "X1"]
+
+
+def test_an_entered_line_uses_the_parameters_of_the_lines_before(operator):
+    for line in ("G91", "#1=1.5 #100=2", "G0 X#1 Y[#100 + 0.5]", "X#1"):
+        assert ended(operator, line).outcome == "done"
+    assert operator.state.machine["x"] == pytest.approx(3.0, abs=GRID)
+    assert operator.state.machine["y"] == pytest.approx(2.5, abs=GRID)
 
 
 def test_the_error_of_an_entered_line_is_that_of_a_file(any_operator):

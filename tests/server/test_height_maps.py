@@ -28,12 +28,12 @@ def test_a_grid_is_probed_into_the_library(controller, console):
     grid = {"x": [0, 4], "y": [0, 2], "step": 2, "clear": 1, "depth": 1.5, "feed": 6000}
     assert controller("POST", "/api/height-maps/plate/probe", grid).status_code == 200
     wait_until(lambda: not console.session._busy)
-    wait_until(lambda: controller("GET", "/api/height-maps").json() == ["plate"])
+    wait_until(lambda: "plate" in controller("GET", "/api/height-maps").json())
     found = controller("GET", "/api/height-maps/plate").json()
     assert (found["x"], found["y"]) == ([0.0, 2.0, 4.0], [0.0, 2.0])
     assert found["heights"] == [[pytest.approx(-1.5)] * 3] * 2
     assert controller("DELETE", "/api/height-maps/plate").status_code == 200
-    assert controller("GET", "/api/height-maps").json() == []
+    assert "plate" not in controller("GET", "/api/height-maps").json()
 
 
 def test_a_check_and_a_run_use_a_height_map(controller, console, library):

@@ -161,7 +161,10 @@ def test_the_stock_on_the_command_line(tmp_path, capfd):
     assert cli.exit_code(["check", one, "--stock", "a lot"]) == 2
 
 
-TOOLS = "T1 D6 Z40 ;flat end mill\nT2 D6 Z55 ;ball end mill FL=3\nT3 D6 ;flat holder 30x10\n"
+TOOLS = (
+    "T1 D6 Z40 ;flat end mill\nT2 D6 Z55 ;ball end mill FL=3\n"
+    "T3 D6 ;flat holder 30x10\nT9 D8 ;90 deg V-bit\n"
+)
 
 
 @pytest.fixture
@@ -223,6 +226,52 @@ SLOT = "G0 Z60\nT1 M6 G43 H1\nG0 X30 Y30 Z5\nG1 Z-2\nG1 X50\nG0 Z20"
     ],
 )
 def test_parts_of_a_tool_in_the_stock(found, body, expected):
+    assert found(body) == expected
+
+
+def raster(z):
+    """Return lines that clear X18 to X52 and Y11 to Y49 with the tool of 6 mm."""
+    rows = [f"G1 X{21 + 28 * (k % 2)}\nG1 Y{14 + 4 * k}\nG1 X{49 - 28 * (k % 2)}" for k in range(9)]
+    return "\n".join(["G0 X21 Y14", f"G1 Z{z}", *rows, "G0 Z5"])
+
+
+HELIX = "T1 M6\nG0 X32 Y30 Z0.5\nG1 Z0\nG3 X32 Y30 I-2 Z-2\nG0 Z5\nG0 X30"
+GROOVE = "T9 M6\nG0 X20 Y30\nG1 Z-2\nG1 X50\nG0 Z5"
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        # The holder (30 mm, 10 mm above the tip) beside a slot of 6 mm that is 10.2 mm deep.
+        (
+            "T3 M6\nG0 X30 Y30\nG1 Z-5\nG1 X50\nG1 Z-9.9\nG1 X30\nG1 Z-10.2",
+            [("holder-into-stock", 7)],
+        ),
+        # The same depth in a pocket that is wider than the holder, and less deep.
+        (f"T1 M6\n{raster(-1)}\nT3 M6\nG0 X35 Y30\nG1 Z-10.2", []),
+        (f"T1 M6\n{raster(-1)}\nT3 M6\nG0 X35 Y30\nG1 Z-11.2", [("holder-into-stock", 34)]),
+        # A pocket narrower than the holder: its rim stands 16 mm away, then 14 mm.
+        (f"T1 M6\n{raster(-1)}\nT3 M6\nG0 X36 Y30\nG1 Z-10.2", []),
+        (f"T1 M6\n{raster(-1)}\nT3 M6\nG0 X38 Y30\nG1 Z-10.2", [("holder-into-stock", 34)]),
+        # A slanting traverse clips the edge of the stock: it is at Z0 where the tool is at X10.
+        ("T1 M6\nG0 X5 Y30\nG0 X15 Z-5", [("rapid-into-stock", 3)]),
+        ("T1 M6\nG0 X0 Y30\nG0 X6.5 Z-1.5", []),
+        # A helix of radius 2 leaves a ramp: below the tool at its centre, to 0.8 mm.
+        (f"{HELIX}\nG0 Z-0.7", []),
+        (f"{HELIX}\nG0 Z-1.5", [("rapid-into-stock", 7)]),
+        # A cone of 45 degrees a side in its groove: 0.1 mm higher it has 0.1 mm to each side.
+        (f"{GROOVE}\nG0 X30 Y30.05\nG0 Z-1.9", []),
+        (f"{GROOVE}\nG0 X30 Y30.6\nG0 Z-1.9", [("rapid-into-stock", 7)]),
+        # The wall between two pockets.
+        (
+            "T1 M6\nG0 X20 Y30\nG1 Z-3\nG1 X26\nG0 Z5\nG0 X50\nG1 Z-3\nG1 X44\nG0 X26",
+            [("rapid-into-stock", 9)],
+        ),
+        # A ball of 6 mm with flutes of 3 mm in a slot of 6 mm: its shank touches nothing.
+        ("T1 M6\nG0 X30 Y30\nG1 Z-8\nG1 X50\nG0 Z5\nT2 M6\nG0 X40\nG1 Z-7.9\nG1 X45", []),
+    ],
+)
+def test_programs_whose_contacts_follow_from_geometry(found, body, expected):
     assert found(body) == expected
 
 

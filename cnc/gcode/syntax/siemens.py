@@ -36,7 +36,7 @@ _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _VARIABLE = re.compile(r"(_[A-Z0-9_]+)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
 _EQUAL = re.compile(
-    r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC]3|[A-Z])\s*=(?!=)\s*", re.I
+    r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC][2-7]|[A-Z])\s*=(?!=)\s*", re.I
 )
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
@@ -53,6 +53,13 @@ _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN",
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
 _TOOL_TURNS = {"ORIAXES": "linear", "ORIVECT": "circle", "ORIPLANE": "circle"}
+_NO_DIRECTION = {
+    "2": "Euler or RPY angle",
+    "4": "surface normal",
+    "5": "surface normal",
+    "6": "direction of a cone",
+    "7": "orientation between",
+}
 _ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
@@ -185,6 +192,9 @@ class _Line:
 
     def _address(self, name: str) -> None:
         """Translate an address with = and its value."""
+        if name[0] in "ABC" and name[1:2] in _NO_DIRECTION:
+            what = f"{name}= ({_NO_DIRECTION[name[1]]})"
+            raise self._fault(what, 1, "give A3= B3= C3=, or the angles of the axes")
         found = re.compile(r"(IC|AC|DC|ACP|ACN)\s*\(", re.I).match(self.text, self.at)
         mode = found[1].upper() if found else ""
         if found:
