@@ -100,7 +100,7 @@ def cannot_raise(
         v <= along[FEED]
         and a <= along[ACCEL]
         and j <= along[JERK]
-        and v <= along[OVERSPEED] * feed
+        and v / feed <= along[OVERSPEED]
         and bounds[n, 1] * v * v <= along[NORMAL_ACCEL]
     )
     for i in range(n):
