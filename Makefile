@@ -4,8 +4,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PROGRAM ?= programs/trident.nc
-# A process that has run out of tests takes some of another.
-PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
+# A process that has run out of tests takes some of another. Each has one thread of linear algebra:
+# further ones wait in a busy loop, and take the processor from the tests of the other processes.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 
 # Without compiled modules each process of a test would compile them again.
 unexport PYTHONDONTWRITEBYTECODE

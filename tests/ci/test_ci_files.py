@@ -156,7 +156,7 @@ def test_the_action_annotates(shop):
             "Check",
             programs="parts/**/*.NGC parts/good.nc parts/old",
             machine="grbl-uno",
-            arguments="--fail-on note --portable grbl",
+            arguments="--fail-on note --portable grbl --jobs 1",
         ).returncode
         == 0
     )

@@ -37,7 +37,8 @@ def test_plans_from_wrong_samples_are_illegal(wrong_samples, monkeypatch):
         _ = [duration(seed) for seed in SEEDS]
 
 
-@pytest.mark.parametrize("seed", share(SEEDS, SEEDS[2:]))
+# One is enough in every run: each seed is 5 % slower without the finer intervals, see below.
+@pytest.mark.parametrize("seed", share(SEEDS, SEEDS[2:3]))
 def test_a_plan_from_wrong_samples_is_made_again_from_finer_intervals(seed, request):
     usual = duration(seed)
     request.getfixturevalue("wrong_samples")

@@ -46,12 +46,16 @@ MOST_PECKS = 100_000
 
 @dataclass(slots=True)
 class Series:
-    """Consecutive cycles: the cycle, its plane, the position at the start, the words in effect."""
+    """Consecutive cycles: the cycle, its plane, the position at the start, the words in effect.
+
+    ``absolute`` has the distance mode of the line that gave each word.
+    """
 
     cycle: G
     plane: Plane
     start: list[float]
     words: dict[str, Word] = field(default_factory=dict)
+    absolute: dict[str, bool] = field(default_factory=dict)
 
 
 def register(
@@ -122,6 +126,7 @@ class DrillingCycles:
         repeats = self._repeats(words, name)
         polar = motion.polar_steps(words, name)
         given = motion.axis_values(words, name)
+        self._check_distance(series, (depth, retract), name, at)
         heights = self._heights(plane, series, depth, retract)
         top, bottom, _ = heights
         if top < bottom:
@@ -177,8 +182,10 @@ class DrillingCycles:
         state, series, before = self._state, self.series, self._motion.motion_before
         if series is None or before not in self.cycles or series.plane != state.plane:
             return Series(cycle, state.plane, self._motion.position)
-        words = series.words if cycle == series.cycle or self._rules.words_stay else {}
-        return Series(cycle, series.plane, series.start, words.copy())
+        if cycle != series.cycle and not self._rules.words_stay:
+            return Series(cycle, series.plane, series.start)
+        words, absolute = series.words.copy(), series.absolute.copy()
+        return Series(cycle, series.plane, series.start, words, absolute)
 
     def _word(self, words: LineWords, series: Series, letter: str, name: str, at: Word) -> Word:
         """A word that the cycle needs, of this line or of one before."""
@@ -193,10 +200,9 @@ class DrillingCycles:
         return word
 
     def _staying(self, words: LineWords, series: Series, letter: str, name: str) -> Word | None:
-        word = words.take(letter, name) or series.words.get(letter)
-        if word is not None:
-            series.words[letter] = word
-        return word
+        if word := words.take(letter, name):
+            series.words[letter], series.absolute[letter] = word, self._state.absolute
+        return series.words.get(letter)
 
     def _settings(
         self, words: LineWords, series: Series, cycle: G, name: str, at: Word
@@ -297,6 +303,22 @@ class DrillingCycles:
         least = 0 if self._rules.no_hole else 1
         return whole(found[0], "the repeats", least, MOST_REPEATS) if found else 1
 
+    def _check_distance(
+        self, series: Series, heights: tuple[Word, Word], name: str, at: Word
+    ) -> None:
+        """Refuse heights of a line with another distance mode, where controllers differ."""
+        if self._rules.heights != "unclear":
+            return
+        for word in heights:
+            if series.absolute[word.letter] != self._state.absolute:
+                before, now = ("G90", "G91") if series.absolute[word.letter] else ("G91", "G90")
+                message = (
+                    f"{name} under {now} with {word.written} of a line under {before}: FANUC and "
+                    "Haas keep that height, LinuxCNC counts it again"
+                )
+                hint = "give R and the depth in this line, or name the --dialect"
+                raise fault("cycle-distance-mode", message, at, hint)
+
     def _heights(
         self, plane: CyclePlane, series: Series, depth: Word, retract: Word
     ) -> tuple[float, float, float]:
@@ -304,8 +326,10 @@ class DrillingCycles:
         state, motion = self._state, self._motion
         scale = motion.scales[motion.column[plane.across]]
         level = plane.seen(motion.coordinates.to_program(series.start))[2]
-        top = retract.number * scale + (0.0 if state.absolute else level)
-        bottom = depth.number * scale + (0.0 if state.absolute else top)
+        kept = self._rules.heights == "kept"
+        r, z = series.absolute["R"], series.absolute[plane.across]
+        top = retract.number * scale + (0.0 if (r if kept else state.absolute) else level)
+        bottom = depth.number * scale + (0.0 if (z if kept else state.absolute) else top)
         return top, bottom, max(level, top) if state.initial_level else top
 
     def _holes(

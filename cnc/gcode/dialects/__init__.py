@@ -53,14 +53,14 @@ class CycleRules:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
         turns: Whether words of rotary axes turn them before each hole.
-        pecks_shrink: Whether I, J and K of G73 and G83 are the first peck, its decrease and the
-            smallest one.
+        pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
+        heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
         starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
     """
 
@@ -74,6 +74,7 @@ class CycleRules:
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]
     fine_boring: bool
+    heights: Literal["kept", "line", "unclear"]
     starts_spindle: bool
 
 
@@ -226,16 +227,13 @@ def _read(name: str) -> dict[str, Any]:
     return table
 
 
-_ADDED = ("noted", "aliases")
+_ADDED = ("noted", "aliases", "cycles")
 """Tables that a dialect adds to those of its base; other keys replace those of the base."""
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """Return the keys of a base with those of a dialect over them."""
-    found = base | own
-    for key in _ADDED:
-        found[key] = base[key] | own.get(key, {})
-    return found
+    return base | own | {key: base[key] | own.get(key, {}) for key in _ADDED}
 
 
 def _codes(text: str) -> list[float]:

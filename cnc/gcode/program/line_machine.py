@@ -32,7 +32,7 @@ _MOTION_OF = {mode: code for code, mode in _MODES.items()}
 _PLANES = tuple(PLANES.values())
 _ACROSS: dict[Plane, str] = {"XY": "Z", "ZX": "Y", "YZ": "X"}
 _Numbers = NDArray[Any]
-_SeriesState = tuple[int, int, list[float], list[float], list[int]]
+_SeriesState = tuple[int, int, int, list[float], list[float], list[int]]
 _GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
 _ACTIONS = {
     **dict.fromkeys(_MOTIONS, kernel.MOVE),
@@ -267,23 +267,28 @@ class LineMachine:
             self._note("S", speed_word, speed_line, before[1])
 
     def _series(self) -> _SeriesState:
-        """Return the series of canned cycles: cycle, plane, start, words, and lines of words.
+        """Return the series: cycle, plane, distance mode, start, words, and lines of words.
 
-        The lines are 0: only those of words that compiled code reads are known.
+        The distance mode is that of the words of its heights, plus 1; 0 where they differ. The
+        lines are 0: only those of words that compiled code reads are known.
         """
         start, words = [0.0] * kernel.MOST_AXES, [math.nan] * 4
         series = self._interpreter.drilling_cycles.series
         if series is None:
-            return 0, 0, start, words, [0] * len(words)
+            return 0, 0, 0, start, words, [0] * len(words)
         start[: len(series.start)] = series.start
         for place, letter in enumerate(_letters(series.plane)):
             if word := series.words.get(letter):
                 words[place] = word.number
-        return series.cycle // 10, _PLANES.index(series.plane), start, words, [0] * len(words)
+        modes = {series.absolute[letter] for letter in series.absolute if letter in "XYZR"}
+        distance = 1 + modes.pop() if len(modes) == 1 else 0
+        plane = _PLANES.index(series.plane)
+        return series.cycle // 10, plane, distance, start, words, [0] * len(words)
 
     def _store_series(
-        self, cycle: int, plane: int, start: _Numbers, words: _Numbers, lines: _Numbers
-    ) -> None:
+        self, cycle: int, plane: int, distance: int, start: _Numbers, words: _Numbers,
+        lines: _Numbers,
+    ) -> None:  # fmt: skip
         """Take the series of canned cycles, if compiled code has executed a line of it."""
         interpreter = self._interpreter
         cycles, here = interpreter.drilling_cycles, interpreter.here
@@ -300,7 +305,8 @@ class LineMachine:
             elif number == number:
                 kept[letter] = known[letter]
         place = start[: len(interpreter.motion.axes)].tolist()
-        cycles.series = Series(G(10 * cycle), _PLANES[plane], place, kept)
+        absolute = dict.fromkeys(kept, distance == 1 + True)
+        cycles.series = Series(G(10 * cycle), _PLANES[plane], place, kept, absolute)
 
     def _note(self, letter: str, number: float, line: int, before: int) -> None:
         """Record the F or S word that nothing has used yet; NaN for none."""

@@ -81,7 +81,7 @@ def _after_label(data: Bytes, at: int, stop: int) -> tuple[int, int, int, bool]:
     blank = False
     if at < stop and data[at] == _LESS:
         while at < stop and data[at] != _GREATER:
-            if data[at] == _OPEN:
+            if data[at] == _OPEN or data[at] == _SEMICOLON:
                 return -1, 0, 0, False
             blank = blank or data[at] == _BLANK or data[at] == _TAB
             at += 1

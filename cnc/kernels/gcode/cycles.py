@@ -132,6 +132,7 @@ def _keep_series(
 ) -> None:
     """Bring the series up to date: its start and its words."""
     now["cycle"], now["cycle_plane"] = words.mode, words.plane
+    now["cycle_distance"] = 1 + words.absolute
     if not series.goes_on:
         for i in range(len(position)):
             now["start"][i] = position[i]
@@ -180,6 +181,9 @@ def _series(
     bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
     clear = top if words.initial == 0 or top > level else level
     known = known and bottom <= top and (not pecks or peck > 0.0)
+    # Heights of a line before count as that line says, in a way that depends on the dialect.
+    keeps = stay and (given[0] != given[0] or given[1] != given[1])
+    known = known and (not keeps or int(now["cycle_distance"]) == 1 + words.absolute)
     hole = _Hole(bottom, top, clear, peck if pecks else math.inf, dwell, words.linear)
     return bool(known), hole, _Series(bool(goes_on), bool(stay), given)
 

@@ -75,7 +75,7 @@ _WORDS = np.array(
 
 _TAB, _BLANK, _PLUS, _MINUS, _DOT, _SLASH, _ZERO = 9, 32, 43, 45, 46, 47, 48
 _HASH, _STAR, _LESS, _GREATER, _LEFT, _RIGHT = 35, 42, 60, 62, 91, 93
-_OPEN, _CLOSE, _DELETE, _A, _Z, _LOWER = 40, 41, 127, 65, 90, 32
+_OPEN, _CLOSE, _SEMICOLON, _DELETE, _A, _Z, _LOWER = 40, 41, 59, 127, 65, 90, 32
 _DIGITS, _EXACT = 18, 1 << 53
 _POWERS = np.array([float(f"1e{k}") for k in range(_DIGITS + 1)])
 
@@ -138,6 +138,8 @@ def _read_name(data: Bytes, at: int, stop: int, names: Names) -> tuple[int, int]
     while at < stop and data[at] != _GREATER:
         char = int(data[at])
         if char <= _BLANK or char >= _DELETE or char == _LESS or char == _OPEN or char == _CLOSE:
+            return at, -1
+        if char == _SEMICOLON:  # blanks behind it count, as in a comment
             return at, -1
         at += 1
     if at >= stop or at == begin:

@@ -51,6 +51,7 @@ STATE = np.dtype(
         ("flooding", np.int64),
         ("cycle", np.int64),
         ("cycle_plane", np.int64),
+        ("cycle_distance", np.int64),
         ("start", np.float64, (MOST_AXES,)),
         ("words", np.float64, (4,)),
         ("word_lines", np.int64, (4,)),

@@ -92,7 +92,7 @@ def model(
 def test_series_against_a_second_implementation(
     program: list[tuple[str, str, str, dict[str, int]]],
 ) -> None:
-    text = "F600\nG0 Z5\n"
+    text = "F600 G98\nG0 Z5\n"
     for *codes, words in program:
         text += " ".join([*codes, *(f"{letter}{value}" for letter, value in words.items())]) + "\n"
     expected: list[tuple[object, ...]] = [("rapid", 0.0, 0.0, 5.0)]
@@ -113,6 +113,6 @@ def test_series_against_a_second_implementation(
                     )
                     place = step.to
     except ValueError:
-        assert error_of(text).line == line + 1
+        assert error_of(text, dialect="paper").line == line + 1
     else:
-        assert_rows_equal(list(rows(run(text))), expected)
+        assert_rows_equal(list(rows(run(text, dialect="paper"))), expected)

@@ -14,7 +14,7 @@ from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
-from cnc.model.diagnostics import CncError
+from cnc.model.diagnostics import CncError, Diagnostic
 from tests.gcode.program.test_plain_lines import AXES, bits, line, number
 from tests.support.gcode.flow_author import Author as FlowAuthor
 from tests.support.gcode.flow_writers import OWords
@@ -283,6 +283,25 @@ def test_a_raster_of_a_laser(monkeypatch: pytest.MonkeyPatch) -> None:
             if rng.random() < 0.02:
                 lines.append(rng.choice(["M8", "M9", "G4 P0.1", "G2 X1 R4", "G1", "M5", "M4 S100"]))
         agree(monkeypatch, lines, AXES[0], "grbl" if rng.random() < 0.5 else "auto", laser=True)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["#<_;a>=5", "X#<_;a> Y2"],
+        ["#<_;a>=5", "X#<_;a>Y2"],
+        ["#<_;a>=5", "X#<_;a>"],
+        ["#<_;a>=5 #1=2"],
+        ["o<a;b>SUB", "X4", "o<a;b>ENDSUB", "o<a;b>CALL"],
+        ["o<a;b>SUB", "X4", "o<a;b>ENDSUB", "o<a;b> CALL"],
+    ],
+)
+def test_a_semicolon_in_a_name(monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> None:
+    """LinuxCNC keeps the blanks behind it, which are no words."""
+    program = ["G1 F100", *lines, "M2"]
+    agree(monkeypatch, program, AXES[0], "linuxcnc")
+    is_refused = any(isinstance(each, Diagnostic) for each in outcome(program, AXES[0], "linuxcnc"))
+    assert is_refused == any(" " in each for each in lines)
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,10 @@ CASES: dict[str, tuple[str, str]] = {
     "fractional M": ("code-unknown", "¦M3.5"),
     "tool length offset": ("tool-table-missing", "T1 M6\nG43 ¦H1"),
     "cutter compensation": ("tool-table-missing", "G41 ¦D1"),
+    "cycle under another distance mode": (
+        "cycle-distance-mode",
+        "G81 X1 Z-1 R1 F9\nG91 ¦X2",
+    ),
     "back boring cycle": ("code-not-supported", "¦G87 X1 R1 F10"),
     "blocks without end after a compensated move": (
         "compensation-look-ahead",
