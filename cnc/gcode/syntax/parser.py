@@ -288,7 +288,7 @@ def squeeze(text: str) -> tuple[str, list[int]]:
             continue
         kept.append(part if part[0] in "(;" else part.translate(_CAPITALS))
         columns.extend(range(*piece.span()))
-    columns.append(columns[-1] + 1)
+    columns.append(columns[-1] + 1 if columns else len(text))
     return "".join(kept), columns
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from cnc.gcode.syntax import parser
-from cnc.gcode.syntax.parser import MAX_LINE, MEMO, parse_line
+from cnc.gcode.syntax.parser import MAX_LINE, MEMO, Syntax, parse_line
+from cnc.gcode.syntax.statement import Statement
 from cnc.model.diagnostics import GcodeError
 from tests.support.waiting import HANG
 from tests.support.work import at_most
@@ -111,3 +112,9 @@ def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     assert parser.cache_folder() == tmp_path / "local" / "cnc" / "cache"
+
+
+@pytest.mark.parametrize("text", ["*71", " *7 ", "\t*0"])
+def test_a_line_of_only_a_checksum_is_empty(text: str) -> None:
+    """Senders of Marlin number and sum every line, empty ones too."""
+    assert parse_line(text, Syntax("ngc", dialect="marlin")) == Statement()
