@@ -76,9 +76,9 @@ INSTANT = 1e-12
 PROMISING = 0.005
 """A stretch is refined if this part of its time may be saved, by the estimate for each phase."""
 
-NOTICEABLE = 0.002
+NOTICEABLE = 0.001
 """It has to be this part of the time of the stretch and of the cruise before it, too: a refinement
-of the turns of long rows would take half of the planning time and save 0.03 % of the motion.
+of the turns of long rows would take most of the planning time and save 0.03 % of the motion.
 """
 
 WORTHWHILE = 0.002

@@ -25,17 +25,6 @@ STEEPEST = 0.85
 """The same for acceleration and jerk, as parts of their bounds on a straight path."""
 
 
-RESUMED = 0.1
-"""The same part of two jerk phases can be saved where the first ends an acceleration that the
-second begins again, at once or after a short cruise: the refinement goes on accelerating.
-"""
-
-VALLEY = 0.04
-"""The same part of the jerk phases on both sides of a slow place. The plan passes it without
-acceleration; before a slower place the motion may slow down through it.
-"""
-
-
 class Stretch(NamedTuple):
     """Rows of a plan that are refined together.
 
@@ -132,8 +121,6 @@ def possible_gain(
     end, top, samples = known.end, known.top, known.samples
     axes = samples.shape[3]
     total = 0.0
-    # Duration of the last phase that ended an acceleration, with the sign of that acceleration.
-    ended = 0.0
     k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
     for r in range(first, last):
         row = rows[r]
@@ -157,12 +144,4 @@ def possible_gain(
             total += row["duration"] * (1.0 - (abs(j) / highest) ** (1.0 / 3.0))
         if j == 0.0 and a != 0.0 and abs(a) < STEEPEST * highest:
             total += row["duration"] * (1.0 - math.sqrt(abs(a) / highest))
-        if a == 0.0 and j * ended > 0.0:
-            total += RESUMED * (abs(ended) + row["duration"])
-        elif a == 0.0 and j > 0.0 and v > 0.0:
-            total += VALLEY * (abs(ended) + row["duration"])
-        if a * j < 0.0:
-            ended = math.copysign(row["duration"], a)
-        elif a != 0.0 or j != 0.0 or row["duration"] > abs(ended):
-            ended = 0.0
     return total
