@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import functools
+
 import pytest
 
+from cnc.boards.grbl.simulator import board
+from cnc.boards.grbl.simulator.ports import ScaledTime
 from cnc.machine.load import load_machine
 from cnc.operate.operator_session import OperatorSession
+
+
+@pytest.fixture
+def quick_board(monkeypatch):
+    """Let the GRBL simulator run eight times as fast as a board."""
+    monkeypatch.setattr(board, "ScaledTime", functools.partial(ScaledTime, factor=8.0))
 
 
 @pytest.fixture

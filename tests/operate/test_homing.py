@@ -1,4 +1,4 @@
-"""Homing of the GRBL simulator in real time, and jogs before and after it."""
+"""Homing of the GRBL simulator, and jogs before and after it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from cnc.machine.models import Homing
 from cnc.model.diagnostics import UsageError
 from cnc.operate.operator_session import OperatorSession
 
+pytestmark = pytest.mark.usefixtures("quick_board")
 PATIENCE = 60
 QUICK = Homing(seek=30.0, latch=10.0, pull_off=1.0, end="high")
 

@@ -16,6 +16,7 @@ from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
 
+pytestmark = pytest.mark.usefixtures("quick_board")
 PATIENCE = 120
 CLOSE = 0.02
 """A step, and the rounding of a report, mm."""
