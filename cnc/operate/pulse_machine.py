@@ -28,7 +28,7 @@ from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate.jogging import REST_TIME, JogMove
-from cnc.operate.machines import SYSTEMS, Readings
+from cnc.operate.machines import Readings
 from cnc.planner.joints import Joints
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import PLANNING
@@ -126,7 +126,7 @@ class PulseMachine:
                 str(letter): values.get(numbers.origin(system) + column, 0.0)
                 for letter, column in columns.items()
             }
-            for system, name in enumerate(SYSTEMS)
+            for system, name in enumerate(numbers.SYSTEMS)
         }
         in_effect = values.get(numbers.SHIFT_IN_EFFECT, 0.0) == 1.0
         found["G92"] = {
@@ -144,12 +144,12 @@ class PulseMachine:
         file = self._parameter_file()
         stored, offsets, here = self._values(), self.offsets(), self._by_axis(self.tip())
         if system not in offsets:
-            hint = f"systems are {', '.join(SYSTEMS)} and G92"
+            hint = f"systems are {', '.join(numbers.SYSTEMS)} and G92"
             raise UsageError(
                 Diagnostic("no-such-system", f"there is no coordinate system {system}", hint=hint)
             )
         base = "G54" if system == "G92" else system
-        first = numbers.origin(SYSTEMS.index(base))
+        first = numbers.origin(numbers.SYSTEMS.index(base))
         if stored.get(first + numbers.ROTATION):
             message = f"{base} is rotated, so that its axes are not those of the machine"
             hint = "set its zero in a program, or remove the rotation: G10 L2 P1 R0"
