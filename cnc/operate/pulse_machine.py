@@ -15,6 +15,7 @@ from cnc.boards.protocols import (
     PulseSink,
     RemembersPosition,
     Revivable,
+    SendsFarAhead,
     board_error,
 )
 from cnc.executor import homing
@@ -35,7 +36,9 @@ from cnc.session.kernel_jobs import PLANNING
 from cnc.session.program_reader import start_position
 
 PLAYED_AHEAD = 0.14
-"""Motion that a stepper or Klipper board has taken when a hold is planned, s."""
+"""Motion that a stepper board has taken when a hold is planned, s."""
+KLIPPER_AHEAD = 0.16
+"""The same for a Klipper board with the reserve of its ramp, s."""
 PACED_AHEAD = 0.06
 """The same for the paced loopback board, s."""
 Floats = NDArray[np.float64]
@@ -51,6 +54,8 @@ class PulseMachine:
         ahead = PLAYED_AHEAD
         if isinstance(board, PacedLoopback):
             ahead = PACED_AHEAD
+        elif isinstance(board, SendsFarAhead):
+            ahead = KLIPPER_AHEAD
         self.rest = REST_TIME - ahead
 
     def readings(self) -> Readings:
