@@ -8,8 +8,10 @@ import time
 
 import pytest
 
+from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object
+from cnc.operate.operator_session import OperatorSession
 from cnc.operate.worker import KEEP_ALIVE
 from tests.support.paths import ROOT
 from tests.support.waiting import wait_until
@@ -237,3 +239,14 @@ def test_a_zero_without_a_parameter_file_is_refused():
         session.connect().result(PATIENCE)
         with pytest.raises(UsageError, match="no-parameter-file"):
             session.zero({"x": 0.0}).result(PATIENCE)
+
+
+@pytest.mark.parametrize("board", ["loopback", "grbl-sim", "klipper-sim"])
+def test_simulated_boards_run_in_real_time(pulse_machine, board):
+    machine = load_machine("grbl-uno") if board == "grbl-sim" else pulse_machine
+    with OperatorSession(machine) as session:
+        session.connect(board).result(PATIENCE)
+        began = time.monotonic()
+        assert ended(session, "G1 X2 F600").outcome == "done"
+        assert time.monotonic() - began >= 0.2
+        assert session.state.machine["x"] == pytest.approx(2.0, abs=GRID)
