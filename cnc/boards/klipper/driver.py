@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.alarms import RELEASE
-from cnc.boards.klipper.connection import BAUD
+from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput, TooLate
 from cnc.boards.klipper.layout import InputObject, section
@@ -46,6 +46,7 @@ class Klipper(PulseBoard):
         clock: Clock of the port.
         background: Exchange bytes between calls in a thread, so that the board is not alone.
         identity: Identity under which the position is kept for the next program; "" for none.
+        reopen: Opens the port again after a reset of the board; None if the port outlives it.
 
     Raises:
         BoardError: No Klipper board answers, or it refuses its configuration.
@@ -61,8 +62,10 @@ class Klipper(PulseBoard):
         clock: Clock | None = None,
         background: bool = False,
         identity: str = "",
+        reopen: Reopen | None = None,
     ) -> None:
-        self._supervisor = Supervisor(port, machine, name, clock or SystemClock(), identity)
+        clock = clock or SystemClock()
+        self._supervisor = Supervisor(port, machine, name, clock, identity, reopen)
         super().__init__(machine, self._supervisor)
         self._sender = self._supervisor.sender
         self._position = self._supervisor.position
@@ -79,11 +82,19 @@ class Klipper(PulseBoard):
 
         section(machine)
         name = port_name(machine, target, "Klipper")
-        port = open_port(name, baud_of(machine))
+        ports: list[Port] = []
+
+        def opened() -> Port:
+            ports.append(open_port(name, baud_of(machine)))
+            return ports[-1]
+
         try:
-            return cls(port, machine, name, background=True, identity=identity(name))
+            port = opened()
+            known = identity(name)
+            return cls(port, machine, name, background=True, identity=known, reopen=opened)
         except BaseException:
-            port.close()
+            for port in ports:
+                port.close()
             raise
 
     @property

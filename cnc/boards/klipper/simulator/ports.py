@@ -12,17 +12,24 @@ from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.port import port_lost
 
 NAME = "the Klipper simulator"
-UNPLUGGED = "the cable was pulled"
+UNPLUGGED, VANISHED = "the cable was pulled", "the device was reset"
 LONGEST_SLEEP = 0.002
 """Time between two checks for an answer, s."""
 
 
 class KlipperSimulatorPort:
-    """Port and clock of a simulator (:mod:`cnc.boards.port`), in virtual time."""
+    """Port and clock of a simulator (:mod:`cnc.boards.port`), in virtual time.
+
+    Raises:
+        PortLost: The board restarts, and its USB device is not there yet.
+    """
 
     def __init__(self, simulator: KlipperSimulator) -> None:
         self.simulator = simulator
         self.closed = False
+        self._resets = simulator.resets
+        if simulator.has_usb and simulator.now < simulator.boots_until:
+            raise port_lost(NAME, VANISHED)
 
     def read(self, timeout: float) -> bytes:
         """Return the received bytes after at most ``timeout`` s of virtual time."""
@@ -59,6 +66,8 @@ class KlipperSimulatorPort:
     def _check(self) -> None:
         if self.closed or not self.simulator.cable.plugged:
             raise port_lost(NAME, UNPLUGGED)
+        if self.simulator.has_usb and self._resets != self.simulator.resets:
+            raise port_lost(NAME, VANISHED)
 
 
 class RealTimePort(KlipperSimulatorPort):
