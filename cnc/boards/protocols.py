@@ -191,6 +191,14 @@ class HasLimitSwitches(RemembersPosition, Protocol):
 
 
 @runtime_checkable
+class SendsFarAhead(Protocol):
+    """A board that gets so much motion ahead that a jog needs another way."""
+
+    def prepare_jog(self, feed: float) -> None:
+        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
+
+
+@runtime_checkable
 class SquaresGantries(HasLimitSwitches, Protocol):
     """A board on which each motor of an axis can have a limit switch of its own."""
 

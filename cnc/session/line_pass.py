@@ -24,7 +24,8 @@ from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.report.result import Extremes
-from cnc.session.board_offsets import board_timing, line_translator, offset_lines
+from cnc.session.board_lines import board_timing, line_translator
+from cnc.session.board_offsets import offset_lines
 from cnc.session.context import SessionContext
 from cnc.session.pauses import pause_reason, pause_text
 from cnc.session.planned_motion import PlannedMotion

@@ -63,6 +63,24 @@ def pins(known: Machine) -> KlipperBoard:
     return known.board.klipper
 
 
+def connected(
+    known: Machine,
+    simulator: KlipperSimulator,
+    port: KlipperSimulatorPort | None = None,
+    identity: str = "",
+) -> Klipper:
+    """Return a driver on a simulated board, which may have to reset it."""
+    port = port or KlipperSimulatorPort(simulator)
+    return Klipper(
+        port,
+        known,
+        "the simulator",
+        clock=port,
+        identity=identity,
+        reopen=lambda: KlipperSimulatorPort(simulator),
+    )
+
+
 @contextmanager
 def board(
     known: Machine,
@@ -72,7 +90,7 @@ def board(
     """Provide a driver on a simulated board."""
     simulator = simulator or simulator_for(known)
     port = port or KlipperSimulatorPort(simulator)
-    driver = Klipper(port, known, "the simulator", clock=port)
+    driver = connected(known, simulator, port)
     try:
         yield driver, simulator
     finally:

@@ -53,6 +53,7 @@ COMMANDS = (
     "spi_transfer oid=%c data=%*s",
     "spi_send oid=%c data=%*s",
 )
+FORGET = "reset", "config_reset"
 RESPONSES = (
     "config is_config=%c crc=%u is_shutdown=%c move_count=%hu",
     "clock clock=%u",
@@ -105,6 +106,8 @@ class Firmware:
         ports: First names of the pins, and number of pins of each.
         window: Bytes that it can receive ahead; 0 for USB.
         pwm_max: Value of a PWM output that is always on.
+        forgets_by: Command after which it forgets its configuration: "reset", which most boards
+            have, or "config_reset", which does not restart it.
     """
 
     mcu: str
@@ -115,6 +118,7 @@ class Firmware:
     ports: tuple[tuple[str, int], ...]
     window: int
     pwm_max: int = 255
+    forgets_by: str = "reset"
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -133,11 +137,12 @@ class Firmware:
         }
         if self.baud:
             constants |= {"SERIAL_BAUD": self.baud, "RECEIVE_WINDOW": self.window}
+        commands = [text for text in COMMANDS if text not in FORGET or text == self.forgets_by]
         return {
             "app": "klipper-sim",
             "version": "simulator",
             "build_versions": "",
-            "commands": {IDENTIFY: 1} | {text: next(numbers) for text in COMMANDS},
+            "commands": {IDENTIFY: 1} | {text: next(numbers) for text in commands},
             "responses": {IDENTIFY_RESPONSE: 0} | {text: next(numbers) for text in RESPONSES},
             "config": constants,
             "enumerations": {

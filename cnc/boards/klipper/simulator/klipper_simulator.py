@@ -23,6 +23,8 @@ from cnc.boards.klipper.simulator.trsync import Level, Switch, Trigger
 from cnc.boards.klipper.simulator.wire import Cable
 
 WRAP = 2**32
+BOOT_S = 0.6
+"""Time from a reset until the firmware hears: a boot loader, or the start of the USB device."""
 LATE_S = 1e-3
 """Delay of a step after which the firmware shuts down."""
 Event = tuple[int, int, Callable[[], None]]
@@ -48,6 +50,7 @@ class KlipperSimulator:
         history: Changes of outputs: clock, pin, value.
         reason: Reason of the shutdown, "" while there is none.
         resets: Number of resets so far.
+        boots_until: Time at which a restart is over, s.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class KlipperSimulator:
         self.positions: dict[int, int] = {}
         self.blocks_refused = 0
         self.resets = 0
+        self.boots_until = 0.0
         self.powered = True
         self._start_clock = start_clock
         self._events: list[Event] = []
@@ -96,11 +100,20 @@ class KlipperSimulator:
         self._cpu_free = 0
 
     def reset(self) -> None:
-        """Restart the firmware: everything configured is forgotten."""
+        """Restart the firmware: everything configured is forgotten, and a USB device vanishes."""
+        self.settle(self.clock)
+        for output in self.outputs:
+            self.set_output(output, 0)
         self._restart()
         self._events.clear()
         self.resets += 1
-        self.respond("starting")
+        self.boots_until = self.now + BOOT_S
+        self._at_time(self.boots_until, lambda: self.respond("starting"))
+
+    @property
+    def has_usb(self) -> bool:
+        """Whether it is a USB device itself."""
+        return not self.firmware.baud
 
     @property
     def clock(self) -> int:
@@ -236,7 +249,7 @@ class KlipperSimulator:
 
     def _receive(self, data: bytes) -> None:
         """Take received bytes; answer each damaged block and each one out of order with a nak."""
-        if not self.powered:
+        if not self.powered or self.now < self.boots_until:
             return
         damaged = self._reader.damaged
         for block in self._reader.receive(data):
