@@ -31,7 +31,7 @@ from cnc.model.diagnostics import BoardError
 
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """Codes of the faults at a port without a GRBL board."""
-HELLO_S = 0.4
+HELLO_S = 0.3
 """Timeout of a stepper or Klipper board that is up already: the queries for GRBL took seconds."""
 
 

@@ -185,7 +185,7 @@ class Recorded:
 
 
 def test_nothing_is_sent_that_could_move_an_unknown_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    """GRBL's queries, line end and reset, then a stepper hello without line end and real-time characters."""
+    """GRBL's queries and reset, then a stepper hello without real-time characters and line end."""
     port, clock = Recorded(), 0.0
 
     class Clock:

@@ -2,8 +2,8 @@
 
 Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
 before the firmware greets. A board that was not reset answers ``?``, and gets a soft reset once it
-is at rest. A board that sends nothing gets a line end, which firmware of another kind answers. Then it
-is reset, then gets DTR.
+is at rest. A board that sends nothing gets a line end, which firmware of another kind answers. Then
+it is reset, then gets DTR.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 WELCOME_TIMEOUT = 6.0
 """Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
-LINE_END_AFTER = 2.1
+LINE_END_AFTER = 2.05
 """Seconds without a byte after which the questions become a line, which Marlin refuses aloud."""
-RESET_AFTER = 2.3
+RESET_AFTER = 2.25
 """Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
 else.
 """
-RAISE_DTR_AFTER = 2.6
+RAISE_DTR_AFTER = 2.5
 """Seconds without a byte after which DTR is raised: some boards send only then. A board that this
 resets still greets in time. Where DTR is up, nothing else can be tried.
 """
@@ -38,6 +38,8 @@ FOREIGN = 2.0
 """Seconds from the first line or noise of another device until it counts as one: a boot loader may
 send bytes before the welcome.
 """
+FOREIGN_TEXT = 1.4
+"""The same for a line of text, which few boot loaders send."""
 FOREIGN_ANSWER = 0.3
 """The same after the line end: no boot loader runs any more."""
 _OLD_REPORT = re.compile(r"<\w+,MPos:")
@@ -67,9 +69,8 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             if not link.raise_lines():
                 break
             raised, reset = True, False
-        if now - foreign_since > (FOREIGN_ANSWER if ended else FOREIGN) and not _boots_slowly(
-            received
-        ):
+        patience = FOREIGN_ANSWER if ended else FOREIGN_TEXT if _is_text(received) else FOREIGN
+        if now - foreign_since > patience and not _boots_slowly(received):
             break
         for event in link.listen(0.1):
             if isinstance(event, Started):
@@ -95,6 +96,11 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             foreign_since = min(foreign_since, link.clock.now())
     rest = link.protocol.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
+
+
+def _is_text(received: Sequence[str]) -> bool:
+    """Return whether all lines can be read; there is one at least."""
+    return bool(received) and all(text.isascii() and text.isprintable() for text in received)
 
 
 def _boots_slowly(received: Sequence[str]) -> bool:
