@@ -300,8 +300,9 @@ class GrblBoard:
 
     def send_line(self, line: GcodeLine) -> None:
         """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
-        self._refuse_unless_running()
         stream, text = self.stream, line.text
+        if stream.state != "running":
+            self._refuse_unless_running()
         if len(text) > MOST_CHARACTERS:
             message = f"a line has {len(text)} characters; the board accepts {MOST_CHARACTERS}"
             raise stream.stopped_by(board_error("line-too-long", message, line=line.line))
