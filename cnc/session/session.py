@@ -201,6 +201,9 @@ class Session:
         context.observer.checking(report.lines)
         if reader.warp is not None:
             report.height_map = reader.warp.used()
+            # Without an offset file, a check knows no zero of a GRBL board.
+            if report.offset is None or report.offset.kept or reader.saved.given:
+                self._warn(reader.warp.moved_zero(reader.saved.given))
         if not report.ok:
             return
         if board is None and reader.machine.stock is not None:

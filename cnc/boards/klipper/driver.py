@@ -18,8 +18,10 @@ from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput, TooLate
 from cnc.boards.klipper.layout import InputObject, section
+from cnc.boards.klipper.motion_limits import JOG, RUN
 from cnc.boards.klipper.outputs import AHEAD_S, actions
 from cnc.boards.klipper.profile import profile_of
+from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
@@ -69,6 +71,7 @@ class Klipper(PulseBoard):
         self._position = self._supervisor.position
         axes = len(machine.axes)
         self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
+        self._next_jog: float | None = None
         if background:
             self.run_in_background(BACKGROUND_S)
 
@@ -142,6 +145,10 @@ class Klipper(PulseBoard):
         wanted[: len(watched)] = watched
         self._next = wanted, np.array(known, np.bool_)
 
+    def prepare_jog(self, feed: float) -> None:
+        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
+        self._next_jog = feed
+
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Set the position of the machine to ``origin_steps``, and switch the motor drivers on."""
         supervisor = self._supervisor
@@ -162,6 +169,11 @@ class Klipper(PulseBoard):
             self._position.known = known
             supervisor.store(moving=True)
             self._sender.begin(self._checks.position_steps)
+            feed, self._next_jog = self._next_jog, None
+            if feed is None:
+                self._sender.set_pace(RUN)
+            else:
+                self._sender.set_pace(JOG, ramp_seconds(self._machine, feed))
             supervisor.stopped_short = False
             supervisor.active = self._began = True
             supervisor.set_outputs(OutputState(enabled=True, fan=True))

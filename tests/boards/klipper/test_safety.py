@@ -9,8 +9,9 @@ import pytest
 
 from cnc.api import Control, run
 from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.motion_limits import RUN
 from cnc.boards.klipper.ramp import ramp_seconds, stretched
-from cnc.boards.klipper.sender import HORIZON_S, PIECE_S
+from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.model.blocks import Spindle
@@ -162,7 +163,7 @@ def test_dead_host_stops_motors_and_spindle(tmp_path: Path) -> None:
     died = simulator.now
     made = place(known, simulator)
     simulator.advance(died + 5.0)
-    assert last_step(simulator) - died <= HORIZON_S + PIECE_S + 0.01
+    assert last_step(simulator) - died <= RUN.horizon_s + PIECE_S + 0.01
     spindle = pins(known).spindle
     assert spindle is not None
     off = [c for c, pin, v in simulator.history if pin == simulator.pin(spindle.pin) and v == 0]
