@@ -19,16 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
-from cnc.executor import homing
-from cnc.executor.homing_cycles import AxisHoming
 from cnc.executor.run import Progress
-from cnc.executor.squaring import Squared
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
@@ -44,9 +42,12 @@ from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import PLANNING
 from cnc.session.observer import Callbacks
 from cnc.session.options import Outputs, RunOptions
-from cnc.session.position_check import home_by_board
 from cnc.session.program_reader import start_position
 from cnc.session.session import Session
+
+if TYPE_CHECKING:
+    from cnc.executor.homing_cycles import AxisHoming
+    from cnc.executor.squaring import Squared
 
 __all__ = [
     "Block",
@@ -277,11 +278,15 @@ def home(
 
     try:
         if isinstance(opened, LineSink):
+            from cnc.session.position_check import home_by_board
+
             return dict(home_by_board(opened, known, axes, control or Control()))
         jobs = ["paths", *PLANNING, "pulses"]
         if isinstance(opened, ChecksFeasibility):
             jobs.append("segments")
         ensure_compiled(seen.on_compiling, seen.on_kernel, jobs)
+        from cnc.executor import homing
+
         positions = homing.home(
             opened,
             known,

@@ -191,6 +191,14 @@ class HasLimitSwitches(RemembersPosition, Protocol):
 
 
 @runtime_checkable
+class SendsFarAhead(Protocol):
+    """A board that gets so much motion ahead that a jog needs another way."""
+
+    def prepare_jog(self, feed: float) -> None:
+        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
+
+
+@runtime_checkable
 class SquaresGantries(HasLimitSwitches, Protocol):
     """A board on which each motor of an axis can have a limit switch of its own."""
 
@@ -319,6 +327,10 @@ class LineSink(Board, Protocol):
     @property
     def codes(self) -> frozenset[str]:
         """M6 (the board waits then until the operator resumes) and M7, if it has them."""
+
+    @property
+    def unused_tool_change(self) -> str:
+        """What the board itself would do at an M6, in place of the pause; "" for nothing."""
 
     identity: str | None
     restarted: bool

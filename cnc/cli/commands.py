@@ -131,15 +131,17 @@ def check(
     common: CommonOptions = COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, limits of the plan, and pulses."""
-    from cnc.checks.baseline import Baseline, change_lines
-
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
     common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     stream = common.summary_file if format == "text" else sys.stderr
-    before = None if baseline is None else Baseline(baseline)
+    before = None
+    if baseline is not None:
+        from cnc.checks.baseline import Baseline
+
+        before = Baseline(baseline)
     reports = (
         check_listed(files, common, options, stream)
         if listed or options.scheduler
@@ -159,6 +161,8 @@ def check(
         show(reports[0], common, stream)
     quiet = common.terminal.quiet
     if before is not None and not quiet:
+        from cnc.checks.baseline import change_lines
+
         print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
     return end(reports, quiet=quiet, fail_on=fail_on)
 

@@ -129,9 +129,6 @@ def show(report: Report, common: CommonOptions, stream: TextIO) -> None:
     """Print the summary, unless the program has faults or was stopped."""
     if common.terminal.quiet or report.faults or report.stopped_at_line is not None:
         return
-    from rich.console import Console
-
     from cnc.report.summary import print_summary
 
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else 120)
-    print_summary(report, console, verbose=common.terminal.verbose)
+    print_summary(report, stream, verbose=common.terminal.verbose)

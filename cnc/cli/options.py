@@ -372,6 +372,8 @@ def library() -> ModuleType:
     the import it would take a tenth of the time.
     """
     gc.disable()
+    # The threads of linear algebra would only wait: no matrix here is large.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # pydantic would search all installed packages for extensions of itself.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:

@@ -8,12 +8,13 @@ The plan keeps the limits of velocity, acceleration and jerk, as that of a progr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasLimitSwitches, PulseSink
+from cnc.boards.protocols import HasLimitSwitches, PulseSink, SendsFarAhead
 from cnc.executor.run import Outcome, Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, Polyline
@@ -63,6 +64,9 @@ def jog(
             watched=[not closed for closed in board.switches],
             known=[steps is not None for steps in board.known_steps],
         )
+    if isinstance(board, SendsFarAhead):
+        # A joint may be faster than the tool.
+        board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     fastest = min(machine.board.max_step_rate, board.capabilities.max_step_rate)
     planner = LookAhead(machine, control, slice_s=board.capabilities.slice_s or SLICE)
     block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))

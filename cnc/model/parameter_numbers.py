@@ -24,6 +24,8 @@ CURRENT_SYSTEM = 5220
 G54_ORIGIN = 5221
 G54_1_ORIGIN = 7001
 """The origin of FANUC's G54.1 P1."""
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
+"""Names of the coordinate systems, in the order of their origins."""
 SYSTEM_STEP = 20
 """From the origin of a coordinate system to the next one's."""
 ROTATION = 9

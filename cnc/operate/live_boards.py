@@ -34,6 +34,11 @@ def open_live(machine: Machine, kind: str, port: str | None) -> PulseSink | Line
 
         board_factory(kind)
         return GrblSimulatorBoard.in_real_time(machine)
+    if port is None and kind == "klipper-sim":
+        from cnc.boards.klipper.simulator.board import KlipperSimulatorBoard
+
+        board_factory(kind)
+        return KlipperSimulatorBoard.in_real_time(machine)
     return open_board(machine, kind=kind, port=port)
 
 

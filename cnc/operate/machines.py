@@ -13,8 +13,6 @@ from cnc.model.operator_control import Control
 from cnc.operate.events import MachineState
 from cnc.operate.jogging import JogMove
 
-SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
-
 
 @dataclass(frozen=True, slots=True)
 class Readings:

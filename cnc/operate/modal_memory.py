@@ -16,6 +16,8 @@ import math
 import re
 from collections.abc import Mapping
 
+from cnc.model.parameter_numbers import SYSTEMS
+
 MOST_PARAMETERS = 500
 """Parameters that are kept. With more of them all are forgotten."""
 FIRST_SYSTEM = 5000
@@ -26,7 +28,7 @@ GROUPS = {
     "distance": ("G90", "G91"),
     "arc-distance": ("G90.1", "G91.1"),
     "feed-mode": ("G94",),
-    "system": ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"),
+    "system": SYSTEMS,
     "path": ("G61", "G61.1"),
     "motion": ("G0", "G1"),
 }

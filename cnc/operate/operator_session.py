@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.port import Clock
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
@@ -37,6 +38,7 @@ class OperatorSession(ProgramSession):
         machine: The machine.
         macros: Folder of the macros; None for no macros.
         subroutines: Further folders of subroutines.
+        clock: Measures the time between the signs of life of a jog; None for the real time.
 
     Attributes:
         events: The events.
@@ -45,14 +47,19 @@ class OperatorSession(ProgramSession):
     """
 
     def __init__(
-        self, machine: Machine, *, macros: Path | None = None, subroutines: Sequence[Path] = ()
+        self,
+        machine: Machine,
+        *,
+        macros: Path | None = None,
+        subroutines: Sequence[Path] = (),
+        clock: Clock | None = None,
     ) -> None:
         folders = [*machine.program.subroutines, *subroutines]
         if macros is not None:
             folders.append(macros)
         program = machine.program.model_copy(update={"subroutines": tuple(folders)})
         self.machine = machine.model_copy(update={"program": program})
-        super().__init__(self.machine, macros)
+        super().__init__(self.machine, macros, clock)
 
     def __enter__(self) -> OperatorSession:
         return self
@@ -179,21 +186,10 @@ class OperatorSession(ProgramSession):
             UsageError: As :meth:`jog_step`.
         """
         move = self._jog_move(jogging.endless_move, directions, feed, unhomed=unhomed)
-        control = Control()
-        jog = Jog(move.feed, control, keep_alive)
-
-        def carry_out() -> None:
-            try:
-                self._carry_out_jog(move, control)
-            finally:
-                self._jog = None
-
-        future = self._begin("jog", carry_out, control=control)
+        jog = Jog(move.feed, keep_alive, self._clock)
+        jog.ended = self._begin("jog", lambda: self._carry_out_jog(move, jog), control=jog)
         self._jog = jog
-        if future.done():
-            self._jog = None
-        self._attention.set()
-        jog.ended = future
+        jog.ended.add_done_callback(lambda _: self._forget_jog(jog))
         return jog
 
     def zero(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 
+from cnc.boards.port import Clock
 from cnc.executor.run import Progress
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
@@ -32,6 +33,7 @@ class ProgramSession(Worker):
     Args:
         machine: The machine.
         macros: Folder of the macros; None for no macros.
+        clock: Measures the time between the signs of life of a jog; None for the real time.
 
     Attributes:
         machine: The machine.
@@ -40,11 +42,11 @@ class ProgramSession(Worker):
 
     machine: Machine
 
-    def __init__(self, machine: Machine, macros: Path | None) -> None:
+    def __init__(self, machine: Machine, macros: Path | None, clock: Clock | None = None) -> None:
         self.history: list[str] = []
         self._macros = macros
         self._modal = ModalMemory()
-        super().__init__(machine)
+        super().__init__(machine, clock)
 
     def probe(self, line: str) -> Future[JobEnded]:
         """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""

@@ -15,6 +15,7 @@ from cnc.boards.protocols import (
     PulseSink,
     RemembersPosition,
     Revivable,
+    SendsFarAhead,
     board_error,
 )
 from cnc.executor import homing
@@ -28,14 +29,16 @@ from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate.jogging import REST_TIME, JogMove
-from cnc.operate.machines import SYSTEMS, Readings
+from cnc.operate.machines import Readings
 from cnc.planner.joints import Joints
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import PLANNING
 from cnc.session.program_reader import start_position
 
 PLAYED_AHEAD = 0.14
-"""Motion that a stepper or Klipper board has taken when a hold is planned, s."""
+"""Motion that a stepper board has taken when a hold is planned, s."""
+KLIPPER_AHEAD = 0.16
+"""The same for a Klipper board with the reserve of its ramp, s."""
 PACED_AHEAD = 0.06
 """The same for the paced loopback board, s."""
 Floats = NDArray[np.float64]
@@ -51,6 +54,8 @@ class PulseMachine:
         ahead = PLAYED_AHEAD
         if isinstance(board, PacedLoopback):
             ahead = PACED_AHEAD
+        elif isinstance(board, SendsFarAhead):
+            ahead = KLIPPER_AHEAD
         self.rest = REST_TIME - ahead
 
     def readings(self) -> Readings:
@@ -126,7 +131,7 @@ class PulseMachine:
                 str(letter): values.get(numbers.origin(system) + column, 0.0)
                 for letter, column in columns.items()
             }
-            for system, name in enumerate(SYSTEMS)
+            for system, name in enumerate(numbers.SYSTEMS)
         }
         in_effect = values.get(numbers.SHIFT_IN_EFFECT, 0.0) == 1.0
         found["G92"] = {
@@ -144,12 +149,12 @@ class PulseMachine:
         file = self._parameter_file()
         stored, offsets, here = self._values(), self.offsets(), self._by_axis(self.tip())
         if system not in offsets:
-            hint = f"systems are {', '.join(SYSTEMS)} and G92"
+            hint = f"systems are {', '.join(numbers.SYSTEMS)} and G92"
             raise UsageError(
                 Diagnostic("no-such-system", f"there is no coordinate system {system}", hint=hint)
             )
         base = "G54" if system == "G92" else system
-        first = numbers.origin(SYSTEMS.index(base))
+        first = numbers.origin(numbers.SYSTEMS.index(base))
         if stored.get(first + numbers.ROTATION):
             message = f"{base} is rotated, so that its axes are not those of the machine"
             hint = "set its zero in a program, or remove the rotation: G10 L2 P1 R0"

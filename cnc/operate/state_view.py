@@ -11,8 +11,9 @@ from cnc.executor.run import Progress
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
+from cnc.model.parameter_numbers import SYSTEMS
 from cnc.operate.events import Activity, MachineState, Overrides, State
-from cnc.operate.machines import SYSTEMS, OperatedMachine, Readings
+from cnc.operate.machines import OperatedMachine, Readings
 
 MS_PER_S = 1000.0
 

@@ -5,8 +5,7 @@
                                             │
     ticker ──► state ten times a second     └──► events
 
-While nothing runs, the worker exchanges reports with the board. The ticker ends jogs whose client
-is silent.
+While nothing runs, the worker exchanges reports with the board.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
+from cnc.boards.port import Clock, SystemClock
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -33,41 +33,48 @@ log = logging.getLogger(__name__)
 
 STATE_PERIOD = 0.1
 """Time between two states, s."""
-WATCH_PERIOD = 0.02
-"""Time between two looks at the sign of life of a jog, s."""
 KEEP_ALIVE = 0.2
 """Time without a sign of life after which a jog ends, s."""
 T = TypeVar("T")
 
 
-class Jog:
-    """A jog that moves until it is released.
+class Jog(Control):
+    """A jog that moves until it is released, or until its client is silent.
+
+    Args:
+        feed: Its speed, mm/s.
+        keep_alive: Longest time between two signs of life, s.
+        clock: Measures this time.
 
     Attributes:
         id: Its number.
         feed: Its speed, mm/s, which may be less than was asked for.
+        ended: Done when the machine is at rest.
     """
 
     _numbers = itertools.count(1)
 
-    def __init__(self, feed: float, control: Control, keep_alive: float) -> None:
+    def __init__(self, feed: float, keep_alive: float, clock: Clock) -> None:
+        super().__init__()
         self.id, self.feed = next(self._numbers), feed
-        self._control, self._keep_alive = control, keep_alive
-        self._until = time.monotonic() + keep_alive
+        self._clock, self._keep_alive = clock, keep_alive
+        self._until = clock.now() + keep_alive
         self.ended: Future[None] = Future()
 
     def keep_alive(self) -> None:
-        """Give a sign of life: without one, the jog ends after ``KEEP_ALIVE`` seconds."""
-        self._until = time.monotonic() + self._keep_alive
+        """Give a sign of life. It does not continue a jog that was released."""
+        self._until = self._clock.now() + self._keep_alive
 
     def release(self) -> None:
         """Come to rest."""
-        self._control.hold()
+        self.hold()
 
     @property
-    def is_silent(self) -> bool:
-        """Whether the sign of life is overdue."""
-        return time.monotonic() > self._until
+    def held(self) -> bool:
+        """Whether the jog was released, or its client is silent."""
+        if not self._held and self._clock.now() > self._until:
+            self.hold()
+        return self._held
 
 
 class Worker:
@@ -75,12 +82,14 @@ class Worker:
 
     Args:
         machine: The machine.
+        clock: Measures the time between the signs of life of a jog; None for the real time.
 
     Attributes:
         events: The events.
     """
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Machine, clock: Clock | None = None) -> None:
+        self._clock = clock or SystemClock()
         self.events = EventStream()
         self._dialogs = Dialogs(self.events)
         self._view = StateView(machine)
@@ -93,7 +102,6 @@ class Worker:
         self._lock = threading.RLock()
         self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._closed = threading.Event()
-        self._attention = threading.Event()
         self._worker = threading.Thread(target=self._work, daemon=True, name="machine")
         self._ticker = threading.Thread(target=self._tick, daemon=True, name="machine state")
         self._worker.start()
@@ -166,11 +174,14 @@ class Worker:
         control.hold()
         self._dialogs.close()
 
+    def _forget_jog(self, jog: Jog) -> None:
+        if self._jog is jog:
+            self._jog = None
+
     def close(self) -> None:
         """Come to rest, release the board, and end the session."""
         self.stop()
         self._closed.set()
-        self._attention.set()
         self._tasks.put(lambda: None)
         self._worker.join()
         self._ticker.join()
@@ -263,17 +274,9 @@ class Worker:
 
     def _tick(self) -> None:
         due = time.monotonic()
-        while not self._closed.is_set():
-            jog = self._jog
-            if jog is not None and jog.is_silent:
-                jog.release()
-            now = time.monotonic()
-            if now >= due:
-                due = max(due + STATE_PERIOD, now)
-                self.events.emit(self.state)
-            pause = due - time.monotonic()
-            self._attention.wait(min(pause, WATCH_PERIOD) if jog is not None else max(pause, 0.0))
-            self._attention.clear()
+        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
+            due = max(due + STATE_PERIOD, time.monotonic())
+            self.events.emit(self.state)
 
     def _drop(self) -> None:
         machine, self._operated = self._operated, None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TextIO
 
 from cnc.model.blocks import ROTARY_LETTERS
 from cnc.report.number_format import clock, number, position, spaced
@@ -14,9 +15,7 @@ from cnc.report.result import (
     Extremes,
     Report,
 )
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+from cnc.report.text_table import aligned, has_styles, join, printable, styled
 
 _TITLES = {
     "feed": "feed",
@@ -52,64 +51,78 @@ def one_line(report: Report) -> str:
     return f"{report.program}: {result}"
 
 
-def print_summary(report: Report, console: Console, *, verbose: bool = False) -> None:
+def print_summary(report: Report, stream: TextIO, *, verbose: bool = False) -> None:
     """Print a report as tables.
 
     Args:
         report: the result of a check or a run.
-        console: the terminal.
+        stream: the terminal, or a file.
         verbose: also print the dynamics of each axis and the computing times.
     """
-    from rich.markup import escape
-    from rich.table import Table
+    terminal = has_styles(stream)
+    lines = _fact_lines(report, terminal, verbose)
+    for table in (_axes(report, verbose), _limits(report)):
+        heading, *rows = table
+        lines += [styled(heading, "bold") if terminal else heading, *rows]
+    if verbose:
+        timing = report.timing
+        lines.append(
+            f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, "
+            f"planning {timing.plan_s:.3f}, interpolating {timing.interpolate_s:.3f}"
+        )
+    print(*lines, sep="\n", file=stream)
 
-    facts = Table.grid(padding=(0, 2))
-    facts.add_column(style="bold", no_wrap=True)
-    facts.add_column(overflow="fold")
-    facts.add_row(
-        "program",
-        f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)",
-    )
-    facts.add_row("machine", escape(report.machine.name))
-    facts.add_row("dialect", escape(_dialect(report, verbose)))
+
+def _fact_lines(report: Report, terminal: bool, verbose: bool) -> list[str]:
+    """Return a line for each fact; the names are bold, and the result is coloured."""
+    facts = dict(_facts(report, verbose))
+    width = max(map(len, facts))
+    lines = []
+    for name, text in facts.items():
+        label, value = name.ljust(width), printable(text)
+        if terminal:
+            label = styled(label, "bold")
+            if name == "result":
+                value = styled(value, "green" if report.ok else "red")
+        lines.append(join([label, value]))
+    return lines
+
+
+def _facts(report: Report, verbose: bool) -> Iterator[tuple[str, str]]:
+    """Yield name and text of what the summary says about the whole program."""
+    counts = f"{spaced(report.lines)} lines, {spaced(report.blocks)} blocks"
+    yield "program", f"{report.program}  ({counts})"
+    yield "machine", report.machine.name
+    yield "dialect", _dialect(report, verbose)
     if report.assumed:
-        facts.add_row("assumed", escape(report.assumed))
-    facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
+        yield "assumed", report.assumed
+    yield "result", verdict(report)
     if report.offset is not None:
-        facts.add_row("offset", _offset(report.offset))
-    facts.add_row("time", _time(report))
-    facts.add_row("path length", f"{number(report.path_length_mm)} mm")
+        yield "offset", _offset(report.offset)
+    yield "time", _time(report)
+    yield "path length", f"{number(report.path_length_mm)} mm"
     if report.pulse_error_blu is not None:
-        facts.add_row(
+        yield (
             "grid",
             f"{spaced(report.pulse_rows)} grid moves, "
             f"at most {report.pulse_error_blu:.4f} BLU from the path",
         )
     if (warped := report.height_map) is not None:
-        facts.add_row(
+        yield (
             "height map",
-            f"{escape(warped.file)}: {warped.columns} x {warped.rows} points, "
+            f"{warped.file}: {warped.columns} x {warped.rows} points, "
             f"{position(warped.lowest_mm)} to {position(warped.highest_mm)} mm, "
             f"{warped.interpolation}; {spaced(warped.pieces)} pieces "
             f"within {number(warped.tolerance_mm)} mm",
         )
     if report.cut is not None:
-        facts.add_row(
+        yield (
             "stock",
             f"{number(report.cut.removed_mm3 / 1000.0)} cm³ removed, "
             f"simulated in cells of {number(report.cut.resolution_mm)} mm",
         )
     exceeded = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
-    facts.add_row("violations", exceeded or "none")
-    console.print(facts)
-    console.print(_axes(report, verbose))
-    console.print(_limits(report))
-    if verbose:
-        timing = report.timing
-        console.print(
-            f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, "
-            f"planning {timing.plan_s:.3f}, interpolating {timing.interpolate_s:.3f}"
-        )
+    yield "violations", exceeded or "none"
 
 
 def _time(report: Report) -> str:
@@ -140,14 +153,12 @@ def _dialect(report: Report, verbose: bool) -> str:
     return report.dialect if report.dialect == "auto" else f"{report.dialect} (recognised)"
 
 
-def _axes(report: Report, verbose: bool) -> RenderableType:
-    """Return a table with extent, end position and steps of each axis."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+def _axes(report: Report, verbose: bool) -> list[str]:
+    """Return a table with extent, end position and steps of each axis; a heading comes first."""
     columns = ["axis", "from", "to", "travel", "ends at", "steps"]
-    for name in columns + ([f"{each} (limit)" for each in AXIS_LIMIT_NAMES] if verbose else []):
-        table.add_column(name, justify="left" if name == "axis" else "right", no_wrap=True)
+    if verbose:
+        columns += [f"{each} (limit)" for each in AXIS_LIMIT_NAMES]
+    table = [columns]
     for letter, axis in report.machine.axes.items():
         box = report.bounding_box.get(letter)
         row = [letter.upper()]
@@ -156,37 +167,31 @@ def _axes(report: Report, verbose: bool) -> RenderableType:
         row += [position(report.end_position[letter]) if letter in report.end_position else "-"]
         row += [spaced(report.steps[letter]) if letter in report.steps else "-"]
         if verbose:
-            largest, limits = (
-                report.largest.axes.get(letter, {}),
-                report.limits.axes.get(letter, {}),
-            )
+            largest = report.largest.axes.get(letter, {})
+            limits = report.limits.axes.get(letter, {})
             row += [
                 f"{number(largest.get(name))} ({number(limits.get(name))})"
                 for name in AXIS_LIMIT_NAMES
             ]
-        table.add_row(*row)
-    return table
+        table.append(row)
+    return [join(row) for row in aligned(table, right=range(1, len(columns)))]
 
 
-def _limits(report: Report) -> RenderableType:
-    """Return a table of the largest values along the path and their limits.
+def _limits(report: Report) -> list[str]:
+    """Return a table of the largest values along the path and their limits; a heading comes first.
 
     Of velocity, acceleration and jerk it has the axis that used most of its limit.
     """
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     # The board makes its own ramps, which our model of its planner follows.
     title = "along the path, as computed" if report.planned_by_board else "along the path"
-    for name in (title, "largest", "limit", "", "used"):
-        table.add_column(name, justify="left" if name in (title, "") else "right", no_wrap=True)
+    table = [[title, "largest", "limit", "", "used"]]
     for name in LIMIT_NAMES:
         largest, limit = getattr(report.largest, name), getattr(report.limits, name)
         if largest is not None:
             # The limit of feeds does not apply to traverses.
             faster = name == "feed" and limit and largest > limit and not report.violations[name]
             used = "traverse" if faster else _share(largest, limit)
-            table.add_row(_TITLES[name], number(largest), number(limit), UNITS[name], used)
+            table.append([_TITLES[name], number(largest), number(limit), UNITS[name], used])
     for name in AXIS_LIMIT_NAMES:
         nearest = _nearest(report.largest, report.limits, name)
         if nearest is not None:
@@ -194,14 +199,9 @@ def _limits(report: Report) -> RenderableType:
             unit = UNITS[name]
             if letter in ROTARY_LETTERS and letter in report.machine.axes:
                 unit = unit.replace("mm", "°")
-            table.add_row(
-                f"{name} of {letter.upper()}",
-                number(largest),
-                number(limit),
-                unit,
-                _share(largest, limit),
-            )
-    return table
+            title = f"{name} of {letter.upper()}"
+            table.append([title, number(largest), number(limit), unit, _share(largest, limit)])
+    return [join(row) for row in aligned(table, right=(1, 2, 4))]
 
 
 def _share(largest: float, limit: float | None) -> str:

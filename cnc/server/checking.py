@@ -18,7 +18,6 @@ from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import CncError
-from cnc.operate.machines import SYSTEMS
 from cnc.server.library import Library
 
 NICENESS = 10
@@ -123,7 +122,7 @@ def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float
     """Return the parameters of offsets by name and axis, mm."""
     values: dict[int, float] = {}
     for name, place in offsets.items():
-        first = numbers.SHIFT if name == "G92" else numbers.origin(SYSTEMS.index(name))
+        first = numbers.SHIFT if name == "G92" else numbers.origin(numbers.SYSTEMS.index(name))
         for letter, value in place.items():
             values[first + AXIS_LETTERS.index(letter)] = value
     if any(offsets.get("G92", {}).values()):

@@ -10,9 +10,9 @@ from typing import Annotated, Any, TypeVar
 from fastapi import APIRouter, Depends, Header, HTTPException, Request
 
 from cnc.boards.registry import board_names
+from cnc.model import parameter_numbers as numbers
 from cnc.model.units import per_minute
 from cnc.operate.events import as_object
-from cnc.operate.machines import SYSTEMS
 from cnc.operate.probing import cycles, mdi_line
 from cnc.server.console import Console
 from cnc.server.models import (
@@ -98,7 +98,7 @@ async def machine(console: Shared) -> dict[str, Any]:
         },
         "board": session.machine.board.kind,
         "boards": [name for name in board_names() if name != "file"],
-        "systems": list(SYSTEMS),
+        "systems": list(numbers.SYSTEMS),
         "version": __version__,
         "stock": stock_box(known),
         "homes": known.can_home or bool(session.state.homed),

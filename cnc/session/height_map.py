@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 
 from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model import parameter_numbers as numbers
+from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.path.surface import Surface
 from cnc.path.warp import Warp
 from cnc.report.result import WarpedBy
+
+MOVED = 0.003
+"""Smallest distance of a work zero that was moved, mm: boards report three decimals."""
 
 
 class ProgramWarp:
@@ -68,6 +72,34 @@ class ProgramWarp:
             top=min(tops, default=math.inf),
         )
         return self._warp.blocks(blocks, start)
+
+    def moved_zero(self, parameters: Mapping[int, float]) -> list[Diagnostic]:
+        """Return the warning ``height-map-zero`` if the work zero was moved after the probing.
+
+        Args:
+            parameters: Those before the program, by number; one that is missing is 0.
+        """
+        known = self._map
+        if known.system not in numbers.SYSTEMS:
+            return []
+        origin = numbers.origin(numbers.SYSTEMS.index(known.system))
+        is_shifted = parameters.get(numbers.SHIFT_IN_EFFECT) == 1.0
+        moved = []
+        for column, letter in enumerate(AXIS_LETTERS[:3]):
+            zero = parameters.get(origin + column, 0.0)
+            if is_shifted:
+                zero += parameters.get(numbers.SHIFT + column, 0.0)
+            distance = zero - known.work_zero.get(letter, zero)
+            if abs(distance) > MOVED:
+                moved.append(f"{letter.upper()} by {distance:.3f} mm")
+        if not moved:
+            return []
+        message = f"the zero of {known.system} was moved after the probing: {', '.join(moved)}"
+        hint = (
+            "the map stays at its place on the table, and its heights count from Z zero; "
+            "probe again if the part was moved"
+        )
+        return [Diagnostic("height-map-zero", message, hint=hint, severity="warning")]
 
     def used(self) -> WarpedBy:
         """Return the use of the map by the latest reading."""

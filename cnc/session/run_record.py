@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import LineSink, PulseSink
@@ -13,9 +14,11 @@ from cnc.session.checkpoint import Checkpoint, CheckpointWriter, file_hash
 from cnc.session.context import SessionContext
 from cnc.session.kept_offsets import write_offsets
 from cnc.session.observer import StoppedBeforeMotion
-from cnc.session.position_check import PositionCheck
 from cnc.session.required_capabilities import CapabilityCheck
 from cnc.session.source import WITHOUT_FILE
+
+if TYPE_CHECKING:
+    from cnc.session.position_check import PositionCheck
 
 
 class RunRecord:
@@ -58,6 +61,8 @@ class RunRecord:
             BoardError: ``position-lost`` if the machine is not where the last run ended.
         """
         reader, options = self._context.reader, self._context.options
+        from cnc.session.position_check import PositionCheck
+
         self._position_check = PositionCheck(
             board, reader.machine, self._last_run, trusted=options.trust_position
         )

@@ -31,6 +31,11 @@ class SavedState:
         """Replace parameters by the values that a board keeps itself."""
         self._values = {**self._values, **values}
 
+    @property
+    def given(self) -> Mapping[int, float]:
+        """Parameters that the file or the board has given, by number."""
+        return self._values
+
     def parameters(self, *, macro: bool) -> Parameters:
         """Return the parameters for one reading; ``macro``: with the ranges of FANUC's macros."""
         return Parameters(self._values, macro=macro)

@@ -8,19 +8,16 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
-from cnc.executor.homing import home
-from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
-from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import BytesTarget, TextTarget
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Cut, Extremes, Report
@@ -36,8 +33,6 @@ from cnc.session.board_choices import (
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
 from cnc.session.kernel_needs import KernelNeeds
-from cnc.session.known_position import locate
-from cnc.session.line_pass import LinePass
 from cnc.session.observer import Callbacks, Observer, StoppedBeforeMotion
 from cnc.session.options import RunOptions
 from cnc.session.outputs import OpenOutputs, check_outputs
@@ -48,6 +43,9 @@ from cnc.session.required_capabilities import CapabilityCheck
 from cnc.session.run_record import RunRecord
 from cnc.session.saved_state import SavedState
 from cnc.session.source import Source, display_name, readable_file, with_source_lines
+
+if TYPE_CHECKING:
+    from cnc.grbl_lines.grbl_timing import BoardTime
 
 log = logging.getLogger(__name__)
 
@@ -192,6 +190,8 @@ class Session:
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
         if isinstance(board, RemembersPosition):
+            from cnc.session.known_position import locate
+
             locate(context, board)
         if isinstance(board, LineSink):
             self._warn(board.unlike(report.machine))
@@ -201,6 +201,9 @@ class Session:
         context.observer.checking(report.lines)
         if reader.warp is not None:
             report.height_map = reader.warp.used()
+            # Without an offset file, a check knows no zero of a GRBL board.
+            if report.offset is None or report.offset.kept or reader.saved.given:
+                self._warn(reader.warp.moved_zero(reader.saved.given))
         if not report.ok:
             return
         if board is None and reader.machine.stock is not None:
@@ -228,6 +231,8 @@ class Session:
         context, report, reader = self._context, self.report, self._context.reader
         check, target = CheckPass(context, capabilities, self._kernels), None
         if context.options.outputs.blocks is not None:
+            from cnc.outputs.blocks import BlockWriter
+
             target = context.files.opened(
                 BlockWriter(
                     context.options.outputs.blocks, reader.machine.axis_names, report.program
@@ -286,6 +291,8 @@ class Session:
 
         try:
             if isinstance(board, LineSink):
+                from cnc.session.line_pass import LinePass
+
                 lines = LinePass(
                     context, motion, board, self._warn, depends_on_answers=depends_on_answers
                 )
@@ -316,6 +323,8 @@ class Session:
         """Home the machine if requested, and begin the records. Raises HomingStopped."""
         context = self._context
         if context.options.home:
+            from cnc.executor.homing import home
+
             log.info("homing")
             home(
                 board,
@@ -349,6 +358,8 @@ class Session:
         target = self._context.options.outputs.lines
         if target is None and (board is not None or not capabilities.lines):
             return None
+        from cnc.grbl_lines.line_program import LineProgram
+
         reader = self._context.reader
         file = None if target is None else self._context.files.opened(TextTarget(target))
         program = LineProgram(

@@ -4,7 +4,6 @@ import io
 import json
 
 import pytest
-from rich.console import Console
 
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError, UsageError
@@ -21,9 +20,9 @@ def report(**more) -> Report:
 
 
 def text(one: Report, **options) -> str:
-    console = Console(file=io.StringIO(), width=160, highlight=False)
-    print_summary(one, console, **options)
-    return console.file.getvalue()
+    stream = io.StringIO()
+    print_summary(one, stream, **options)
+    return stream.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from cnc.api import Machine, Report, check, load_machine
 from cnc.boards.grbl.driver import GrblBoard
@@ -33,7 +32,7 @@ def ran(
     board.close()
     assert report.ok, report.faults
     out = io.StringIO()
-    print_summary(report, Console(file=out, width=120))
+    print_summary(report, out)
     return report, out.getvalue()
 
 
@@ -70,7 +69,7 @@ def test_a_traverse_is_not_shown_as_a_part_of_the_feed_limit(tmp_path: Path) -> 
     assert report.largest.feed is not None
     assert report.largest.feed > 20.0
     out = io.StringIO()
-    print_summary(report, Console(file=out, width=120))
+    print_summary(report, out)
     (row,) = [line for line in out.getvalue().splitlines() if line.startswith("feed ")]
     assert row.rstrip().endswith("traverse")
 
@@ -124,7 +123,7 @@ def test_a_check_uses_the_offsets_of_the_last_run(tmp_path: Path) -> None:
 
     def shown(report: Report) -> str:
         out = io.StringIO()
-        print_summary(report, Console(file=out, width=120))
+        print_summary(report, out)
         return next(row for row in out.getvalue().splitlines() if row.startswith("offset"))
 
     before = check(program, machine)

@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
+from cnc.gcode.syntax.parameter_file import write_parameters
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import load_machine
 from cnc.session.options import Outputs, RunOptions
@@ -87,3 +88,35 @@ def test_a_grbl_board_follows_the_surface(tmp_path, bumps):
     assert report.end_position["z"] == pytest.approx(
         3.0 + height(np.array([55.0]), np.array([8.0]))[0], abs=0.002
     )
+
+
+@pytest.mark.parametrize(
+    ("now", "expected"),
+    [
+        ({}, "X by -10.000 mm, Y by -5.000 mm, Z by 2.500 mm"),
+        ({5221: 10.0, 5222: 5.0, 5223: -2.5}, ""),
+        ({5221: 10.0, 5222: 5.0, 5223: -2.498}, ""),
+        ({5221: 10.0, 5222: 5.0, 5223: -1.5}, "Z by 1.000 mm"),
+        ({5221: 9.0, 5222: 5.0, 5223: -2.5, 5210: 1.0, 5211: 1.0}, ""),
+        ({5221: 9.0, 5222: 5.0, 5223: -2.5, 5210: 0.0, 5211: 1.0}, "X by -1.000 mm"),
+    ],
+)
+def test_a_zero_that_was_moved_after_the_probing_is_a_warning(tmp_path, now, expected):
+    flat = HeightMap(
+        x=(0.0, 80.0),
+        y=(0.0, 80.0),
+        heights=((0.1, 0.1), (0.1, 0.1)),
+        system="G54",
+        work_zero={"x": 10.0, "y": 5.0, "z": -2.5, "a": 4.0},
+    )
+    save_height_map(flat, tmp_path / "map.json")
+    (tmp_path / "p.nc").write_text("G21 G90\nG0 X20 Y20 Z3\nM2\n")
+    machine, values = load_machine(None), tmp_path / "machine.var"
+    write_parameters(values, now)
+    program = machine.program.model_copy(update={"parameters": values})
+    machine = machine.model_copy(update={"program": program})
+    options = RunOptions(height_map=str(tmp_path / "map.json"))
+    report = Session(tmp_path / "p.nc", machine, options).run()
+    assert report.ok, report.faults
+    found = [each for each in report.warnings if each.code == "height-map-zero"]
+    assert [each.message.partition(": ")[2] for each in found] == ([expected] if expected else [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 
 from cnc.boards.klipper.clock import BoardClock
 from cnc.boards.klipper.protocol.dictionary import IDENTIFY_RESPONSE_ID, Dictionary, Message, Value
@@ -24,7 +25,7 @@ CHUNK = 40
 """Bytes of the dictionary in one answer."""
 MOST_DICTIONARY = 1 << 20
 """Bytes after which a dictionary without end is refused."""
-IDENTIFY_S = 4.0
+IDENTIFY_S = 3.0
 """Timeout of the first answer: the opening of the port may have reset the board."""
 ANSWER_S = 0.1
 """Time after which a question is asked again, because answers are not repeated."""
@@ -34,13 +35,26 @@ CLOCK_PERIOD_S = 0.25
 """Time between two questions for the clock."""
 FIRST_CLOCKS = 8
 """Questions for the clock when the connection is opened."""
+RESET_S, RESTART_S = 0.05, 0.5
+"""Time in which the command to reset reaches the board, and least time of a restart."""
+RESTART_TIMEOUT_S = 10.0
+"""Time after a reset in which the board must be back: a boot loader may come first."""
 
 Pump = Callable[[float], object]
 """A function that sends and receives, and waits at most so many seconds for bytes."""
+Reopen = Callable[[], Port]
+"""A function that opens the port once more."""
 
 
 class Connection:
     """A port, the protocol, and the board's clock.
+
+    Args:
+        port: The port.
+        clock: Clock of this computer.
+        name: Name of the port, for messages.
+        reopen: Opens the port again after a reset: a USB device vanishes and comes back. None if
+            the port outlives a reset.
 
     Attributes:
         port: The port.
@@ -51,15 +65,20 @@ class Connection:
         board_clock: Estimate of the board's clock.
     """
 
-    def __init__(self, port: Port, clock: Clock, name: str) -> None:
-        self.port = LoggedPort(port, name, log, text=False)
+    def __init__(self, port: Port, clock: Clock, name: str, reopen: Reopen | None = None) -> None:
         self.clock = clock
         self.name = name
+        self._reopen = reopen
+        self._begin(port)
+
+    def _begin(self, port: Port) -> None:
+        """Begin at a port, with a board of which nothing is known."""
+        self.port = LoggedPort(port, self.name, log, text=False)
         self.link = KlipperLink()
         self.dictionary = Dictionary()
         self.board_clock = BoardClock(1.0)
         self._asked_clock: float | None = None
-        self._asked_at = clock.now()
+        self._asked_at = self.clock.now()
         self._answers: list[Message] = []
 
     def send(self, command: str, **values: Value) -> None:
@@ -159,6 +178,41 @@ class Connection:
             self.link.window = window
         log.info("%s: %s", self.name, self.dictionary.constants)
         self._read_clock()
+
+    def reset(self) -> None:
+        """Reset the microcontroller, and connect again; its configuration is gone.
+
+        Raises:
+            BoardError: It does not come back.
+        """
+        with suppress(BoardError):
+            self.send("reset")
+            began = self.clock.now()
+            while self.clock.now() - began < RESET_S and not self.link.idle:
+                self.pump(POLL_S)
+        self.reconnect()
+
+    def reconnect(self) -> None:
+        """Connect again to a board that restarts.
+
+        Raises:
+            BoardError: It does not come back.
+        """
+        if self._reopen is not None:
+            self.port.close()
+        self.clock.sleep(RESTART_S)
+        began = self.clock.now()
+        while True:
+            try:
+                self._begin(self.port.port if self._reopen is None else self._reopen())
+                self.open()
+                return
+            except BoardError:
+                if self.clock.now() - began > RESTART_TIMEOUT_S:
+                    raise
+                if self._reopen is not None:
+                    self.port.close()
+                self.clock.sleep(RESET_S)
 
     def _identify(self, timeout: float) -> Dictionary:
         data = bytearray()

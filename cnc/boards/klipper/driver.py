@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.alarms import RELEASE
-from cnc.boards.klipper.connection import BAUD
+from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput, TooLate
 from cnc.boards.klipper.layout import InputObject, section
+from cnc.boards.klipper.motion_limits import JOG, RUN
 from cnc.boards.klipper.outputs import AHEAD_S, actions
 from cnc.boards.klipper.profile import profile_of
+from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
@@ -44,6 +46,7 @@ class Klipper(PulseBoard):
         clock: Clock of the port.
         background: Exchange bytes between calls in a thread, so that the board is not alone.
         identity: Identity under which the position is kept for the next program; "" for none.
+        reopen: Opens the port again after a reset of the board; None if the port outlives it.
 
     Raises:
         BoardError: No Klipper board answers, or it refuses its configuration.
@@ -59,13 +62,16 @@ class Klipper(PulseBoard):
         clock: Clock | None = None,
         background: bool = False,
         identity: str = "",
+        reopen: Reopen | None = None,
     ) -> None:
-        self._supervisor = Supervisor(port, machine, name, clock or SystemClock(), identity)
+        clock = clock or SystemClock()
+        self._supervisor = Supervisor(port, machine, name, clock, identity, reopen)
         super().__init__(machine, self._supervisor)
         self._sender = self._supervisor.sender
         self._position = self._supervisor.position
         axes = len(machine.axes)
         self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
+        self._next_jog: float | None = None
         if background:
             self.run_in_background(BACKGROUND_S)
 
@@ -76,11 +82,19 @@ class Klipper(PulseBoard):
 
         section(machine)
         name = port_name(machine, target, "Klipper")
-        port = open_port(name, baud_of(machine))
+        ports: list[Port] = []
+
+        def opened() -> Port:
+            ports.append(open_port(name, baud_of(machine)))
+            return ports[-1]
+
         try:
-            return cls(port, machine, name, background=True, identity=identity(name))
+            port = opened()
+            known = identity(name)
+            return cls(port, machine, name, background=True, identity=known, reopen=opened)
         except BaseException:
-            port.close()
+            for port in ports:
+                port.close()
             raise
 
     @property
@@ -131,6 +145,10 @@ class Klipper(PulseBoard):
         wanted[: len(watched)] = watched
         self._next = wanted, np.array(known, np.bool_)
 
+    def prepare_jog(self, feed: float) -> None:
+        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
+        self._next_jog = feed
+
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Set the position of the machine to ``origin_steps``, and switch the motor drivers on."""
         supervisor = self._supervisor
@@ -151,6 +169,11 @@ class Klipper(PulseBoard):
             self._position.known = known
             supervisor.store(moving=True)
             self._sender.begin(self._checks.position_steps)
+            feed, self._next_jog = self._next_jog, None
+            if feed is None:
+                self._sender.set_pace(RUN)
+            else:
+                self._sender.set_pace(JOG, ramp_seconds(self._machine, feed))
             supervisor.stopped_short = False
             supervisor.active = self._began = True
             supervisor.set_outputs(OutputState(enabled=True, fan=True))

@@ -6,6 +6,8 @@ speed, with ``u = t / T``. It covers ``T / 2`` seconds of the plan.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +20,15 @@ LEAST_S, MOST_S, UNKNOWN_S = 0.02, 0.5, 0.2
 POINTS = 513
 
 
-def ramp_seconds(machine: Machine) -> float:
-    """Return the length of a ramp within the accelerations of the axes at full speed, s."""
+def ramp_seconds(machine: Machine, feed: float = math.inf) -> float:
+    """Return the length of a ramp from a speed within the accelerations of the axes, s.
+
+    Args:
+        machine: The machine.
+        feed: The speed, mm/s; that of an axis is at most its highest.
+    """
     stops = [
-        axis.max_velocity / axis.max_acceleration
+        min(axis.max_velocity, feed) / axis.max_acceleration
         for axis in machine.axes.values()
         if axis.max_acceleration
     ]

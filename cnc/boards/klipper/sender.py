@@ -2,7 +2,7 @@
 
       board plays       sent            reserve            from the planner
     ──────●──────────────────────┤·················┤ ◄── ── ── ── ── ──
-          └──── HORIZON_S ───────┘  half a ramp
+          └────── horizon ───────┘  half a ramp
 
 The board stops dead when its queues run dry. So the last part of what the planner has given is kept
 as a reserve. When no more comes in time, the reserve is stretched to a ramp to rest on the path
@@ -19,25 +19,17 @@ from cnc.boards.klipper.connection import POLL_S, Connection
 from cnc.boards.klipper.guards import Guard, TooLate
 from cnc.boards.klipper.layout import Layout, MotorObject
 from cnc.boards.klipper.line_tracker import LineTracker
-from cnc.boards.klipper.motion_limits import MotionLimits
+from cnc.boards.klipper.motion_limits import RUN, MotionLimits, Pace
 from cnc.boards.klipper.ramp import stretched
 from cnc.boards.klipper.slots import Slots
 from cnc.boards.klipper.steps import StepEncoder
 from cnc.kernels.klipper.step_runs import Runs
 from cnc.model.streams import PulseChunk
 
-HORIZON_S = 0.25
-"""Longest motion sent ahead of the motion that the board plays."""
 PIECE_S = 0.02
 """Length of the pieces in which moves are compressed and sent."""
-PREFILL_S = 0.1
-"""Motion beyond the reserve that is there before the motion starts."""
-START_S = 0.2
-"""Time from the start of a motion to its first move."""
 LATE_S = 0.01
 """A move must be sent so long before its time."""
-DRY_S = 0.08
-"""Motion left on the board at which the reserve becomes a ramp."""
 SETTLE_S = 0.003
 """Time after the last step until the position is read."""
 GAP_TICKS = 2**28
@@ -88,10 +80,10 @@ class Sender:
         self.most_slots = self.moves = 0
         self._connection, self._guard, self._axes = connection, guard, axes
         self._frequency = connection.board_clock.frequency
-        self.ramp_s = limits.ramp_s
         tolerance = int(limits.tolerance_s * self._frequency)
         least = int(limits.spacing_s * self._frequency)
-        self._reserve_ns = round(0.5e9 * self.ramp_s)
+        self._longest_ramp_s = limits.ramp_s
+        self.set_pace(RUN)
         self._encoders = [StepEncoder(tolerance, least=least) for _ in range(axes)]
         self._layout = layout
         self._motors: list[list[MotorObject]] = []
@@ -104,6 +96,12 @@ class Sender:
         self._end_clock = 0
         self._flushed = True
         self._begun = self._sending = False
+
+    def set_pace(self, pace: Pace, ramp_s: float | None = None) -> None:
+        """Choose how far ahead the next motion is sent; ``ramp_s``: length of its ramp to rest."""
+        self._pace = pace
+        self.ramp_s = self._longest_ramp_s if ramp_s is None else ramp_s
+        self._reserve_ns = round(0.5e9 * self.ramp_s)
 
     def select(self, alone: tuple[int, int] | None) -> None:
         """Let one motor of an axis (column, motor) take part in the motion, or all."""
@@ -181,7 +179,7 @@ class Sender:
         self._points.append(points)
         if not self.running:
             begin = int(self._waiting[0][0][0])
-            if last - begin < self._reserve_ns + PREFILL_S * 1e9:
+            if last - begin < self._reserve_ns + self._pace.prefill_s * 1e9:
                 return
             self.start(begin)
         self._release(last - self._reserve_ns)
@@ -200,7 +198,7 @@ class Sender:
         """Bind the program's clock to the board's clock; motors stand still."""
         self._base_ns = self._sent_ns = time_ns
         self.until_ns = max(self.until_ns, time_ns)
-        self._base_clock = self.now + round(START_S * self._frequency)
+        self._base_clock = self.now + round(self._pace.start_s * self._frequency)
         self._end_clock = self._base_clock
         self.running = True
         self._begun = False
@@ -239,7 +237,7 @@ class Sender:
         if self.cut or self.ramped:
             return False
         left = self.clock_of(self._sent_ns) - self.now
-        return left < DRY_S * self._frequency
+        return left < self._pace.dry_s * self._frequency
 
     def ramp(self) -> None:
         """Come to rest on the path within the reserve."""
@@ -311,7 +309,7 @@ class Sender:
     def _renew_base(self, begin_ns: int) -> None:
         """Bind the clocks anew if a motion from rest comes too late for the present base."""
         self._begun = True
-        if self.clock_of(begin_ns) - self.now < DRY_S * self._frequency:
+        if self.clock_of(begin_ns) - self.now < self._pace.dry_s * self._frequency:
             self._guard.rest(self.until_ns)
             self._begun = True
             if not self.cut:
@@ -319,7 +317,7 @@ class Sender:
 
     def _wait_for_horizon(self, time_ns: int) -> None:
         while self.running and not (self.cut or self.ramped):
-            left = (self.clock_of(time_ns) - self.now) / self._frequency - HORIZON_S
+            left = (self.clock_of(time_ns) - self.now) / self._frequency - self._pace.horizon_s
             if left <= 0.0:
                 return
             self._guard.pump(min(max(left, 1e-4), 5 * POLL_S))

@@ -9,14 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
-from cnc.boards.klipper.connection import POLL_S, Connection
+from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
-from cnc.boards.klipper.layout import (
-    BY_HOST,
-    InputObject,
-    LayoutBuilder,
-    section,
-)
+from cnc.boards.klipper.layout import BY_HOST, InputObject, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
 from cnc.boards.klipper.position import MotorPosition
@@ -52,14 +47,20 @@ class Supervisor(PulseSupervisor):
     """
 
     def __init__(
-        self, port: Port, machine: Machine, name: str, clock: Clock, identity: str = ""
+        self,
+        port: Port,
+        machine: Machine,
+        name: str,
+        clock: Clock,
+        identity: str = "",
+        reopen: Reopen | None = None,
     ) -> None:
         known = section(machine)
         axes = len(machine.axes)
         self.least_ns = 1e9 / machine.board.max_step_rate
         super().__init__(Loopback(axes, self.least_ns))
         self._stopping = False
-        self.connection = Connection(port, clock, name)
+        self.connection = Connection(port, clock, name, reopen)
         self.connection.open()
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
         self.position = MotorPosition(machine, self.layout.motors)

@@ -9,6 +9,8 @@ to G92, motion, stop. A word that no code uses is an error, so no word is ignore
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from cnc.gcode import dialects
 from cnc.gcode.codes import (
     circular_pocket,
@@ -31,9 +33,8 @@ from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
-from cnc.gcode.cycles import drilling, hole_patterns, threading, turning_cycles
+from cnc.gcode.cycles import drilling, hole_patterns, threading
 from cnc.gcode.cycles.cycle_runner import CycleRunner
-from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.program.assignments import Assignments
 from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
@@ -53,6 +54,9 @@ from cnc.gcode.syntax.siemens import DIRECTION
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import LineWords, fault, whole
 from cnc.model.blocks import Abort, BoardCommand
+
+if TYPE_CHECKING:
+    from cnc.gcode.cycles.turning_cycles import TurningCycles
 
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
@@ -163,6 +167,8 @@ class Interpreter:
         probing.register(motion, dialect, modal, here, self.out, self.parameters)
         if not dialect.lathe:
             return None
+        from cnc.gcode.cycles import turning_cycles
+
         return turning_cycles.register(motion, dialect, modal, here, self.out)
 
     def _bind_parameters(self) -> None:

@@ -25,7 +25,6 @@ from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
-from cnc.gcode.program.turning_profiles import profile_cycle
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
@@ -206,8 +205,11 @@ class StepMaker:
                     macro=self._macro,
                     packed=self._dialect.repeats_in_call,
                 )
-        if self._dialect.lathe and (cycle := profile_cycle(line, statement, self._dialect)):
-            return cycle
+        if self._dialect.lathe:
+            from cnc.gcode.program.turning_profiles import profile_cycle
+
+            if cycle := profile_cycle(line, statement, self._dialect):
+                return cycle
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:

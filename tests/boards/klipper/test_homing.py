@@ -10,11 +10,10 @@ from cnc.api import home
 from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.homing_bench import small
-from tests.support.boards.klipper_rig import count, pins, place, with_board
+from tests.support.boards.klipper_rig import connected, count, pins, place, with_board
 from tests.support.session.runs import run_with
 
 SWITCHES = {"x": (-1, -300), "y": (-1, -410), "z": (1, 150)}
@@ -43,8 +42,7 @@ class Bench:
             self.simulator.set_pin(pin, level)
 
     def driver(self) -> Klipper:
-        port = KlipperSimulatorPort(self.simulator)
-        return Klipper(port, self.known, "the simulator", clock=port, identity=IDENTITY)
+        return connected(self.known, self.simulator, identity=IDENTITY)
 
     def home(self, *axes: str) -> dict[str, float | None]:
         driver = self.driver()
@@ -91,6 +89,7 @@ def test_program_begins_at_the_homed_position(bench: Bench, tmp_path: Path) -> N
 def test_reset_and_other_configurations_lose_the_position(bench: Bench) -> None:
     bench.home()
     bench.simulator.reset()
+    bench.simulator.advance(bench.simulator.boots_until)
     assert bench.standing() == (None, None, None)
     bench.home()
     axis = pins(bench.known).x

@@ -49,6 +49,33 @@ def test_integers_survive(value: int) -> None:
     assert vlq.signed(found) == vlq.signed(value)
 
 
+def firmware_bytes(value: int) -> bytes:
+    """Return an integer as 32-bit code encodes it: 5 bytes have no sign above bit 31."""
+    bits, parts = value & 0xFFFFFFFF, 1
+    signed = (bits ^ 0x80000000) - 0x80000000
+    while parts < 5 and not -(1 << 7 * parts - 2) <= signed < 3 << 7 * parts - 2:
+        parts += 1
+    return bytes((bits >> 7 * k) & 0x7F | (0x80 if k else 0) for k in reversed(range(parts)))
+
+
+@given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
+def test_integers_of_32_bit_code_keep_their_sign(signed: int, unsigned: int) -> None:
+    known = MessageFormat.parse("place pos=%i clock=%u", 5)
+    data = known.head + firmware_bytes(signed) + firmware_bytes(unsigned)
+    message, end = known.decode(data, 1)
+    assert end == len(data)
+    assert message.values == {"pos": signed, "clock": unsigned}
+
+
+@pytest.mark.parametrize("number", [-32, -1, 95, 96, 12287])
+def test_message_numbers_may_be_negative_or_of_two_bytes(number: int) -> None:
+    text = "place pos=%i"
+    known = Dictionary({"commands": {text: number}, "responses": {text: number}})
+    data = known.encode("place", pos=-7)
+    assert len(data) == (3 if number > 95 else 2)
+    assert next(known.decode_responses(data))["pos"] == -7
+
+
 @pytest.mark.parametrize("value", [2**32, -(2**31) - 1])
 def test_integers_of_more_than_32_bits_are_refused(value: int) -> None:
     with pytest.raises(LocalError):

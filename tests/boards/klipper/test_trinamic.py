@@ -42,10 +42,13 @@ from tests.support.boards.klipper_rig import (
 
 
 def test_datagrams_of_the_data_sheet() -> None:
-    """The read of IFCNT, as printed by many programs: 05 00 02 8F."""
-    assert uart_read(0, 2) == bytes((0x05, 0x00, 0x02, 0x8F))
+    """The read of IFCNT, as printed by many programs: 05 00 02 8F; here the high bits are set."""
+    assert crc8(bytes((0x05, 0x00, 0x02))) == 0x8F
+    assert uart_read(0, 2)[:3] == bytes((0xF5, 0x00, 0x02))
     data = uart_write(3, 0x10, 0x01020304)
-    assert data[:7] == bytes((5, 3, 0x90, 1, 2, 3, 4))
+    assert data[:7] == bytes((0xF5, 3, 0x90, 1, 2, 3, 4))
+    # Start bit 0, then 1010 1: by this beginning the firmware tells a sync byte.
+    assert to_bits(data)[0] & 0x3F == 0b101010
 
 
 @given(st.binary(max_size=20))

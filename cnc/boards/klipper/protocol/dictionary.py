@@ -135,7 +135,7 @@ class MessageFormat:
                 values[name] = data[at : at + value]
                 at += value
             else:
-                values[name] = value if RANGES[kind][0] < 0 else vlq.unsigned(value)
+                values[name] = (vlq.signed if RANGES[kind][0] < 0 else vlq.unsigned)(value)
         return Message(self.name, values), at
 
 

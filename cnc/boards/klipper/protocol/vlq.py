@@ -37,7 +37,9 @@ def encode(value: int) -> bytes:
 def decode(data: bytes, at: int) -> tuple[int, int]:
     """Return the integer that begins at a byte, and the place after it.
 
-    An unsigned integer of 2**31 or more may come back negative; see :func:`unsigned`.
+    The firmware encodes all integers as signed ones of 32 bits, and an integer of 5 bytes has the
+    lowest 3 of the highest 4 bits in its first byte. So the sign may be lost or added: see
+    :func:`unsigned` and :func:`signed`.
 
     Raises:
         RemoteError: The bytes end within the integer, or it is longer than 5 bytes.

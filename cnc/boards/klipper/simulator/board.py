@@ -1,4 +1,4 @@
-"""The board ``klipper-sim``: the Klipper driver on the Klipper simulator, in virtual time."""
+"""The board ``klipper-sim``: the Klipper driver on the Klipper simulator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cnc.boards.klipper.layout import LayoutBuilder, section
 from cnc.boards.klipper.profile import firmware_of
 from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import NAME, KlipperSimulatorPort
+from cnc.boards.klipper.simulator.ports import NAME, KlipperSimulatorPort, RealTimePort
 from cnc.boards.protocols import BoardTraits
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, Pin
 from cnc.machine.models import Machine
@@ -25,11 +25,22 @@ class KlipperSimulatorBoard(Klipper):
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> KlipperSimulatorBoard:
-        """Return a new connected board; a machine file without pins gets some."""
+        """Return a new connected board in virtual time; a machine file without pins gets some."""
+        return cls._connected(machine, KlipperSimulatorPort)
+
+    @classmethod
+    def in_real_time(cls, machine: Machine) -> KlipperSimulatorBoard:
+        """Return a new connected board, whose clock is that of the computer."""
+        return cls._connected(machine, RealTimePort, background=True)
+
+    @classmethod
+    def _connected(
+        cls, machine: Machine, port_type: type[KlipperSimulatorPort], *, background: bool = False
+    ) -> KlipperSimulatorBoard:
         machine = with_pins(machine)
         simulator = simulator_for(machine)
-        port = KlipperSimulatorPort(simulator)
-        board = cls(port, machine, NAME, clock=port)
+        port = port_type(simulator)
+        board = cls(port, machine, NAME, clock=port, background=background)
         board.simulator = simulator
         board._position.known = np.ones(len(machine.axes), np.bool_)
         return board

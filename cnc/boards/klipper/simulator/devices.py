@@ -80,7 +80,7 @@ class UartModel:
         """Take a datagram as bits; return ``size`` bytes of bits."""
         data = from_bits(bits)
         silent = b"\xff" * size
-        if data is None or len(data) not in (READ_BYTES, WRITE_BYTES) or data[0] != SYNC:
+        if data is None or len(data) not in (READ_BYTES, WRITE_BYTES) or data[0] & 0x0F != SYNC:
             return silent
         driver = self.drivers.get(data[1])
         if driver is None or not driver.powered or crc8(data[:-1]) != data[-1]:

@@ -1,7 +1,7 @@
 """Datagrams of the drivers: UART (TMC2209 data sheet, chapter 4) and SPI (TMC5160 data sheet, 4).
 
-      UART write   0x05 | address | 0x80 + register | 4 bytes of data | CRC-8
-           read    0x05 | address | register | CRC-8
+      UART write   0xF5 | address | 0x80 + register | 4 bytes of data | CRC-8
+           read    0xF5 | address | register | CRC-8
            answer  0x05 | 0xFF | register | 4 bytes of data | CRC-8
       SPI          0x80 + register or register | 4 bytes of data; the answer to a read comes with
                    the next datagram: status | 4 bytes of data
@@ -12,6 +12,10 @@ The board's firmware sends and receives the UART as bits: a start bit, 8 bits, a
 from __future__ import annotations
 
 SYNC, HOST, WRITE = 0x05, 0xFF, 0x80
+CALL = 0xF0 | SYNC
+"""First byte to a driver. It ignores the high bits. With them, Klipper's firmware times the sync
+nibble, by which the driver measures the speed, and follows it: other interrupts may delay bits.
+"""
 ANSWER_BYTES = 8
 """Bytes of an answer of the UART."""
 SPI_BYTES = 5
@@ -30,13 +34,13 @@ def crc8(data: bytes) -> int:
 
 def uart_write(address: int, register: int, value: int) -> bytes:
     """Return the datagram that writes a register."""
-    body = bytes((SYNC, address, register | WRITE)) + value.to_bytes(4, "big")
+    body = bytes((CALL, address, register | WRITE)) + value.to_bytes(4, "big")
     return body + bytes((crc8(body),))
 
 
 def uart_read(address: int, register: int) -> bytes:
     """Return the datagram that asks for a register."""
-    body = bytes((SYNC, address, register))
+    body = bytes((CALL, address, register))
     return body + bytes((crc8(body),))
 
 
