@@ -227,6 +227,11 @@ class GrblBoard:
         """M6 and M7, if the board has them."""
         return self.info.codes
 
+    @property
+    def unused_tool_change(self) -> str:
+        """What grblHAL would do at an M6, in place of our pause; "" for nothing."""
+        return self.info.unused_tool_change
+
     def limited_to_board(self, machine: Machine) -> Machine:
         """Return the machine as the board limits it: travel by its soft limits, laser by its mode.
 
