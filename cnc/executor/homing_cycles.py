@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.machine.kinematics import OfJoints
 from cnc.machine.models import Homing, Machine, switch_end
 from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -85,7 +86,7 @@ class AxisHoming:
             settings,
             tuple(motor.offset for motor in axis.motors),
             # A joint of another kinematics may have the letter of a rotary axis.
-            letter in ROTARY_LETTERS and machine.kinematics.type != "joints",
+            letter in ROTARY_LETTERS and not isinstance(machine.kinematics, OfJoints),
         )
 
 
