@@ -38,6 +38,7 @@ CHROMIUM = [
     "--enable-unsafe-swiftshader",
     "--use-gl=angle",
     "--use-angle=swiftshader",
+    "--disable-gpu-compositing",
 ]
 
 

@@ -240,8 +240,7 @@ class Motion(MoveFeeds):
         return motion
 
     def _assume(self, word: Word) -> G:
-        code = self._state.motion = self._assumed
-        self.may_assume = False
+        self._state.motion, self.may_assume = (code := self._assumed), False
         message = f"{word.written} without a motion code in effect is read with {code.written}"
         self._here.report_warning("motion-assumed", message, word, "begin with G0 or G1")
         return code
