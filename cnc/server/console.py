@@ -15,7 +15,7 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
-from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, sketch_job
+from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, prepare, sketch_job
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
@@ -73,6 +73,10 @@ class Console:
         if self._checker is not None:
             self._checker.close()
         self.session.close()
+
+    def prepare(self) -> None:
+        """Start the process of the checks before the first one."""
+        self._pool().submit(prepare)
 
     # Jobs
 

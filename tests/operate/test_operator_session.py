@@ -115,6 +115,14 @@ def test_zero_and_half(any_operator):
     assert any_operator.state.work["y"] == pytest.approx(1.0, abs=GRID)
 
 
+def test_a_line_that_only_writes_an_offset_is_done(any_operator):
+    for y in (2.0, 2.5):
+        assert ended(any_operator, f"G10 L2 P1 X1 Y{y} Z3").outcome == "done"
+        assert any_operator.offsets["G54"] == pytest.approx({"x": 1.0, "y": y, "z": 3.0})
+    assert ended(any_operator, "G0 X1").outcome == "done"
+    assert any_operator.state.machine["x"] == pytest.approx(2.0, abs=GRID)
+
+
 def test_a_shift_of_g92_is_set(any_operator):
     any_operator.jog_step({"x": 4.0}).result(PATIENCE)
     any_operator.zero({"x": 1.0}, "G92").result(PATIENCE)
