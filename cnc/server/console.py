@@ -115,22 +115,23 @@ class Console:
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
 
-    def cut(self, name: str, stock: str, resolution: float | None) -> None:
+    def cut(self, name: str, stock: str, resolution: float | None, system: str = "") -> None:
         """Begin to simulate the cut of a job; the event ``job-cut`` ends it.
 
         Raises:
-            UsageError: ``no-such-job``, ``stock-missing``, ``stock-malformed``.
+            UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
         self.library.path(name)
+        zero = self.session.work_zero(system) if system else {}
         machine = self.session.limited_machine
         if stock:
-            with_stock(machine, stock)
+            with_stock(machine, stock, zero)
         elif machine.stock is None:
             message = "there is no stock to cut"
             hint = "give the raw part, such as X0:100,Y0:60,Z-12:0"
             raise UsageError(Diagnostic("stock-missing", message, hint=hint))
         with self._lock:
-            order = CutOrder(self._order(name), stock, resolution)
+            order = CutOrder(self._order(name), stock, resolution, zero)
             future = self._pool().submit(cut_job, order)
         future.add_done_callback(lambda done: self._cut(name, done))
 

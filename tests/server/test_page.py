@@ -150,6 +150,7 @@ def page(browser, address):
 def picture(page, name):
     """Keep a picture for the documentation, in the folder that CNC_PICTURES names."""
     if folder := os.environ.get("CNC_PICTURES"):
+        page.evaluate("scrollTo(0, 0)")
         page.screenshot(path=Path(folder) / f"{name}.png")
 
 
@@ -234,6 +235,8 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.fill("#stock", "X0:80,Y15:55,Z-10:0")
     page.click("#simulate")
     expect(page.locator("#outcome")).to_contain_text("cm³ removed")
+    # The stock has the work coordinates of the program, so the tool meets it.
+    assert float(page.inner_text("#outcome").split()[1]) > 1.0
     picture(page, "console-cut")
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()

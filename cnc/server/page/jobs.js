@@ -18,7 +18,7 @@ export async function begin() {
   element("height-map").addEventListener("change", () => attempt(check));
   element("simulate").addEventListener("click", () => attempt(async () => {
     if (job === null) return;
-    await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null});
+    await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null, system: element("system").value});
     element("outcome").textContent = "cutting";
   }));
   on("job-cut", event => { if (event.name === job) attempt(() => showCut(event)); });
