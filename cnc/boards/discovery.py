@@ -31,8 +31,8 @@ from cnc.model.diagnostics import BoardError
 
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """Codes of the faults at a port without a GRBL board."""
-HELLO_S = 0.8
-"""Timeout of a stepper board that is up already, because the queries for GRBL took seconds."""
+HELLO_S = 0.3
+"""Timeout of a stepper or Klipper board that is up already: the queries for GRBL took seconds."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -328,6 +328,10 @@ class LineSink(Board, Protocol):
     def codes(self) -> frozenset[str]:
         """M6 (the board waits then until the operator resumes) and M7, if it has them."""
 
+    @property
+    def unused_tool_change(self) -> str:
+        """What the board itself would do at an M6, in place of the pause; "" for nothing."""
+
     identity: str | None
     restarted: bool
     check_only: bool

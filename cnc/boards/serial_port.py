@@ -71,14 +71,19 @@ class SerialLink:
         try:
             if self._file is None:
                 return self._read_by_pyserial(timeout)
-            # Waiting and reading here takes half as many system calls as by pyserial.
-            if timeout > 0.0 and not select.select((self._file,), (), (), timeout)[0]:
+            # Waiting and reading here takes a third of the system calls of pyserial.
+            try:
+                if data := os.read(self._file, READ_SIZE):
+                    return data
+            except BlockingIOError:
+                pass
+            if timeout <= 0.0 or not select.select((self._file,), (), (), timeout)[0]:
                 return b""
-            with contextlib.suppress(BlockingIOError):
+            try:
                 # Only a connection that has ended is ready without data: pyserial tells how.
-                data: bytes = os.read(self._file, READ_SIZE) or self._serial.read(1)
-                return data
-            return b""
+                return os.read(self._file, READ_SIZE) or self._serial.read(1)
+            except BlockingIOError:
+                return b""
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 

@@ -43,6 +43,7 @@ MOTIONS = frozenset(
         LineKind.PROBE,
     )
 )
+KINDS = tuple(LineKind)
 ARCS = frozenset((LineKind.CLOCKWISE, LineKind.COUNTERCLOCKWISE))
 
 
@@ -116,5 +117,5 @@ def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]
         if kind == UNKNOWN:
             yield line, None
         else:
-            whole = LineKind(kind), tuple(target), feed, plane, (first, second), seconds
-            yield line, LineEffect(*whole)
+            whole = KINDS[kind], tuple(target), feed, plane, (first, second), seconds
+            yield line, LineEffect._make(whole)

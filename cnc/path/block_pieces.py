@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import Commands
 from cnc.path.gatherer import MOST_PIECES
 from cnc.path.records import Floats, Records, arc_records, line_records, moving, spline_records
+from cnc.path.standing_tip import with_standing_tip
 
 JOIN = 1e-6
 """mm. A NURBS whose first control point is this near to the position is moved there. A larger
@@ -66,14 +67,18 @@ def pieces_of(
         check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
         points = joined(block, position)
         runs = spline_records(block.degree, block.knots, points, block.weights, classes, accuracy)
-    last: Records | None = None
-    for records in runs:
+    # Only an axis that does not measure the length may go on while the others stand.
+    paced: Iterable[tuple[Records, float]] = ((records, 1.0) for records in runs)
+    if isinstance(block, NurbsFeed) and np.ptp(points[:, classes != 0], axis=0).any():
+        paced = with_standing_tip(runs, classes, accuracy)
+    last: tuple[Records, float] | None = None
+    for each in paced:
         if last is not None:
-            yield *_spread(block, last, False), None
-        last = records
+            yield *_spread(block, *last, stop=False), None
+        last = each
     if last is not None:
-        position[:] = _end_of(last, len(axes))
-        yield *_spread(block, last, exact_stop), None
+        position[:] = _end_of(last[0], len(axes))
+        yield *_spread(block, *last, stop=exact_stop), None
 
 
 def moves_of(
@@ -97,13 +102,16 @@ def moves_of(
 
 
 def _spread(
-    block: ArcFeed | NurbsFeed, records: Records, stop: bool
+    block: ArcFeed | NurbsFeed, records: Records, factor: float, *, stop: bool
 ) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
-    """Return records with the feed, line and stop of each piece; a stop comes after the last."""
+    """Return records with the feed, line and stop of each piece; a stop comes after the last.
+
+    factor: of the feed.
+    """
     count = len(records.at)
     stops = np.zeros(count, np.bool_)
     stops[-1] = stop
-    return records, np.full(count, block.feed), np.full(count, block.line, np.int32), stops
+    return records, np.full(count, factor * block.feed), np.full(count, block.line, np.int32), stops
 
 
 def _end_of(records: Records, n: int) -> Floats:

@@ -18,6 +18,7 @@ from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.number_format import BOARD_LETTERS
+from cnc.model.blocks import Block, Tool
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.line_effects import LineKind
 from cnc.model.streams import GcodeLine
@@ -62,6 +63,7 @@ class LinePass:
         self._context, self._motion, self._board = context, motion, board
         self._warn, self._depends_on_answers = warn, depends_on_answers
         self._lowered = LoweredFeeds()
+        self._tool: Tool | None = None
 
     def run(self, before_motion: Callable[[], None]) -> None:
         """Send all lines. ``before_motion`` is called when the lines are known."""
@@ -71,6 +73,7 @@ class LinePass:
         kept = self._collected()
         report.largest, report.limits = self._largest(), self._limits()
         self._warn(self._lowered.findings())
+        self._warn(self._unused_tool_change())
         countdown = Countdown(self.timing)
         present = PresentLine(context.reader.path, report.program)
 
@@ -128,7 +131,26 @@ class LinePass:
             path = (item for item in path if isinstance(item, PathChunk) or not pause_reason(item))
         translator = line_translator(self._board, self._context.reader.machine)
         self._lowered = translator.lowered
-        yield from steps(path, translator, on_lines)
+        yield from steps(map(self._noted, path), translator, on_lines)
+
+    def _noted(self, item: PathChunk | Block) -> PathChunk | Block:
+        """Return an item of the path; the first tool change is kept."""
+        if self._tool is None and isinstance(item, Tool) and item.change:
+            self._tool = item
+        return item
+
+    def _unused_tool_change(self) -> Iterator[Diagnostic]:
+        """Yield a warning if the board has a tool change of its own, which is not used."""
+        text, tool = self._board.unused_tool_change, self._tool
+        if text and tool is not None:
+            message = f"the board gets no M6: {text}; cncrun waits for you instead"
+            hint = (
+                "measure the tools before, and enter their lengths in the tool table (cncrun "
+                "tools); with $341=0 the board itself waits"
+            )
+            yield Diagnostic(
+                "tool-change-mode", message, tool.file, tool.line, hint=hint, severity="warning"
+            )
 
     def _write_plan(self) -> None:
         """Write the outputs that describe our plan: the trace and the picture."""

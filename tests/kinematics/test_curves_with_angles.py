@@ -76,6 +76,47 @@ def test_tip_and_angles_follow_one_curve(kind: str, dialect: str, tmp_path: Path
     assert np.abs(tip_of(kind, position, length) - wanted[:, :3]).max() < 2e-5
 
 
+STANDING = {
+    "cusp": ([[0, 0], [10, 10], [0, 10], [10, 0]], [1, 1, 1, 1]),
+    "cusp but for 1e-9": ([[0, 0], [10, 10], [1e-9, 10], [10, 0]], [1, 1, 1, 1]),
+    "tip rests at an inner knot": (
+        [[0, 0], [3, 9], [8, 2], [8, 2], [8, 2], [15, 3], [20, 0]],
+        [1, 1, 1, 2, 2, 2, 2],
+    ),
+    "small cusp": ([[0, 0], [0.01, 0.01], [0, 0.01], [0.01, 0]], [1, 1, 1, 1]),
+}
+"""X and Y of the control points, and the inner and last knots: the tip stands and the axes turn."""
+
+
+@pytest.mark.parametrize("name", STANDING)
+def test_the_tip_stands_on_a_curve_while_axes_turn(name: str, tmp_path: Path) -> None:
+    """C grows evenly with the parameter, so it gives the place on the curve."""
+    flat, last = STANDING[name]
+    knots = np.array([0.0] * 4 + [float(k) for k in last])
+    knots = np.concatenate((knots, [knots[-1]] * (len(flat) + 4 - len(knots))))
+    even = np.array([knots[k + 1 : k + 4].mean() for k in range(len(flat))])
+    points = np.column_stack((flat, np.zeros(len(flat)), -5.0 * even, 30.0 * even))
+    rows = [
+        f"K{knot} X{x:.9f} Y{y} Z{z} A{a:.12f} C{c:.12f}"
+        for knot, (x, y, z, a, c) in zip(knots.tolist(), points.tolist(), strict=False)
+    ]
+    file, trace = tmp_path / "part.nc", tmp_path / "trace.npz"
+    words = [f"G6.2 P4 {rows[0]} F1200.", *rows[1:], *(f"K{k}" for k in knots[-4:])]
+    start = "G21 G90 G94\nG0 X0. Y0. A0. C0.\nG43.4 H1\nG0 Z0."
+    file.write_text("\n".join([start, *words, "G49", "M30"]) + "\n")
+    machine = placed(five_axis_machine("xyzac"), tmp_path)
+    report = check(file, machine, RunOptions(dialect="fanuc", outputs=Outputs(trace=str(trace))))
+    assert report.ok, [fault.diagnostic for fault in report.faults]
+    assert not any(report.violations.values())
+    found = np.load(trace)
+    tool = found["tool"][(found["line"] >= 5) & (found["line"] < 5 + len(words))]
+    wanted = BSpline(knots, points, 3)(np.minimum(tool[:, 4] / 30.0, knots[-1]))
+    wanted[:, 2] += 80.0
+    assert len(tool) > 100
+    assert np.abs(tool - wanted).max() < 1e-5
+    assert np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1).max() <= 1.001 * 20.0 * 1e-3
+
+
 def siemens_blocks(program: str) -> list:
     text, options = read(program, dialect="siemens")
     return [block for block in run(text, **options) if isinstance(block, NurbsFeed | Polyline)]

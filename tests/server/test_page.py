@@ -283,13 +283,22 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     phone.goto(address)
     expect(phone.locator("#holder")).to_contain_text("you watch")
     phone.click("#home")
-    expect(phone.locator("#message")).to_contain_text("control")
+    expect(phone.locator("#message")).to_contain_text("press Take control first")
+    expect(phone.locator("#holder")).to_contain_text("you watch")
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
     picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")
+    # A question covers STOP, and its own button stops as well.
+    upload(page, "tools.nc", "T2 M6\nG0 X1\n")
+    expect(page.locator("#outcome")).to_contain_text("checked")
+    page.click("#run")
+    expect(phone.locator("#question-text")).to_contain_text("tool 2")
+    phone.locator("#no").tap()
+    expect(page.locator("#outcome")).to_contain_text("stopped")
+    expect(phone.locator("#question")).not_to_be_visible()
     context.close()
 
 

@@ -12,13 +12,18 @@ from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
+from cnc.model.diagnostics import Diagnostic
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
 
 
 def pauses_of(
-    tmp_path: Path, text: str, tools: str = "", box: GrblSimulator | None = None
+    tmp_path: Path,
+    text: str,
+    tools: str = "",
+    box: GrblSimulator | None = None,
+    warnings: list[Diagnostic] | None = None,
 ) -> list[tuple[int, str]]:
     """Return line and reason of each pause of a program on a simulated board."""
     program, table = tmp_path / "p.nc", tmp_path / "tools.tbl"
@@ -41,6 +46,8 @@ def pauses_of(
     )
     board.close()
     assert report.ok, report.faults
+    if warnings is not None:
+        warnings += report.warnings
     return seen
 
 
@@ -66,14 +73,21 @@ def test_a_pause_has_its_line_and_text(
     ]
 
 
-@pytest.mark.parametrize(("mode", "event"), [(0, "tool"), (4, "pause"), (2, "pause")])
+@pytest.mark.parametrize(
+    ("mode", "event", "warned"),
+    [(0, "tool", ""), (1, "pause", "touch off"), (2, "pause", "G59.3"), (3, "pause", "measure")]
+    + [(4, "pause", "")],
+)
 def test_grblhal_changes_the_tool_by_m6_where_it_only_waits(
-    mode: int, event: str, tmp_path: Path
+    mode: int, event: str, warned: str, tmp_path: Path
 ) -> None:
     """``$341``: 0 waits in state Tool; modes that measure or ignore M6 get a pause."""
     box = GrblSimulator(GRBLHAL, settings={341: float(mode)})
     text = "G21 G90\nM3 S500\nG1 X1 F600\nT3 M6\nM3 S800\nG1 X2\nM2\n"
-    assert pauses_of(tmp_path, text, "T3 P1\n", box) == [(4, "put in tool 3")]
+    warnings: list[Diagnostic] = []
+    assert pauses_of(tmp_path, text, "T3 P1\n", box, warnings) == [(4, "put in tool 3")]
+    found = [each for each in warnings if each.code == "tool-change-mode"]
+    assert [(each.line, warned in each.message) for each in found] == [(4, True)] * bool(warned)
     waited = [(each.kind, each.value) for each in box.events if each.kind in ("tool", "pause")]
     assert waited == [(event, "3" if mode == 0 else "")]
     # The spindle stands still while the tool is changed.

@@ -227,6 +227,11 @@ class GrblBoard:
         """M6 and M7, if the board has them."""
         return self.info.codes
 
+    @property
+    def unused_tool_change(self) -> str:
+        """What grblHAL would do at an M6, in place of our pause; "" for nothing."""
+        return self.info.unused_tool_change
+
     def limited_to_board(self, machine: Machine) -> Machine:
         """Return the machine as the board limits it: travel by its soft limits, laser by its mode.
 
@@ -300,8 +305,9 @@ class GrblBoard:
 
     def send_line(self, line: GcodeLine) -> None:
         """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
-        self._refuse_unless_running()
         stream, text = self.stream, line.text
+        if stream.state != "running":
+            self._refuse_unless_running()
         if len(text) > MOST_CHARACTERS:
             message = f"a line has {len(text)} characters; the board accepts {MOST_CHARACTERS}"
             raise stream.stopped_by(board_error("line-too-long", message, line=line.line))

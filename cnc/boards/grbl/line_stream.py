@@ -26,10 +26,14 @@ WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
 POLL_AT_REST = 0.05
 """Seconds between two ``?`` while the machine comes to rest."""
-GATHERING = 0.004
-"""Seconds in which answers gather: about two short lines at 115200 baud."""
-ENOUGH_WAITING = 4
-"""Lines that keep the board and the wire busy for more than that."""
+GATHERING = 0.45
+"""Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
+of the answers to this computer, and its late wake-ups. One line may wait for space.
+"""
+LONGEST_GATHERING = 0.02
+"""Limit on that time, s."""
+SHORTEST_GATHERING = 0.002
+"""Time below which waiting is not worth its while, s."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
@@ -108,13 +112,14 @@ class LineStream:
         Raises:
             BoardError: ``board-locked``, or any fault that is found meanwhile.
         """
-        protocol, monitor, text = self.link.protocol, self.monitor, line.text
+        link, monitor, text = self.link, self.monitor, line.text
+        protocol, liveness = link.protocol, monitor.liveness
         if kind in ("writer", "system"):
             self.rest()
         if self.status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
-            protocol.waiting >= monitor.liveness.max_waiting
+            protocol.waiting >= liveness.max_waiting
             or not protocol.fits(text, kind)
             or monitor.far_ahead(self.status)
         ):
@@ -125,24 +130,24 @@ class LineStream:
             return False
         if kind == "probe":
             self.probed = None
-        monitor.sending(line, self.link.now())
-        self.link.queue(protocol.send(text, line.line, kind))
-        if protocol.mark_fits() and (
-            protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
-        ):
+        now = link.now()
+        monitor.sending(line, now)
+        link.queue(protocol.send(text, line.line, kind))
+        if (
+            protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
+        ) and protocol.mark_fits():
             self._mark()
         return True
 
     def _await_answers(self) -> None:
-        """Receive; where answers come fast, let some gather, which saves half of the CPU time.
+        """Receive; where answers come fast, let some gather, which saves most of the CPU time.
 
         The board meanwhile reads the lines that wait in its buffer.
         """
-        if (
-            self.link.protocol.waiting >= ENOUGH_WAITING
-            and self.monitor.liveness.interval < GATHERING
-        ):
-            self.link.pause(GATHERING)
+        interval = self.monitor.liveness.interval
+        pause = GATHERING * (self.link.protocol.waiting - 1) * interval
+        if pause > SHORTEST_GATHERING and interval < LONGEST_GATHERING:
+            self.link.pause(min(pause, LONGEST_GATHERING))
         self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
@@ -213,16 +218,22 @@ class LineStream:
             link.drop()
             self.state = "stopped"
             raise self.at_confirmed(error) from error
+        now = link.now()
         for event in events:
-            self.receive(event)
-        self._check_liveness()
+            self.receive(event, now)
+        self._check_liveness(now)
         self._serve_operator()
 
-    def receive(self, event: Event) -> None:
-        """Take in an event of the board; BoardError for a fault."""
+    def receive(self, event: Event, now: float) -> None:
+        """Take in an event of the board; BoardError for a fault.
+
+        Args:
+            event: The event.
+            now: Present time, s: the same for all events that were read together.
+        """
         if isinstance(event, Feedback) and event.kind == "PRB":
             self.probed = self._contact(event.text)
-        fault = self.monitor.fault_in(event, self.link.now())
+        fault = self.monitor.fault_in(event, now)
         if fault is not None:
             raise self.stopped_by(fault)
         if isinstance(event, Reported):
@@ -263,8 +274,8 @@ class LineStream:
         )
         return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
 
-    def _check_liveness(self) -> None:
-        protocol, now = self.link.protocol, self.link.now()
+    def _check_liveness(self, now: float) -> None:
+        protocol = self.link.protocol
         if protocol.waiting and self.monitor.liveness.answer_due(now) and protocol.mark_fits():
             self._mark()
         fault = self.monitor.missing_answer(now)

@@ -36,7 +36,9 @@ delay the detection of a fault.
 """
 FEWEST_WAITING = 1
 INTERVAL_WEIGHT = 0.3
-"""Weight of the last line in the average time between answers."""
+"""Weight of the last answer in the average time between answers."""
+LASTING_WEIGHT = 0.03
+"""The same for the average over a longer time."""
 QUIET_STATES = ("Idle", "Check", "Alarm")
 
 
@@ -51,7 +53,8 @@ class LivenessMonitor:
 
     def __init__(self) -> None:
         self.max_waiting = FEWEST_WAITING
-        self._interval = 0.0
+        self._interval = self._lasting = 0.0
+        self._gap, self._read, self._before = 0.0, 0, (0.0, 0.0)
         self._answered_at = self._marked_at = 0.0
         self._quiet_since = 0.0
         self._moved_at = 0.0
@@ -61,16 +64,23 @@ class LivenessMonitor:
 
     @property
     def interval(self) -> float:
-        """Average time between two answers lately, s."""
-        return self._interval
+        """Average time between two answers, s: lately, or over a longer time if that is less."""
+        return min(self._interval, self._lasting)
 
     def begin(self, now: float) -> None:
         """Note that a line is sent after a time without lines."""
+        self._gap, self._read = 0.0, 0
         self._answered_at = self._quiet_since = self._moved_at = now
 
     def answered(self, now: float) -> None:
-        """Note an answer."""
-        self._interval += INTERVAL_WEIGHT * (min(now - self._answered_at, AHEAD) - self._interval)
+        """Note an answer; those that were read together have the same time."""
+        if now > self._answered_at or not self._read:
+            self._before = self._interval, self._lasting
+            self._gap, self._read = min(now - self._answered_at, AHEAD), 0
+        self._read += 1
+        each, (short, long) = self._gap / self._read, self._before
+        self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
+        self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read
         self.max_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._interval, 1e-6)))
         self._answered_at = self._quiet_since = self._moved_at = now
 

@@ -16,6 +16,12 @@ from cnc.model.blocks import AXIS_LETTERS
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
 TOOL_CHANGE_MODE = 341
+TOOL_CHANGES = {
+    1: "it would lift the tool, and wait until you touch off ($341=1)",
+    2: "it would go to G59.3, and wait until you touch off ($341=2)",
+    3: "it would lift the tool, then measure the new one at G59.3 ($341=3)",
+}
+"""Tool changes of grblHAL that also set the tool length, by ``$341``."""
 HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
 ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
@@ -209,6 +215,17 @@ class BoardInfo:
         waits = "TC" in self.extensions and "ATC" not in self.extensions
         has = (waits and self.number(TOOL_CHANGE_MODE) == 0.0, "M" in self.options)
         return frozenset(code for code, there in zip(("M6", "M7"), has, strict=True) if there)
+
+    @property
+    def unused_tool_change(self) -> str:
+        """What the board would do at an M6 that it does not get; "" for nothing.
+
+        Source: grblHAL's wiki, "Manual, semi automatic and automatic tool change".
+        """
+        if "ATC" in self.extensions:
+            return "its tool changer would change the tool"
+        mode = self.number(TOOL_CHANGE_MODE) if "TC" in self.extensions else None
+        return TOOL_CHANGES.get(int(mode or 0), "")
 
     def top(self, column: int) -> float | None:
         """Return the highest machine position that keeps clear of the limit switch, mm."""

@@ -2,7 +2,8 @@
 
 Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
 before the firmware greets. A board that was not reset answers ``?``, and gets a soft reset once it
-is at rest. A board that sends nothing is reset, then gets DTR.
+is at rest. A board that sends nothing gets a line end, which firmware of another kind answers. Then
+it is reset, then gets DTR.
 """
 
 from __future__ import annotations
@@ -23,11 +24,13 @@ if TYPE_CHECKING:
 
 WELCOME_TIMEOUT = 6.0
 """Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
-RESET_AFTER = 2.6
+LINE_END_AFTER = 2.05
+"""Seconds without a byte after which the questions become a line, which Marlin refuses aloud."""
+RESET_AFTER = 2.25
 """Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
 else.
 """
-RAISE_DTR_AFTER = 3.0
+RAISE_DTR_AFTER = 2.5
 """Seconds without a byte after which DTR is raised: some boards send only then. A board that this
 resets still greets in time. Where DTR is up, nothing else can be tried.
 """
@@ -35,6 +38,10 @@ FOREIGN = 2.0
 """Seconds from the first line or noise of another device until it counts as one: a boot loader may
 send bytes before the welcome.
 """
+FOREIGN_TEXT = 1.4
+"""The same for a line of text, which few boot loaders send."""
+FOREIGN_ANSWER = 0.3
+"""The same after the line end: no boot loader runs any more."""
 _OLD_REPORT = re.compile(r"<\w+,MPos:")
 """The begin of a status report of GRBL 0.9 and older."""
 
@@ -47,11 +54,14 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
     """
     received: list[str] = []
     began, foreign_since = link.clock.now(), math.inf
-    forced = reset = raised = False
+    ended = forced = reset = raised = False
     if link.protocol.state is not State.UNKNOWN:
         link.write(link.protocol.reset())
         reset = True
     while (now := link.clock.now()) - began < WELCOME_TIMEOUT:
+        if not ended and not received and now - began > LINE_END_AFTER:
+            ended = True
+            link.write(b"\n")
         if not forced and not received and now - began > RESET_AFTER:
             forced = reset = True
             link.write(link.protocol.reset())
@@ -59,7 +69,8 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             if not link.raise_lines():
                 break
             raised, reset = True, False
-        if now - foreign_since > FOREIGN and not _boots_slowly(received):
+        patience = FOREIGN_ANSWER if ended else FOREIGN_TEXT if _is_text(received) else FOREIGN
+        if now - foreign_since > patience and not _boots_slowly(received):
             break
         for event in link.listen(0.1):
             if isinstance(event, Started):
@@ -85,6 +96,11 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             foreign_since = min(foreign_since, link.clock.now())
     rest = link.protocol.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
+
+
+def _is_text(received: Sequence[str]) -> bool:
+    """Return whether all lines can be read; there is one at least."""
+    return bool(received) and all(text.isascii() and text.isprintable() for text in received)
 
 
 def _boots_slowly(received: Sequence[str]) -> bool:

@@ -25,7 +25,7 @@ CHUNK = 40
 """Bytes of the dictionary in one answer."""
 MOST_DICTIONARY = 1 << 20
 """Bytes after which a dictionary without end is refused."""
-IDENTIFY_S = 4.0
+IDENTIFY_S = 3.0
 """Timeout of the first answer: the opening of the port may have reset the board."""
 ANSWER_S = 0.1
 """Time after which a question is asked again, because answers are not repeated."""

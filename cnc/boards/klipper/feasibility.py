@@ -1,11 +1,12 @@
 """Check before any motion whether a Klipper board can play a program.
 
-Three things limit the density of a program: the wire, the entries of the move queue, and the time
-that the microcontroller needs for a step. Steps are encoded piece by piece as in the run.
+Four things limit the density of a program: the wire, the entries of the move queue, the time that
+the microcontroller needs for a step, and its pulse. Steps are encoded piece by piece as in the run.
 
       entries of the last LEAST_AHEAD_S      must fit into the queue
       bytes that wait for the wire           must leave within SLACK_S
       steps that wait for the processor      must be made within LATE_S
+      time between two steps of an axis      at least two pulses: high and low
 
 The first one keeps at least LEAST_AHEAD_S of motion on the board.
 """
@@ -38,6 +39,8 @@ TURN_BYTES = 3
 """Bytes of a change of direction."""
 OVERHEAD = 1.1
 """Head and tail of blocks, and questions."""
+ROUNDING_NS = 1
+"""Deviation of the time between two steps by rounding."""
 OUTPUT_SLOTS = 16
 """Entries that outputs may use."""
 
@@ -74,6 +77,7 @@ class KlipperFeasibility:
         self._waiting = 0.0
         self._filled_at = 0.0
         self._free_at = 0.0
+        self._stepped_ns = np.full(len(machine.axes), -(2**62), np.int64)
         self.most_entries = self.entries = 0
         self.most_waiting_s = self.most_late_s = 0.0
 
@@ -86,6 +90,7 @@ class KlipperFeasibility:
         time_ns = chunk.time_ns
         if not len(time_ns):
             return
+        self._check_pulses(chunk)
         self._count_steps(chunk)
         piece = round(PIECE_S * 1e9)
         cuts = np.searchsorted(
@@ -112,6 +117,25 @@ class KlipperFeasibility:
             size += self._motors[column] * _bytes(runs)
         self._queue(np.sort(np.concatenate(ends)), line)
         self._transfer(size, int(chunk.time_ns[rows][-1]) * 1e-9, line)
+
+    def _check_pulses(self, chunk: PulseChunk) -> None:
+        """Check that the pulses of each axis have ended before its next step."""
+        least = round(2e9 * self._profile.pulse_s) - ROUNDING_NS
+        for column, last in enumerate(self._stepped_ns.tolist()):
+            rows = np.flatnonzero(chunk.step[:, column])
+            if not len(rows):
+                continue
+            gaps = np.diff(chunk.time_ns[rows], prepend=last)
+            self._stepped_ns[column] = chunk.time_ns[rows[-1]]
+            if gaps.min() < least:
+                line = int(chunk.line[rows[int(np.argmax(gaps < least))]])
+                pulse = self._profile.pulse_s * 1e6
+                message = (
+                    f"two steps of an axis are {gaps.min() * 1e-3:g} us apart here, but a pulse "
+                    f"of {pulse:g} us and the pause after it take {2 * pulse:g} us"
+                )
+                hint = "lower board.step_pulse, the feed or max_velocity, or use fewer microsteps"
+                raise MotionLimitError(Diagnostic("board-step-rate", message, line=line, hint=hint))
 
     def _count_steps(self, chunk: PulseChunk) -> None:
         """Delay of each grid move, when the processor makes one step after the other."""

@@ -24,12 +24,14 @@ class Profile:
         slots: Entries of its move queue.
         bytes_per_s: Bytes per second on the wire.
         step_s: Time that a step takes, s.
+        pulse_s: Time for which a step pin stays high, and low after that, s.
     """
 
     frequency: float
     slots: int
     bytes_per_s: float
     step_s: float
+    pulse_s: float = 0.0
 
 
 def firmware_of(machine: Machine) -> Firmware:
@@ -51,15 +53,23 @@ def profile_of(machine: Machine, dictionary: Dictionary | None = None, slots: in
     if dictionary is None:
         known = firmware_of(machine)
         wire = known.baud / 10 if known.baud else USB_BYTES_PER_S
-        return Profile(known.frequency, known.slots, wire, known.step_ticks / known.frequency)
+        step_s = _step_s(machine, known)
+        return Profile(known.frequency, known.slots, wire, step_s, machine.board.step_pulse)
     frequency = dictionary.constant("CLOCK_FREQ")
     baud = dictionary.constant("SERIAL_BAUD", 0.0)
     step_s = next(
         (
-            each.step_ticks / each.frequency
+            _step_s(machine, each)
             for each in FIRMWARES.values()
             if each.mcu == dictionary.constants.get("MCU")
         ),
         CAREFUL_STEP_S,
     )
-    return Profile(frequency, slots, baud / 10 if baud else USB_BYTES_PER_S, step_s)
+    wire = baud / 10 if baud else USB_BYTES_PER_S
+    return Profile(frequency, slots, wire, step_s, machine.board.step_pulse)
+
+
+def _step_s(machine: Machine, firmware: Firmware) -> float:
+    """Return the time that a step takes with the pulse of the machine, s."""
+    pulse = round(machine.board.step_pulse * firmware.frequency)
+    return firmware.events(pulse) * firmware.event_ticks / firmware.frequency

@@ -80,6 +80,8 @@ def _forget(connection: Connection) -> None:
     known = connection.dictionary.command_names
     if "config_reset" in known:
         connection.send("emergency_stop")
+        # The firmware drops the rest of a block in which it shuts down.
+        connection.flush(connection.pump)
         connection.send("config_reset")
         try:
             config = _config(connection)

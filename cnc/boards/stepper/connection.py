@@ -22,7 +22,7 @@ STATUS_PERIOD_S = 0.025
 """Time between two requests for the status."""
 POLL_S = 0.002
 """Longest wait for bytes before frames may have to be sent again."""
-HELLO_S = 4.0
+HELLO_S = 2.6
 """Timeout of a board that the opening of its port has reset: its bootloader waits up to 2 s."""
 ANSWER_TIMEOUT_S = 0.8
 """Time without an answer after which the board counts as lost."""

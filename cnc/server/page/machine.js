@@ -240,9 +240,9 @@ function buttons() {
     element(`${name}-override`).addEventListener("change", event => attempt(() => post("override", {[kind]: Number(event.target.value)})));
   }
   element("rapid-override").addEventListener("change", event => attempt(() => post("override", {rapid: Number(event.target.value)})));
-  for (const [id, yes] of [["yes", true], ["no", false]]) element(id).addEventListener("click", () => {
-    attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes}));
-  });
+  element("yes").addEventListener("click", () => attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes: true})));
+  // The dialog covers STOP, and a client that watches may stop, too.
+  element("no").addEventListener("click", stop);
   element("question").addEventListener("cancel", event => event.preventDefault());
 }
 

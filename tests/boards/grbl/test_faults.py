@@ -140,10 +140,10 @@ def test_two_wrong_reports_are_a_fault() -> None:
     wrong = replace(right, position=(x, 1.28, 0.0))
     ahead = replace(right, position=(x + 1.28, 0.0, 0.0))
     for status in (wrong, right, wrong, right, ahead, right, right, right):
-        board.stream.receive(Reported(status))
-    board.stream.receive(Reported(wrong))
+        board.stream.receive(Reported(status), board.link.now())
+    board.stream.receive(Reported(wrong), board.link.now())
     with pytest.raises(BoardError) as caught:
-        board.stream.receive(Reported(wrong))
+        board.stream.receive(Reported(wrong), board.link.now())
     assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("off-path", 2)
 
 

@@ -9,15 +9,20 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed
 
-LINES = ["G1 F600", *(f"X{k % 7}.125Y{k % 9}.25Z-{k % 3}.375" for k in range(900))]
+LONG = ["G1 F600", *(f"X{k % 7}.125Y{k % 9}.25Z-{k % 3}.375" for k in range(900))]
+SHORT = ["G1 F600", *(f"X{k % 70}.1S{k}" for k in range(900))]
+MOVES = ["G1 F3000", *(f"X{0.2 * k:.3f}" for k in range(1, 900))]
+FAST = {110: 5000.0, 120: 500.0}
 
 
-def streamed(monkeypatch: pytest.MonkeyPatch, gathering: float) -> tuple[float, int]:
-    """Return the seconds of the lines in the board's check mode, and the number of readings."""
+def streamed(
+    monkeypatch: pytest.MonkeyPatch, gathering: float, lines: list[str], *, check_only: bool
+) -> tuple[float, int]:
+    """Return the seconds of the lines on the board, and the number of readings."""
     monkeypatch.setattr(line_stream, "GATHERING", gathering)
-    simulator = GrblSimulator()
+    simulator = GrblSimulator(settings=FAST)
     board = connected(simulator)
-    board.check_only = True
+    board.check_only = check_only
     board.start(ORIGIN)
     readings, pump = 0, board.link.pump
 
@@ -28,14 +33,25 @@ def streamed(monkeypatch: pytest.MonkeyPatch, gathering: float) -> tuple[float, 
 
     monkeypatch.setattr(board.link, "pump", counted)
     began = simulator.now
-    feed(board, *LINES)
-    board.stream.drain()
+    feed(board, *lines)
+    board.finish()
     return simulator.now - began, readings
 
 
-def test_answers_gather_while_the_wire_stays_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("lines", [LONG, SHORT], ids=["long", "short"])
+def test_answers_gather_while_the_wire_stays_busy(
+    lines: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     gathering = line_stream.GATHERING
-    seconds, readings = streamed(monkeypatch, 0.0)
-    fewer = streamed(monkeypatch, gathering)
+    seconds, readings = streamed(monkeypatch, 0.0, lines, check_only=True)
+    fewer = streamed(monkeypatch, gathering, lines, check_only=True)
     assert fewer[0] < 1.01 * seconds
     assert fewer[1] < 0.6 * readings
+
+
+def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    gathering = line_stream.GATHERING
+    seconds, readings = streamed(monkeypatch, 0.0, MOVES, check_only=False)
+    fewer = streamed(monkeypatch, gathering, MOVES, check_only=False)
+    assert fewer[0] < 1.002 * seconds
+    assert fewer[1] < len(MOVES) / 3 < readings

@@ -109,7 +109,7 @@ def test_several_motors_of_an_axis(small: Path, tmp_path: Path) -> None:
     assert report.ok
     first, second = (steps_of(known, simulator, "y", motor) for motor in range(2))
     np.testing.assert_array_equal(first[1], second[1])
-    assert np.abs(first[0] - second[0]).max() <= 2 * simulator.firmware.step_ticks
+    assert np.abs(first[0] - second[0]).max() <= 2 * simulator.firmware.event_ticks
 
 
 def test_dense_programs_are_refused_before_motion(tmp_path: Path) -> None:

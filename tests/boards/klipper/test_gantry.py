@@ -90,7 +90,7 @@ def test_squared_motors_make_the_same_steps(apart: int, tmp_path: Path) -> None:
         for motor, begin in enumerate(counts)
     )
     np.testing.assert_array_equal(one[1], two[1])
-    assert np.abs(one[0] - two[0]).max() <= 2 * bench.simulator.firmware.step_ticks
+    assert np.abs(one[0] - two[0]).max() <= 2 * bench.simulator.firmware.event_ticks
 
 
 @pytest.mark.parametrize("broken", [0, 1])

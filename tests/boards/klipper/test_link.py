@@ -126,8 +126,21 @@ def test_silence_is_a_fault_of_the_wire() -> None:
     link = KlipperLink()
     link.send(bytes(2))
     link.outgoing(0.0)
+    times = [0.05 * k for k in range(round(SILENCE_S / 0.05) + 1)]
+    for now in times:
+        link.outgoing(now)
     with pytest.raises(WireError):
         link.outgoing(SILENCE_S + 0.01)
+
+
+def test_time_in_which_the_host_stands_still_is_no_silence() -> None:
+    link, board = KlipperLink(), Receiver()
+    link.send(bytes(2))
+    answer = board.receive(link.outgoing(0.0))
+    assert link.outgoing(3.0) == b""
+    link.receive(answer, 3.001)
+    assert link.idle
+    assert link.resent == 0
 
 
 def test_too_long_commands_are_our_fault() -> None:

@@ -142,7 +142,7 @@ def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:
 def check_queues(known: Machine, simulator: KlipperSimulator, folder: Path) -> None:
     """Check that the queued times are those of the plan, within the tolerance and a tick.
 
-    The processor then makes a step at most the time of one step of each other motor later.
+    The processor then makes a step at most the time of the edges of one step of each motor later.
     """
     assert known.board.klipper is not None
     with np.load(folder / "pulses.npz") as planned:
@@ -156,7 +156,8 @@ def check_queues(known: Machine, simulator: KlipperSimulator, folder: Path) -> N
             offsets.append(due - time_ns[rows] * 1e-9 * frequency)
             delays = steps_of(known, simulator, letter)[0] - due
             assert delays.min() >= 0
-            assert delays.max() <= len(known.axes) * simulator.firmware.step_ticks
+            edges = len(known.axes) * simulator.firmware.events(simulator.motors[column].pulse)
+            assert delays.max() <= edges * simulator.firmware.event_ticks
     late = np.concatenate(offsets)
     tolerance = known.board.klipper.tolerance_us * 1e-6 * frequency
     assert late.max() - late.min() <= 2.0 * (tolerance + 1.0)

@@ -37,6 +37,8 @@ FIRST_TIMEOUT_S, LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.1, 0.025, 0.2
 """Time without acknowledgement after which blocks are sent again: at first, and its bounds."""
 SILENCE_S = 1.0
 """Time after which a board that acknowledges nothing counts as lost."""
+STANDSTILL_S = 0.1
+"""Time between two calls of the host that tells nothing about the board: the host stood still."""
 
 
 @dataclass(slots=True)
@@ -90,6 +92,7 @@ class KlipperLink:
         self._flying = 0
         self._sent_at = 0.0
         self._progress_at: float | None = None
+        self._called_at = 0.0
         self._again = False
         self._deaf_until = 0.0
 
@@ -129,6 +132,13 @@ class KlipperLink:
             WireError: The board has acknowledged nothing for a long time.
         """
         parts: list[bytes] = []
+        missed = now - self._called_at
+        self._called_at = now
+        if missed > STANDSTILL_S:
+            # The answers may wait to be read.
+            self._sent_at += missed
+            if self._progress_at is not None:
+                self._progress_at += missed
         if self._sent:
             if self._progress_at is not None and now - self._progress_at > SILENCE_S:
                 raise WireError("the board acknowledges nothing")

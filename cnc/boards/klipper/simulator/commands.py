@@ -42,18 +42,20 @@ class Commands:
     def __init__(self, board: KlipperSimulator) -> None:
         self._board = board
 
-    def carry_out(self, message: Message) -> None:
-        """Carry out a command."""
+    def carry_out(self, message: Message) -> bool:
+        """Carry out a command; return whether the board goes on with those of the same block."""
         board = self._board
         if board.reason and message.name not in IN_SHUTDOWN:
             number = board.firmware.dictionary.number("static_string_id", board.reason) or 0
             board.respond("is_shutdown", static_string_id=number)
-            return
+            return True
         action: Callable[[Message], None] = getattr(self, f"_{message.name}")
         try:
             action(message)
         except Shutdown as shutdown:
             board.shut_down(str(shutdown))
+            return False
+        return True
 
     def _identify(self, message: Message) -> None:
         offset = message["offset"]
@@ -117,6 +119,7 @@ class Commands:
             message["oid"],
             self._output_pin(message["step_pin"]),
             self._output_pin(message["dir_pin"]),
+            message["step_pulse_ticks"],
         )
         self._create(motor.oid, motor)
         self._board.motors.append(motor)

@@ -1,7 +1,8 @@
 """Firmware profiles: clock, queue, speed and pins of some microcontrollers, and their dictionary.
 
-Clock frequencies, baud rates and names are those of Klipper's documentation. The time of a step is
-that of its benchmarks with three motors (Klipper documentation, Benchmarks).
+Clock frequencies, baud rates and names are those of Klipper's documentation. The time of an edge is
+that of a step in its benchmarks with three motors (Klipper documentation, Benchmarks), which make
+one event of a step. A longer pulse needs two.
 """
 
 from __future__ import annotations
@@ -102,10 +103,11 @@ class Firmware:
         frequency: Ticks of its clock per second.
         slots: Entries of its move queue.
         baud: Speed of its serial line, bits/s; 0 for USB.
-        step_ticks: Time that a step takes, ticks.
+        event_ticks: Time that an edge of a step pin takes, ticks.
         ports: First names of the pins, and number of pins of each.
         window: Bytes that it can receive ahead; 0 for USB.
         pwm_max: Value of a PWM output that is always on.
+        short_pulse: Longest step pulse whose end is no event of its own, ticks.
         forgets_by: Command after which it forgets its configuration: "reset", which most boards
             have, or "config_reset", which does not restart it.
     """
@@ -114,11 +116,16 @@ class Firmware:
     frequency: int
     slots: int
     baud: int
-    step_ticks: int
+    event_ticks: int
     ports: tuple[tuple[str, int], ...]
     window: int
     pwm_max: int = 255
+    short_pulse: int = 0
     forgets_by: str = "reset"
+
+    def events(self, pulse: int) -> int:
+        """Return the number of events of a step with a pulse, ticks: its edges, or just one."""
+        return 1 if pulse <= self.short_pulse else 2
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -171,12 +178,28 @@ def _ports(letters: str, pins: int) -> tuple[tuple[str, int], ...]:
     return tuple((f"P{letter}0", pins) for letter in letters)
 
 
+AVR_PULSE = 40
+"""Step pulse up to which an AVR makes both edges in one event, ticks."""
 FIRMWARES = {
     "atmega328p": Firmware(
-        "atmega328p", 16_000_000, 113, 250_000, 161, _ports("ABCD", 8), window=192
+        "atmega328p",
+        16_000_000,
+        113,
+        250_000,
+        161,
+        _ports("ABCD", 8),
+        window=192,
+        short_pulse=AVR_PULSE,
     ),
     "atmega2560": Firmware(
-        "atmega2560", 16_000_000, 666, 250_000, 161, _ports("ABCDEFGHIJKL", 8), window=192
+        "atmega2560",
+        16_000_000,
+        666,
+        250_000,
+        161,
+        _ports("ABCDEFGHIJKL", 8),
+        window=192,
+        short_pulse=AVR_PULSE,
     ),
     "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), window=0),
     "stm32f103": Firmware("stm32f103xe", 72_000_000, 1024, 0, 88, _ports("ABCDE", 16), window=0),

@@ -98,6 +98,7 @@ class KlipperSimulator:
         self.sequence = 0
         self._reader = BlockReader()
         self._cpu_free = 0
+        self._unsteps = np.empty(0, np.int64)
 
     def reset(self) -> None:
         """Restart the firmware: everything configured is forgotten, and a USB device vanishes."""
@@ -167,39 +168,47 @@ class KlipperSimulator:
     def settle(self, clock: int) -> None:
         """Make all steps that are due up to a clock."""
         parts: list[NDArray[np.int64]] = []
-        pins: list[int] = []
+        motors: list[Motor] = []
         for motor in self.motors:
             if motor.active:
                 made, loaded = motor.play(clock)
                 self.slots_used -= loaded
                 if len(made):
                     parts.append(made)
-                    pins.append(motor.step_pin)
+                    motors.append(motor)
                     self.positions[motor.step_pin] = motor.position
         if parts:
-            self._record(parts, pins)
+            self._record(parts, motors, clock)
         for motor in self.motors:
             if motor.past:
                 reason, motor.past = motor.past, ""
                 self.shut_down(reason)
 
-    def _record(self, parts: list[NDArray[np.int64]], pins: list[int]) -> None:
-        """Record steps: the processor makes one after the other."""
+    def _record(self, parts: list[NDArray[np.int64]], motors: list[Motor], clock: int) -> None:
+        """Record steps: the processor makes one edge after the other."""
         due = np.abs(np.concatenate(parts))
-        order = np.argsort(due, kind="stable")
-        cost = self.firmware.step_ticks
-        k = np.arange(len(due), dtype=np.int64) * cost
-        made = np.maximum(np.maximum.accumulate(due[order] - k), self._cpu_free) + k
+        ends = [
+            np.abs(part) + motor.pulse
+            for part, motor in zip(parts, motors, strict=True)
+            if self.firmware.events(motor.pulse) > 1
+        ]
+        later = np.concatenate((self._unsteps, *ends))
+        self._unsteps = later[later > clock]
+        events = np.concatenate((due, later[later <= clock]))
+        order = np.argsort(events, kind="stable")
+        cost = self.firmware.event_ticks
+        k = np.arange(len(events), dtype=np.int64) * cost
+        made = np.maximum(np.maximum.accumulate(events[order] - k), self._cpu_free) + k
         self._cpu_free = int(made[-1]) + cost
-        late = int((made - due[order]).max())
         actual = np.empty_like(made)
         actual[order] = made
+        late = int((actual[: len(due)] - due).max())
         begin = 0
-        for part, pin in zip(parts, pins, strict=True):
+        for part, motor in zip(parts, motors, strict=True):
             end = begin + len(part)
             sign = np.where(part < 0, -1, 1)
-            self.due_of.setdefault(pin, []).append(np.abs(part))
-            self.edges_of.setdefault(pin, []).append(actual[begin:end] * sign)
+            self.due_of.setdefault(motor.step_pin, []).append(np.abs(part))
+            self.edges_of.setdefault(motor.step_pin, []).append(actual[begin:end] * sign)
             begin = end
         if late > LATE_S * self.firmware.frequency:
             self.shut_down("Rescheduled timer in the past")
@@ -268,7 +277,9 @@ class KlipperSimulator:
     def _carry_out(self, contents: bytes) -> None:
         try:
             for message in self.firmware.dictionary.decode_commands(contents):
-                self._commands.carry_out(message)
+                if not self._commands.carry_out(message):
+                    # The firmware leaves a block in which it shuts down.
+                    return
         except RemoteError:
             self.shut_down("Command parser error")
 

@@ -30,16 +30,18 @@ class Motor:
         oid: Its object.
         step_pin: Number of its step pin.
         direction_pin: Number of its direction pin.
+        pulse: Ticks from an edge of the step pin to the opposite one.
         position: Steps with the direction pin high minus those with it low.
         last: Clock of the last step, or of the last reset.
         needs_reset: Steps are dropped until ``reset_step_clock``.
         past: Why the motor cannot go on; "" if it can.
     """
 
-    def __init__(self, oid: int, step_pin: int, direction_pin: int) -> None:
+    def __init__(self, oid: int, step_pin: int, direction_pin: int, pulse: int) -> None:
         self.oid = oid
         self.step_pin = step_pin
         self.direction_pin = direction_pin
+        self.pulse = pulse
         self.position = 0
         self.last = 0
         self.needs_reset = False

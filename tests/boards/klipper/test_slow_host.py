@@ -1,0 +1,79 @@
+"""A computer that is slow between two calls: at rest on the path, or a position that is right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cnc.boards.klipper.driver import BACKGROUND_S, Klipper
+from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.model.diagnostics import BoardError
+from tests.support.boards.klipper_rig import board, machine, place, steps_of
+from tests.support.boards.stepper_rig import chunks, eased
+from tests.support.soak import share
+
+ROWS, GAP_NS = 12_000, 100_000
+HARMLESS_S = 0.19
+"""The board has so much motion for certain, see HORIZON_S and PIECE_S of the sender."""
+DELAYS = [0.05, 0.15, 0.4, 1.5]
+
+
+def delayed(
+    driver: Klipper,
+    simulator: KlipperSimulator,
+    motion: tuple[NDArray[np.int64], NDArray[np.int8]],
+    at: float,
+    seconds: float,
+    *,
+    alive: bool,
+) -> BoardError | None:
+    """Send a motion with a delay at a share of its time; return the fault of the board.
+
+    With ``alive`` only the computation is late, and the thread of the driver goes on.
+    """
+    time_ns, step = motion
+    late_at = at * float(time_ns[-1])
+    try:
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns, step, 100):
+            driver.send(part)
+            if part.time_ns[-1] > late_at:
+                late_at, end = np.inf, simulator.now + seconds
+                while alive and simulator.now < end:
+                    simulator.advance(simulator.now + BACKGROUND_S)
+                    driver._board.pump_in_background()
+                simulator.advance(end)
+        driver.finish()
+    except BoardError as fault:
+        return fault
+    return None
+
+
+@pytest.mark.parametrize("seconds", share([*DELAYS, 0.1, 0.25, 0.7, 1.1, 2.0], DELAYS))
+@pytest.mark.parametrize("at", np.random.default_rng(11).uniform(0.05, 0.9, share(12, 1)).tolist())
+@pytest.mark.parametrize("alive", [True, False])
+def test_delay_between_two_calls(seconds: float, at: float, alive: bool) -> None:
+    known = machine()
+    motion = eased(ROWS, GAP_NS)
+    points = np.cumsum(motion[1], axis=0, dtype=np.int64)
+    with board(known) as (driver, simulator):
+        fault = delayed(driver, simulator, motion, at, seconds, alive=alive)
+        made = place(known, simulator)
+        assert driver.position_steps.tolist() == made
+        simulator.advance(simulator.now + 2.0)
+        assert place(known, simulator) == made
+        if seconds < HARMLESS_S and (fault is None or not alive):
+            assert fault is None
+            assert made == points[-1].tolist()
+            return
+        assert fault is not None
+        assert fault.diagnostic.code == "board-underrun"
+        assert driver.known_steps == ((tuple(made)) if alive else (None, None, None))
+    if alive:
+        assert simulator.reason == ""
+        assert (points == made).all(axis=1).any()
+        clocks = steps_of(known, simulator, "x")[0] / simulator.firmware.frequency
+        assert clocks[-1] - clocks[-2] > 20 * GAP_NS * 1e-9
+    else:
+        assert "the machine is at" in fault.diagnostic.message
