@@ -265,6 +265,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     picture(page, "console-approach")
     page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
+    expect(page.locator("#from-line")).to_have_value("")
     page.click("#history-part summary")
     rows = page.locator("#history tbody tr")
     expect(rows).to_have_count(2)
