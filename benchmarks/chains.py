@@ -4,11 +4,14 @@ A CAM system follows a smooth curve with chords. Their distance from it, the sag
 its own tolerance, and the tolerance of G64 P is often about as large. Each case has the curve as
 well, so the motion along the fitted path can be compared with that along the curve.
 
-    python -m benchmarks.chains [--seed N] [--cases N]
+    python -m benchmarks.chains [--seed N] [--cases N] [--limits KIND] [--optimum]
 
 A line for each chain: moves, pieces of the fitted path, its largest distance from the moves in
 tolerances, the time of the motion along it in parts of that along the smooth curve, and the CPU
 time of the fit. Families of lines and arcs come below 1: their curvature jumps, the spline's not.
+``--limits`` chooses the machine: limits of each axis, along the path, or both. With ``--optimum``
+the time along the smooth curve is that of the fastest motion (:mod:`benchmarks.optimum`), and not
+that of the planner. That takes some seconds for each chain.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
+from benchmarks.optimum import times_of
 from cnc.kernels.path.curve import curve_eval, curve_range
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, Block, NurbsFeed, PathMode, Polyline
@@ -41,6 +45,8 @@ LONGEST = 5.0
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 FEED = 300.0
 """mm/s."""
+LIMITS = ("axis", "path", "both")
+"""Kinds of limits of a machine."""
 RUN = 4096
 """Moves in one block, as the reader makes them."""
 
@@ -178,10 +184,28 @@ def smooth(case: Chain, pieces_per_move: float = 3.0) -> tuple[Floats, Floats]:
     return knots, control
 
 
-def machine() -> Machine:
-    """Return a machine with limits of each axis: 300 mm/s, 2400 mm/s^2, 48 000 mm/s^3."""
-    axis = Axis(steps_per_mm=1000.0, max_velocity=FEED, max_acceleration=2400.0, max_jerk=48_000.0)
-    return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=FEED, chord_error=1.0))
+def machine(limits: str = "axis") -> Machine:
+    """Return a machine with 300 mm/s, 2400 mm/s^2, 48 000 mm/s^3.
+
+    Args:
+        limits: of which kind: one of LIMITS.
+    """
+    a, j = 2400.0, 48_000.0
+    per_axis, along = limits != "path", limits != "axis"
+    axis = Axis(
+        steps_per_mm=1000.0,
+        max_velocity=FEED,
+        max_acceleration=a if per_axis else None,
+        max_jerk=j if per_axis else None,
+    )
+    path = PathLimits(
+        max_feed=FEED,
+        chord_error=1.0,
+        max_tangential_acceleration=a if along else None,
+        max_normal_acceleration=a if along else None,
+        max_jerk=j if along else None,
+    )
+    return Machine(axes=dict.fromkeys(AXES, axis), path=path)
 
 
 def moves(points: Floats, tolerance: float) -> Iterator[Block]:
@@ -198,10 +222,10 @@ def path(blocks: Iterable[Block], start: Floats) -> list[PathChunk]:
     return [c for c in build(blocks, axes=AXES, start=start) if isinstance(c, PathChunk)]
 
 
-def duration(chunks: list[PathChunk]) -> float:
-    """Return the time of the planned motion along a path, s."""
+def duration(chunks: list[PathChunk], limits: str = "axis") -> float:
+    """Return the time of the planned motion along a path, s; ``limits``: one of LIMITS."""
     end = 0.0
-    for plan in LookAhead(machine()).plan(iter(chunks)):
+    for plan in LookAhead(machine(limits)).plan(iter(chunks)):
         if isinstance(plan, PlanChunk):
             end = plan.t0 + plan.duration
     return end
@@ -237,6 +261,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="CAM chains: motion along the fitted path.")
     parser.add_argument("--seed", type=int, default=1, help="the cases are made from it")
     parser.add_argument("--cases", type=int, default=30)
+    parser.add_argument("--limits", choices=LIMITS, default="axis", help="of the machine")
+    parser.add_argument("--optimum", action="store_true", help="compare with the fastest motion")
     arguments = parser.parse_args()
     ensure_compiled(None)
     path(moves(chain(0).points, chain(0).tolerance), chain(0).points[0])
@@ -250,7 +276,11 @@ def main() -> None:
         seconds = time.process_time() - began
         on_path, count = sampled(chunks), len(case.points) - 1
         off = max(distance(on_path, case.points), distance(case.points, on_path)) / case.tolerance
-        ratios.append(duration(chunks) / duration(path([curve], control[0])))
+        if arguments.optimum:
+            best = times_of([curve], AXES, machine(arguments.limits), start=control[0]).t3
+        else:
+            best = duration(path([curve], control[0]), arguments.limits)
+        ratios.append(duration(chunks, arguments.limits) / best)
         worst = max(worst, off)
         print(
             f"{case.name:58} {count:5d} moves {sum(map(len, chunks)):5d} pieces "

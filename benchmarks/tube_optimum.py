@@ -40,6 +40,12 @@ FINE = 16
 INSIDE = 0.994
 """Part of the tolerance that the motion may use at the places where the constraint holds."""
 
+OFF = 1.002
+"""Deviation in tolerances that counts as within it."""
+
+TRIES = 4
+"""Solutions, each in a narrower tube, until the deviation between those places is within it."""
+
 SLOWEST = 1e-2
 """Speeds below this part of the largest are too slow for a direction."""
 
@@ -167,6 +173,24 @@ def deviation(tube: Tube, motion: Motion) -> float:
 
 
 def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Motion]:
+    """Return the least duration found inside the tube, s, and its motion; infinity without one.
+
+    Args:
+        tube: the constraints.
+        guess: a motion inside the tube or near it, with the steps to use.
+        iterations: bound on those of the solver.
+    """
+    narrow = tube._replace(tolerance=INSIDE * tube.tolerance)
+    for _ in range(TRIES):
+        best, motion = solved(narrow, guess, iterations)
+        off = deviation(tube, motion) / tube.tolerance
+        if off <= OFF:
+            return best, motion
+        narrow = narrow._replace(tolerance=narrow.tolerance * INSIDE / min(off, 1.2))
+    return np.inf, motion
+
+
+def solved(tube: Tube, guess: Guess, iterations: int) -> tuple[float, Motion]:
     """Return the least duration found, s, and its motion; infinity if the solver failed.
 
     Args:
@@ -205,17 +229,17 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Mot
         "constr_viol_tol": 1e-7,
         "mu_init": 1e-3,
     }
-    opti.solver("ipopt", {"print_time": False}, settings)
+    opti.solver("ipopt", {"print_time": False, "expand": True}, settings)
     with suppress(RuntimeError):
         opti.solve()
-    solved = opti.debug
-    final = np.asarray(solved.value(span)) * clock
+    found = opti.debug
+    final = np.asarray(found.value(span)) * clock
     motion = Motion(
         (final / counts)[guess.group],
-        np.atleast_2d(solved.value(states[3])).T * size / final[guess.group][:, None] ** 3,
+        np.atleast_2d(found.value(states[3])).T * size / final[guess.group][:, None] ** 3,
         guess.leg,
     )
-    stats = solved.stats()
+    stats = found.stats()
     if not stats["success"] and stats["iterations"]["inf_pr"][-1] > 1e-5:
         return np.inf, motion
     return float(motion.h.sum()) / slowest_clock(tube, motion), motion
@@ -243,7 +267,7 @@ def _hold_to_tube(
     clock = float(guess.t[-1]) / len(counts)
     size = float(np.linalg.norm(np.diff(tube.points, axis=0), axis=1).max())
     unit = np.array([clock / size, clock**2 / size, clock**3 / size])
-    eps, place = tube.tolerance * INSIDE / size, tube.points / size
+    eps, place = tube.tolerance / size, tube.points / size
     beyond = opti.variable(len(SHARE), m)
 
     def at(k: int, share: float) -> tuple[casadi.MX, ...]:

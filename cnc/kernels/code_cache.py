@@ -39,6 +39,7 @@ from pathlib import Path
 
 _IMPORT = re.compile(r"^from cnc\.kernels\.([\w.]+) import", re.MULTILINE)
 _SOURCES = Path(__file__).parent
+_COMPILER = {_SOURCES / "compiler.py", _SOURCES / "compiler_work.py"}
 _TAG = sys.implementation.cache_tag or sys.implementation.name
 _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""
@@ -125,9 +126,14 @@ def _imported(file: Path) -> frozenset[Path]:
 def _digest(files: frozenset[Path]) -> str:
     """Return a short name for the texts of ``files`` and of the compiler, and Python's ABI."""
     total = hashlib.sha256(getattr(sys, "abiflags", "").encode())
-    for file in sorted(files | {_SOURCES / "compiler.py"}):
-        total.update(_text(file))
+    for file in sorted(files | _COMPILER):
+        total.update(_text_digest(file))
     return total.hexdigest()[:16]
+
+
+@cache
+def _text_digest(file: Path) -> bytes:
+    return hashlib.sha256(_text(file)).digest()
 
 
 @cache

@@ -40,9 +40,10 @@ from numba.core.lowering import Environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
-from numba.core.types import Function, unliteral  # type: ignore[attr-defined]
+from numba.core.types import unliteral  # type: ignore[attr-defined]
 
 from cnc.kernels import code_cache, loader
+from cnc.kernels.compiler_work import repeated_work_left_out
 from cnc.kernels.jit import Kernel, kernels
 
 INLINED = 100
@@ -164,25 +165,6 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-_call_types: dict[Any, Any] = {}
-"""Signatures of numba's own functions, by function and argument types."""
-_find_call_type = Function.get_call_type
-
-
-def call_type(function: Any, context: Any, args: Any, kws: Any) -> Any:
-    """Return the type of a call of numba's own function as numba finds it, but find it once.
-
-    numba tries all that a function may mean for each call: an addition of two numbers is looked up
-    among the functions of arrays first, a few thousand times. The answer depends on the types
-    alone.
-    """
-    key = (function, args, tuple(kws.items()))
-    found = _call_types.get(key)
-    if found is None:
-        found = _call_types[key] = _find_call_type(function, context, args, kws)
-    return found
-
-
 @contextmanager
 def _no_inner_code(codegen: Any) -> Iterator[None]:
     """Do not generate machine code for numba's own functions, which kernels contain."""
@@ -230,7 +212,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             watcher(self._kernel)
         rtsys.initialize(self.targetctx)
         codegen = self.targetctx.codegen()
-        with _no_inner_code(codegen), patch.object(Function, "get_call_type", call_type):
+        with _no_inner_code(codegen), repeated_work_left_out():
             super().compile(arguments)
             result = self.overloads[arguments]
             result.library.finalize()

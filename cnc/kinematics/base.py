@@ -29,10 +29,12 @@ class Kinematics(ABC):
     Attributes:
         turning: for each joint, whether it comes to the same place after 360 degrees.
         linear: whether the joints are a linear function of the tip.
+        angular: for each joint, whether its unit is the degree; empty for those of ``turning``.
     """
 
     turning: ClassVar[tuple[bool, ...]]
     linear: ClassVar[bool] = False
+    angular: ClassVar[tuple[bool, ...]] = ()
 
     @abstractmethod
     def inverse(self, tip: Sequence[Series]) -> list[Series]:

@@ -19,6 +19,7 @@ class Cylinder(Kinematics):
     """
 
     turning = (False,)
+    angular = (True,)
     linear = True
 
     def __init__(self, radius: float) -> None:

@@ -61,6 +61,7 @@ class Bare(Kinematics):
 
     turning = (False,) * 5
     linear = True
+    angular = (False, False, False, True, True)
 
     def inverse(self, tip: Sequence[Series]) -> list[Series]:
         """Return the axes."""
@@ -81,6 +82,7 @@ class FiveAxis(Kinematics):
     """
 
     turning = (False,) * 5
+    angular = (False, False, False, True, True)
 
     def __init__(self, tilt: Rotation, turn: Rotation, offset: Point) -> None:
         self._tilt, self._turn, self._offset = tilt, turn, offset

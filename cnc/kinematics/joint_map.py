@@ -19,6 +19,7 @@ from cnc.kinematics.series import Series
 from cnc.machine import kinematics as tables
 from cnc.machine.kinematics import KinematicsTable
 from cnc.machine.models import Machine
+from cnc.model.blocks import ROTARY_LETTERS
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 Floats = NDArray[np.float64]
@@ -39,6 +40,7 @@ class JointMap:
         columns: names of the joints' columns in a path.
         turning: (joints,): whether a joint comes to the same place after 360 degrees.
         linear: whether the joints are a linear function of the tip.
+        angular: whether the unit of each joint is the degree.
     """
 
     def __init__(
@@ -59,6 +61,10 @@ class JointMap:
         self._letters: tuple[str, ...] = ()
         self.turning = np.zeros(len(names), np.bool_)
         self.turning[list(own)] = kinematics.turning
+        turns = dict(zip(own, kinematics.angular or kinematics.turning, strict=True))
+        self.angular = tuple(
+            turns.get(k, name in ROTARY_LETTERS) for k, name in enumerate(self.names)
+        )
 
     @classmethod
     def of(cls, machine: Machine) -> JointMap | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cnc.machine.kinematics import FiveAxis
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model.blocks import ROTARY_LETTERS, Block
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 from cnc.path.chunk import PathChunk
 
@@ -35,6 +35,7 @@ class Joints:
         tip_columns: Number of columns of the tool tip in front of those of the joints in a path; 0
             where the axes are the joints.
         linear: Whether the joints are a linear function of the tip.
+        angular: Whether each joint turns: its unit is the degree.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -47,6 +48,9 @@ class Joints:
             self._map = JointMap.of(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
+        self.angular = tuple(letter in ROTARY_LETTERS for letter in self._axes)
+        if self._map is not None:
+            self.angular = self._map.angular
 
     def at(self, tip: Floats) -> Floats:
         """Return the joints (joints,) at a position of the tip (axes,); mm, degrees.

@@ -23,12 +23,13 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
+from cnc.kernels.planner.stopping import shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import NO_PHASES, end_of, first_steady, plan_to_rest, release
-from cnc.planner.stop_ramp import even_ramp
+from cnc.planner.stop_ramp import even_ramp, first_ramps
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -92,7 +93,7 @@ def slowed(request: Request) -> SlowedPlan | None:
     """
     plan = request.plan
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
-    if request.stops and (ramp := _stopped_evenly(request)) is not None:
+    if request.stops and (ramp := _shortest_stop(request)) is not None:
         return ramp
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
@@ -115,22 +116,37 @@ def slowed(request: Request) -> SlowedPlan | None:
     return None
 
 
-def _stopped_evenly(request: Request) -> SlowedPlan | None:
-    """Return the shortest ramp to rest where the bounds of the path hardly vary; else None."""
-    path, limits = request.path, request.path.limits
-    _, s, v, a, _ = request.plan[0].tolist()
-    fastest = float(request.plan["v"].max())
+def _shortest_stop(request: Request) -> SlowedPlan | None:
+    """Return the shortest ramp to rest, where no junction is on the way; else None."""
+    path, limits, plan = request.path, request.path.limits, request.plan
+    _, s, v, a, _ = plan[0].tolist()
+    fastest = float(plan["v"].max())
     slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN), feed_factor=0.0)
     ahead = HORIZON * limits.stopping_distance(fastest, any_direction=True)
-    near = path.intervals(slowing, s, min(request.goal, s + ahead))
+    end = min(request.goal, s + ahead)
+    near = path.intervals(slowing, s, end)
+    level = path.intervals(replace(limits, feed_factor=inf), s, end)
+
+    def stopped(phases: Phases, rest: float) -> SlowedPlan | None:
+        inside = rest < request.goal - rounding_of(request.goal)
+        if not inside or _beyond_flat(level, rest) != rest:
+            return None
+        return SlowedPlan(phases, rest, True, near, 0, rest, slowing)
+
     phases = even_ramp(near, s, v, a)
-    if phases is None:
-        return None
-    rest, _ = end_of(phases)
-    level = path.intervals(replace(limits, feed_factor=inf), s, min(request.goal, s + ahead))
-    if rest >= request.goal - rounding_of(request.goal) or _beyond_flat(level, rest) != rest:
-        return None
-    return SlowedPlan(phases, rest, True, near, 0, rest, slowing)
+    if phases is not None and (found := stopped(phases, end_of(phases)[0])) is not None:
+        return found
+    here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
+    for phases, rest in first_ramps(plan, here, request.goal):
+        flat = near.flat & (near.end < rest - rounding_of(rest))
+        if flat.any() or rest > end + rounding_of(end):
+            continue
+        legal, phases, rest = shortest_ramp(phases, rest, near, slowing.arrays)
+        if legal and not exceeding_sections(path, phases, near):
+            found = stopped(phases, rest)
+            if found is not None:
+                return found
+    return None
 
 
 class _Search:

@@ -1,4 +1,4 @@
-r"""The shortest ramp to rest where the bounds on acceleration and jerk hardly vary.
+r"""Ramps to rest: the shortest one on a straight path, and the first ones of a search elsewhere.
 
       a |\ a0
         |  \          t
@@ -7,20 +7,31 @@ r"""The shortest ramp to rest where the bounds on acceleration and jerk hardly v
         |      \________/  -peak
 
 From any acceleration, the jerk -J leads to the largest deceleration, and J from there to rest. That
-is the fastest motion to rest under one bound on acceleration and one on jerk.
+is the fastest motion to rest under one bound on acceleration and one on jerk. Where the path bends,
+the search of :mod:`cnc.kernels.planner.stopping` begins with such ramps, and with the plan itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
+from cnc.planner.phases import first_steady
 
 EVEN = 0.98
-"""A bound varies by less than 2 % over the ramp, else a search may find a shorter one."""
+"""A bound varies by less than 2 % over the ramp and with the speed; else a search may find a
+shorter one.
+"""
+
+GENTLE = 0.6
+"""The last ramp with which a search begins: with this part of the acceleration and the jerk."""
+
+MORE = 0.01
+"""Part by which bounds are raised that leave no ramp from the acceleration at the start."""
 
 SHORT = 1e-12
 """s; shorter phases are left out."""
@@ -63,7 +74,8 @@ def even_ramp(known: Intervals, s: float, v: float, a: float) -> Phases | None:
         a: acceleration, mm/s^2.
 
     Returns:
-        The phases; None where the bounds vary more, or a junction needs a constant speed.
+        The phases; None where the bounds vary more, along the path or with the speed, or where a
+        junction needs a constant speed.
     """
     count = 1
     while count <= len(known.end):
@@ -81,9 +93,47 @@ def even_ramp(known: Intervals, s: float, v: float, a: float) -> Phases | None:
     within = slice(0, count)
     fastest = v + 0.5 * max(a, 0.0) ** 2 / jerk
     even = (
-        accel >= EVEN * known.accel[within, 0].max()
-        and jerk >= EVEN * known.jerk[within, 0].max()
+        accel >= EVEN * known.accel[within].max()
+        and jerk >= EVEN * known.jerk[within].max()
         and fastest <= known.speed[within].min()
         and not known.flat[within].any()
     )
     return phases if even else None
+
+
+def first_ramps(plan: Phases, near: Intervals, goal: float) -> Iterator[tuple[Phases, float]]:
+    """Yield ramps with which a search for the shortest one may begin.
+
+    Args:
+        plan: the plan so far, from the start of the ramp to rest.
+        near: the intervals behind the start, about as far as the ramp goes.
+        goal: where the plan rests, mm.
+
+    Yields:
+        The phases, which may exceed limits, and where they come to rest, mm.
+    """
+    _, s, v, a, _ = plan[0].tolist()
+    accel, jerk = float(near.accel[:, -1].min()), float(near.jerk[:, -1].min())
+    yield _with_rest(_ramp_from(s, v, a, accel, jerk))
+    steady = first_steady(plan)
+    if steady < len(plan) and plan[steady]["v"] > 0.0:
+        _, there, speed, _, _ = plan[steady].tolist()
+        behind = _ramp_from(there, speed, 0.0, accel, jerk)
+        yield _with_rest(np.concatenate((plan[:steady], behind)))
+    yield plan, goal
+    yield _with_rest(_ramp_from(s, v, a, GENTLE * accel, GENTLE * jerk))
+
+
+def _ramp_from(s: float, v: float, a: float, accel: float, jerk: float) -> Phases:
+    """Return a ramp to rest as :func:`ramp_to_rest`; the bounds are raised where it needs more."""
+    accel = max(accel, abs(a) * (1.0 + MORE))
+    if a < 0.0:
+        jerk = max(jerk, 0.5 * a * a / v * (1.0 + MORE))
+    phases = ramp_to_rest(s, v, a, accel, jerk)
+    assert phases is not None
+    return phases
+
+
+def _with_rest(phases: Phases) -> tuple[Phases, float]:
+    """Return the phases and where they end, mm."""
+    return phases, phase_at(*phases[-1].tolist())[0]

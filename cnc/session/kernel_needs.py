@@ -83,6 +83,8 @@ class KernelNeeds:
             jobs.append("step runs" if board.capabilities.separate_axes else "segments")
         if options.outputs.picture is not None:
             jobs.append("drawing")
+            if self._context.reader.machine.tip_columns:
+                jobs.append("samples")
         self._compile(*jobs)
 
     def _compile(self, *jobs: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +13,13 @@ from cnc.kernels.view.motion import AT_END, PROGRESS, Origin, Route, follow
 from cnc.kernels.view.points import ENTERED, PHASE, new_followed
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
+from cnc.model.streams import SampleChunk
+from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
+from cnc.pulses.sampled import Sampled
+from cnc.view.joint_curves import JointCurves, JointTable
 from cnc.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
 
 ROWS = 1 << 15
@@ -24,11 +29,15 @@ DRAWN_AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Largest numbers of strokes, of rows of the curves, and of rows of source lines."""
+    """Largest numbers of strokes, of rows of the curves, and of rows of source lines.
+
+    joints: of rows of the joints' curves; 0 for none.
+    """
 
     strokes: int
     curves: int
     origins: int
+    joints: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +51,7 @@ class Picture:
         files: files by index; the program is the first.
         moves: largest number of changes of the source line in one row of ``origins``.
         duration: machine time with dwells, s.
+        joints: curves of the joints; None where they are the axes.
     """
 
     strokes: Strokes
@@ -50,6 +60,7 @@ class Picture:
     files: list[str]
     moves: int
     duration: float
+    joints: JointCurves | None = None
 
 
 class Collector:
@@ -77,11 +88,18 @@ class Collector:
         self._out = new_followed(ROWS)
         self._clock = RunClock()
         self._curves.add(np.zeros((1, 4)))
+        self._sampler: Sampled | None = None
+        if machine.tip_columns and sizes.joints:
+            self._sampler = Sampled(machine.path.period, Joints(machine).columns(start))
+            self._joints = JointTable(sizes.joints, len(machine.joint_tables), machine.path.period)
+            self._first_joint = machine.tip_columns
 
     def add(self, item: PlanChunk | Block) -> None:
         """Add a part of the plan, or a block between the moves."""
         if isinstance(item, PlanChunk):
             self._follow(item)
+            if self._sampler is not None:
+                self._take_samples(self._sampler.samples(item))
         elif isinstance(item, Dwell):
             self._origins.add(
                 np.array([self._clock.seconds]), np.array([item.line]), item.file, np.array([False])
@@ -91,6 +109,10 @@ class Collector:
     def picture(self) -> Picture:
         """Return the picture. Nothing may be added afterwards."""
         origins, files = self._origins.origins()
+        joints = None
+        if self._sampler is not None:
+            self._take_samples(self._sampler.finish(self._clock.seconds))
+            joints = self._joints.curves()
         return Picture(
             self._strokes.strokes(self._start),
             self._curves.curves(self._clock.seconds),
@@ -98,7 +120,12 @@ class Collector:
             files,
             self._origins.moves,
             self._clock.seconds,
+            joints,
         )
+
+    def _take_samples(self, samples: Iterator[SampleChunk]) -> None:
+        for chunk in samples:
+            self._joints.add(chunk.position[:, self._first_joint :])
 
     def _follow(self, chunk: PlanChunk) -> None:
         pieces, plan, line = pieces_of(chunk.path), plan_arrays(chunk), source_lines(chunk.path)

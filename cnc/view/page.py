@@ -20,14 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cnc.machine.models import Machine
 from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError
 from cnc.outputs.targets import TextTarget
+from cnc.planner.joints import Joints
 from cnc.report.number_format import clock, number
 from cnc.report.result import Report
 from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
+from cnc.view.joint_curves import QUANTITIES
 from cnc.view.tables import FINEST, tolerance_shown
 
-SIZES = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20)
+SIZES = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20, joints=1 << 12)
 """Sizes of the tables of a page. A full page has about 20 MB, which browsers open in seconds."""
 QUANTUM = FINEST / 4
 """mm. Positions are whole multiples of it, unless the path is too large for 32 bits."""
@@ -147,6 +150,7 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
         "limits": [limits.feed, limits.accel, limits.jerk],
         "tolerance": strokes.tolerance,
         "exact": picture.curves.within == 0.0,
+        "joints": [] if picture.joints is None else _joints(report.machine),
         "files": picture.files,
         "findings": [
             [
@@ -158,6 +162,19 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
             if each.file in picture.files and each.line
         ],
     }
+
+
+def _joints(machine: Machine) -> list[dict[str, Any]]:
+    """Return name, unit, and limits of velocity and acceleration of each joint."""
+    each = zip(machine.joint_tables.items(), Joints(machine).angular, strict=True)
+    return [
+        {
+            "name": name.upper(),
+            "unit": "\u00b0" if angular else "mm",
+            "limits": [joint.max_velocity, joint.max_acceleration],
+        }
+        for (name, joint), angular in each
+    ]
 
 
 def _accuracy(picture: Picture) -> str:
@@ -198,6 +215,12 @@ def packed_columns(
         else:
             yield f"low-{name}", _floats(curves.low[row])
             yield f"high-{name}", _floats(curves.high[row])
+    if picture.joints is not None:
+        yield "joint-t", _integers(np.rint(np.minimum(picture.joints.t, picture.duration) / tick))
+        for joint in range(picture.joints.low.shape[2]):
+            for row, name in enumerate(QUANTITIES):
+                yield f"joint-{joint}-low-{name}", _floats(picture.joints.low[:, row, joint])
+                yield f"joint-{joint}-high-{name}", _floats(picture.joints.high[:, row, joint])
     yield "origin-t", _integers(np.rint(origins.t / tick))
     yield "origin-first", _integers(origins.first)
     # These are usually all zeros.

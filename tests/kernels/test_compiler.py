@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 
 from cnc.kernels import code_cache, jit
+from cnc.kernels.loader import Code
 from tests.support.paths import ROOT
 from tests.support.waiting import HANG, wait_until
 
@@ -315,7 +317,7 @@ def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
     from numba.core import types
     from numba.core.registry import cpu_target
 
-    from cnc.kernels import compiler
+    from cnc.kernels import compiler_work
 
     context, found = cpu_target.typing_context, []
     context.refresh()
@@ -325,8 +327,8 @@ def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
         found.append(arguments)
         return of_numba(*arguments)
 
-    monkeypatch.setattr(compiler, "_find_call_type", find)
-    monkeypatch.setattr(compiler, "_call_types", {})
+    monkeypatch.setattr(compiler_work, "_find_call_type", find)
+    monkeypatch.setattr(compiler_work, "_call_types", {})
     cases = [
         (operator.add, (types.float64, types.int64)),
         (operator.add, (types.int64, types.int64)),
@@ -337,6 +339,55 @@ def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
     for _ in range(3):
         for function, arguments in cases:
             known = context.resolve_value_type(function)
-            signature = compiler.call_type(known, context, arguments, {})
+            signature = compiler_work._call_type(known, context, arguments, {})
             assert signature == of_numba(known, context, arguments, {})
     assert len(found) == len(cases)
+
+
+WITH_ALL_WORK = CALL.replace(
+    "compiled = []",
+    "import contextlib; compiler.repeated_work_left_out = contextlib.nullcontext; compiled = []",
+)
+
+
+def test_the_machine_code_is_that_of_a_compiler_that_repeats_its_work(tmp_path: Path) -> None:
+    codes = []
+    for name, code in (("once", CALL), ("again", WITH_ALL_WORK)):
+        folder = tmp_path / name
+        folder.mkdir()
+        place = Place(folder)
+        assert answer(place.start(code))[0] == in_python()
+        found = {
+            file.name: Code._make(pickle.loads(code_cache.read(file) or b""))
+            for file in place.files("*.*")
+        }
+        codes.append({name: (each.symbol, each.code) for name, each in found.items()})
+    assert len(codes[0]) == 4  # small, large, top, and its conversion of arguments
+    assert codes[0] == codes[1]
+
+
+def triple() -> None:
+    """Stand for a function that a module of numba registers when it is imported."""
+
+
+def test_a_function_that_is_registered_later_becomes_known() -> None:
+    from numba.core import types
+    from numba.core.registry import cpu_target
+    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+    from cnc.kernels.compiler_work import repeated_work_left_out
+
+    context = cpu_target.typing_context
+
+    with repeated_work_left_out():
+        context.refresh()
+
+        @infer_global(triple)
+        class Triple(AbstractTemplate):  # type: ignore[misc]
+            key = triple
+
+            def generic(self, args: Any, kws: Any) -> Any:
+                return signature(types.int64, *args)
+
+        context.refresh()
+    assert context.resolve_function_type(triple, (types.int64,), {}).return_type == types.int64

@@ -309,10 +309,14 @@ def test_a_sharp_bend_takes_no_longer_than_a_cusp(elsewhere, tmp_path):
 @pytest.mark.parametrize("machine", share(EVERYWHERE, ["both"]))
 def test_years_of_motion_are_planned_without_delay(machine, tmp_path):
     """Nothing is counted off period by period where nothing happens."""
-    speed = share(1e-6, 4e-6)
+    speed, scale = 1e-6, share(10.0, 1.0)
     file = tmp_path / "p.nc"
-    file.write_text(f"G21 G90 G94 G17\nG64\nG1 X60 Y80 F{60 * speed:f}\nG2 X60 Y0 I0 J-40\nM2\n")
+    file.write_text(
+        f"G21 G90 G94 G17\nG64\nG1 X{6 * scale:g} Y{8 * scale:g} F{60 * speed:f}\n"
+        f"G2 Y0 I0 J{-4 * scale:g}\nM2\n"
+    )
     report = check(file, MACHINES[machine])
     assert report.ok
+    length = (10.0 + 4.0 * math.pi) * scale
     # The turn between line and arc is rounded within the tolerance.
-    assert report.duration_s == pytest.approx((100.0 + 40.0 * math.pi) / speed, rel=1e-4)
+    assert report.duration_s == pytest.approx(length / speed, abs=0.005 / speed)

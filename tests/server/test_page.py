@@ -69,6 +69,7 @@ CHROMIUM = [
     "--enable-unsafe-swiftshader",
     "--use-gl=angle",
     "--use-angle=swiftshader",
+    "--disable-gpu-compositing",
 ]
 
 

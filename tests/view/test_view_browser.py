@@ -200,6 +200,48 @@ def test_the_path_is_visible_in_each_colour_in_light_and_dark_mode(browser, show
         assert json.loads(ask("JSON.stringify(m.about.stock)")) == [[0, 70], [0, 60], [-5, 0]]
 
 
+def test_the_curves_of_a_joint_are_shown_on_demand(browser, show, ask):
+    program = (ROOT / "programs" / "five-axis" / "cone.nc").read_text()
+    show(program, "--machine", "trunnion")
+    names = browser.evaluate("[...document.querySelectorAll('#joint option')].map(o => o.text)")
+    assert names == ["tool tip", *(f"joint {letter}" for letter in "XYZAC")]
+    assert ask("m.graph.strips.map(strip => strip[0])") == ["feed", "acceleration", "jerk"]
+    before = ask("(m.draw(), m.graph.canvas.toDataURL())")
+    browser.evaluate("(joint.value = '5', joint.dispatchEvent(new Event('change')))")
+    assert ask("m.graph.strips.map(strip => strip.join())") == [
+        "position,\u00b0",
+        "velocity,\u00b0/s",
+        "acceleration,\u00b0/s\u00b2",
+    ]
+    assert ask("(m.draw(), m.graph.canvas.toDataURL())") != before
+    # C makes one turn along the cone, at most at its limits.
+    ends = ask("[0, m.about.duration].map(t => m.graph.values(t)[0])")
+    assert [value for pair in ends for value in pair] == pytest.approx([0, 0, 360, 360], abs=1e-3)
+    fastest = ask("[1, 2].map(k => Math.max(...m.graph.ranges[k].high.at(-1)))")
+    assert 20.0 < fastest[0] <= 1.001 * 120.0
+    assert 20.0 < fastest[1] <= 1.001 * 800.0
+    browser.mouse(
+        "mouseMoved", *ask("(box => [box.left + 200, box.top + 50])(graph.getBoundingClientRect())")
+    )
+    assert "\nC: " in browser.evaluate("document.getElementById('tip').textContent")
+    browser.evaluate("(joint.value = '0', joint.dispatchEvent(new Event('change')))")
+    assert ask("(m.state.hover = null, m.draw(), m.graph.canvas.toDataURL())") == before
+
+
+def test_the_page_of_a_five_axis_program_is_accessible(browser, show):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    show((ROOT / "programs" / "five-axis" / "cone.nc").read_text(), "--machine", "trunnion")
+    browser.evaluate(axe.axe_script + "; 0")
+    found = browser.evaluate("axe.run().then(r => r.violations.map(v => v.id))")
+    assert found == []
+
+
+def test_without_joints_of_their_own_there_is_no_choice(browser, show, ask):
+    show(LINES)
+    assert browser.evaluate("joint.hidden")
+    assert ask("m.joints.length") == 0
+
+
 def test_levels_of_detail_are_within_half_a_pixel(browser, show, ask):
     """Each level is compared with the finest at all times of its points."""
     show((ROOT / "programs" / "pocket.nc").read_text())

@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 
 BAUD = 250_000
 """Speed of the firmware's serial lines unless the machine file has another one, bits/s."""
+BITS_A_BYTE = 10
 POLL_S = 0.002
 """Longest wait for bytes before blocks may have to be sent again."""
 CHUNK = 40
@@ -176,6 +177,8 @@ class Connection:
         window = int(self.dictionary.constant("RECEIVE_WINDOW", 0.0))
         if window:
             self.link.window = window
+        baud = self.dictionary.constant("SERIAL_BAUD", 0.0)
+        self.link.byte_s = BITS_A_BYTE / baud if baud else 0.0
         log.info("%s: %s", self.name, self.dictionary.constants)
         self._read_clock()
 

@@ -30,12 +30,13 @@ export function begin() {
     element("views").append(made);
   }
   on("state", event => {
+    const before = visible();
     state = event;
     if (event.program === job && event.state === "running" && event.feed !== null) {
       reports.push([event.run_time, event.feed / 60]);
       if (reports.length > MOST_REPORTS) reports = reports.filter((_, k) => k % 2);
     }
-    redraw();
+    if (visible() !== before) redraw();
   });
   on("dialog", ({kind, approach}) => { if (kind === "restart") showApproach(approach); });
   on("job-ended", () => showApproach([]));
@@ -119,6 +120,9 @@ export function redraw() {
 }
 
 const runs = () => state !== null && state.program === job && job !== null && ["running", "held", "door"].includes(state.state);
+
+/** Return what the picture shows of the state: a machine at rest costs a telephone no drawing. */
+const visible = () => JSON.stringify([state?.machine, runs() && state.run_time]);
 
 function draw() {
   if (!scene?.gl || !element("space").clientWidth) return;

@@ -58,7 +58,7 @@ async function scaled(name, unit) {
   return out;
 }
 
-/** Return all data: `about` (read from its package unless it is given), the strokes of the path, the curves, the source lines over time, the program texts. */
+/** Return all data: `about` (read from its package unless it is given), the strokes of the path, the curves, those of the joints, the source lines over time, the program texts. */
 async function load(given = null) {
   const about = given ?? JSON.parse(new TextDecoder().decode(await packed("about")));
   const {tick, quantum, units} = about;
@@ -80,13 +80,25 @@ async function load(given = null) {
       curves.high.push(await floats("high-" + name));
     }
   }
+  const joints = [];
+  if (about.joints?.length) {
+    const t = await times("joint-t", tick);
+    for (const [k, joint] of about.joints.entries()) {
+      const low = [], high = [];
+      for (const name of ["position", "velocity", "acceleration"]) {
+        low.push(await floats(`joint-${k}-low-${name}`));
+        high.push(await floats(`joint-${k}-high-${name}`));
+      }
+      joints.push({...joint, t, exact: false, low, high});
+    }
+  }
   const origins = {t: await times("origin-t", tick), first: await integers("origin-first")};
   for (const name of ["more", "file"]) {
     origins[name] = packages.has("column-origin-" + name) ? await integers("origin-" + name) : new Int32Array(origins.t.length);
   }
   const texts = [];
   for (let k = 0; k < about.files.length; k++) texts.push(packages.has("text-" + k) ? await packed("text-" + k) : new Uint8Array());
-  return {about, strokes, curves, origins, texts};
+  return {about, strokes, curves, joints, origins, texts};
 }
 
 /** Return the number of values in a sorted array that are at most `value`. */

@@ -1,22 +1,41 @@
-// Feed, acceleration and jerk over time. Each column of pixels shows its least and greatest value, so that no peak is
+// Feed, acceleration and jerk of the tip over time, or position, velocity and acceleration of a joint. Each column of pixels shows its least and greatest value, so that no peak is
 // lost. Phases wider than a pixel are drawn exactly: feed as parabolas, acceleration as lines, jerk as steps.
 
-const STRIPS = [["feed", "mm/s"], ["acceleration", "mm/s\u00b2"], ["jerk", "mm/s\u00b3"]];
+const TIP = [["feed", "mm/s"], ["acceleration", "mm/s\u00b2"], ["jerk", "mm/s\u00b3"]];
+const JOINT = unit => [["position", unit], ["velocity", unit + "/s"], ["acceleration", unit + "/s\u00b2"]];
 const FAR = 2.5;  // ratio to the greatest value; a higher limit is not shown
 const LEFT = 88, RIGHT = 10, TOP = 8, BOTTOM = 22, GAP = 10;
 
 class Graph {
   constructor(canvas, model) {
     this.canvas = canvas;
-    this.curves = model.curves;
+    this.model = model;
     this.end = model.about.duration || 1;
     this.range = [0, this.end];
+    this.choose(0);
+  }
+
+  /** Show the curves of the tip (0), or of a joint, from 1 on. */
+  choose(number) {
+    const {model} = this, joint = model.joints[number - 1];
+    this.joint = joint ?? null;
+    this.curves = joint ?? model.curves;
+    this.strips = joint ? JOINT(joint.unit) : TIP;
     this.n = this.curves.t.length - 1;
     this.ranges = [0, 1, 2].map(k => this.pyramid(k));
-    const most = this.ranges.map(({low, high}) => Math.max(-low.at(-1)[0], high.at(-1)[0]) || 1);
+    const limits = joint ? [0, ...joint.limits] : model.about.limits;
+    const ends = this.ranges.map(({low, high}) => low.at(-1).length ? [low.at(-1)[0], high.at(-1)[0]] : [0, 0]);
+    const most = ends.map(([low, high]) => Math.max(-low, high) || 1);
     // A limit far above the values would flatten the curves.
-    this.limits = model.about.limits.map((limit, k) => limit && limit <= FAR * most[k] ? limit : 0);
+    this.limits = limits.map((limit, k) => limit && limit <= FAR * most[k] ? limit : 0);
     this.tops = most.map((value, k) => Math.max(value, this.limits[k]));
+    /** Values at the lower and the upper edge of each strip. */
+    this.edges = this.tops.map((top, k) => k ? [-1.06 * top, 1.06 * top] : [0, 1.06 * top]);
+    if (joint) {
+      const [low, high] = ends[0], spare = 0.03 * (high - low) || 1;
+      this.edges[0] = [low - spare, high + spare];
+      this.tops[0] = high;
+    }
   }
 
   /** Return feed and acceleration at both ends of row `i`, and its jerk. For exact curves only. */
@@ -82,7 +101,7 @@ class Graph {
     this.show(t - (t - a) / factor, t + (b - t) / factor);
   }
 
-  /** Return feed, acceleration and jerk at a time, each as [least, greatest]. */
+  /** Return the values of the strips at a time, each as [least, greatest]. */
   values(t) {
     const i = Math.min(Math.max(upTo(this.curves.t, t) - 1, 0), this.n - 1);
     if (this.n < 1) return [[0, 0], [0, 0], [0, 0]];
@@ -104,14 +123,14 @@ class Graph {
     const strip = (h - TOP - BOTTOM - 2 * GAP) / 3;
     this.ruler(pen, colours, h);
     for (let k = 0; k < 3; k++) {
-      const top = TOP + k * (strip + GAP), most = this.tops[k] * 1.06;
-      const y = k === 0 ? value => top + strip * (1 - value / most) : value => top + strip * 0.5 * (1 - value / most);
+      const top = TOP + k * (strip + GAP), [least, most] = this.edges[k];
+      const y = value => top + strip * (most - value) / (most - least), zero = Math.min(Math.max(0, least), most);
       pen.strokeStyle = colours.rule;
       pen.lineWidth = 1;
       pen.setLineDash([]);
       pen.beginPath();
-      pen.moveTo(LEFT, Math.round(y(0)) + 0.5);
-      pen.lineTo(LEFT + this.width, Math.round(y(0)) + 0.5);
+      pen.moveTo(LEFT, Math.round(y(zero)) + 0.5);
+      pen.lineTo(LEFT + this.width, Math.round(y(zero)) + 0.5);
       pen.stroke();
       if (this.limits[k]) {
         pen.strokeStyle = colours.limit;
@@ -127,9 +146,9 @@ class Graph {
       pen.textAlign = "right";
       pen.fillStyle = colours.faint;
       pen.fillText(digits(this.tops[k], 3), LEFT - 6, top + 9);
-      pen.fillText(STRIPS[k][1], LEFT - 6, top + strip - 1);
+      pen.fillText(this.strips[k][1], LEFT - 6, top + strip - 1);
       pen.fillStyle = colours.curves[k];
-      pen.fillText(STRIPS[k][0], LEFT - 6, top + strip / 2 + 4);
+      pen.fillText(this.strips[k][0], LEFT - 6, top + strip / 2 + 4);
       pen.save();
       pen.beginPath();
       pen.rect(LEFT, top - 2, this.width, strip + 4);

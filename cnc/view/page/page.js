@@ -41,6 +41,8 @@ async function main() {
 
   const scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
   const graph = new Graph(element("graph"), model);
+  for (const [k, {name}] of model.joints.entries()) element("joint").append(new Option("joint " + name, k + 1));
+  element("joint").hidden = model.joints.length === 0;
   const state = {channel: 0, at: null, hover: null, chosen: null, playing: false, trail: false, dark: darkness.matches};
   const source = new Source(element("source-list"), model, chooseLine);
   for (const [k, name] of about.files.entries()) element("files").append(new Option(name, k));
@@ -93,8 +95,9 @@ async function main() {
       const [low, high] = values[k].map(value => digits(value, 3));
       return (low === high ? low : `${low} to ${high}`) + " " + unit;
     };
+    const joint = graph.joint ? graph.joint.name + ": " : "";
     const axes = place(t).map((value, k) => "XYZ"[k] + digits(Math.round((value + origin[k]) * 1000) / 1000, 7)).join(" ");
-    return {head: `${name}${lines} \u00b7 ${clock(t)}`, rest: `${axes}\n${shown(0, "mm/s")} \u00b7 ${shown(1, "mm/s\u00b2")} \u00b7 ${shown(2, "mm/s\u00b3")}`};
+    return {head: `${name}${lines} \u00b7 ${clock(t)}`, rest: `${axes}\n${joint}${graph.strips.map(([, unit], k) => shown(k, unit)).join(" \u00b7 ")}`};
   }
 
   function draw() {

@@ -130,6 +130,8 @@ function handle(model) {
   for (const button of document.querySelectorAll(".choice button")) button.addEventListener("click", () => model.press(button.dataset));
   element("files").addEventListener("change", () => { source.open(Number(element("files").value)); redraw(); });
 
+  element("joint").addEventListener("change", () => { graph.choose(Number(element("joint").value)); redraw(); });
+
   let last = 0;
   function tick(now) {
     if (!state.playing) return;

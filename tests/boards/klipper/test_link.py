@@ -8,7 +8,8 @@ import pytest
 
 from cnc.boards.klipper.protocol.errors import LocalError, WireError
 from cnc.boards.klipper.protocol.frames import MAX_CONTENTS, BlockReader, block_bytes
-from cnc.boards.klipper.protocol.link import SILENCE_S, KlipperLink
+from cnc.boards.klipper.protocol.link import DEFAULT_WINDOW, SILENCE_S, KlipperLink
+from cnc.boards.klipper.simulator.wire import Cable
 from tests.support.soak import share
 
 TRIP_S = 0.004
@@ -146,3 +147,49 @@ def test_time_in_which_the_host_stands_still_is_no_silence() -> None:
 def test_too_long_commands_are_our_fault() -> None:
     with pytest.raises(LocalError):
         KlipperLink().send(bytes(MAX_CONTENTS + 1))
+
+
+def throughput(baud: int, window: int, damaged: float, seed: int) -> float:
+    """Return the bytes of commands per second that pass a cable in 4 s.
+
+    As the firmware, the board sends one nak for damage until a block without damage comes.
+    """
+    link, cable, clock, told = KlipperLink(), Cable(baud, seed), 0.0, False
+    reader, sequence, bytes_taken = BlockReader(), 0, 0
+    link.window, link.byte_s = window, cable.byte_s if baud else 0.0
+    cable.noise.damaged = damaged
+    arriving: list[tuple[float, bytes]] = []
+    while clock < 4.0:
+        while link.waiting < 50:
+            link.send(bytes(9))
+        arriving += cable.down(link.outgoing(clock), clock)
+        clock += 0.0005
+        while arriving and arriving[0][0] <= clock:
+            at, part = arriving.pop(0)
+            before = reader.damaged
+            for block in reader.receive(part):
+                told = False
+                if block.sequence == sequence:
+                    sequence = (sequence + 1) % 16
+                    bytes_taken += len(block.contents)
+                cable.up(block_bytes(sequence, b""), at)
+            if reader.damaged > before and not told:
+                told = True
+                cable.up(block_bytes(sequence, b""), at)
+        link.receive(cable.received(clock), clock)
+    return bytes_taken / clock
+
+
+@pytest.mark.parametrize("seed", range(share(20, 2)))
+@pytest.mark.parametrize(
+    ("baud", "window", "least"), [(250_000, 192, 4_500.0), (0, DEFAULT_WINDOW, 15_000.0)]
+)
+def test_bad_cable_still_transfers_dense_motion(
+    baud: int, window: int, least: float, seed: int
+) -> None:
+    """Dense motion needs some kB/s; 1 % of the bytes are damaged in both directions."""
+    assert throughput(baud, window, 0.01, seed) > least
+
+
+def test_good_cable_is_used_by_long_blocks() -> None:
+    assert throughput(250_000, 192, 0.0, 0) > 0.8 * 25_000

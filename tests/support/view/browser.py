@@ -33,6 +33,8 @@ FLAGS = (
     "--disable-extensions",
     "--disable-dev-shm-usage",
     "--disable-background-networking",
+    "--disable-gpu-compositing",
+    "--disable-gpu-rasterization",
     "--force-color-profile=srgb",
 )
 

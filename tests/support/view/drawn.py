@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cnc.api import load_machine, plan, start_position
 from cnc.model.blocks import Dwell
+from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.sampled import Sampled
 from cnc.view.collect import Collector, Picture, Sizes
@@ -41,7 +42,8 @@ class Drawn:
 def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHING) -> Drawn:
     machine = load_machine(machine_name)
     start = start_position(machine)
-    collector, sampler = Collector(machine, sizes, str(program), start), Sampled(PERIOD, start)
+    collector = Collector(machine, sizes, str(program), start)
+    sampler = Sampled(PERIOD, Joints(machine).columns(start))
     samples, clock = [], 0.0
     for item in plan(program, machine):
         collector.add(item)

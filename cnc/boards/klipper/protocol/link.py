@@ -35,6 +35,12 @@ DEFAULT_WINDOW = MAX_BLOCKS * 64
 """Most bytes without acknowledgement, for a firmware without RECEIVE_WINDOW."""
 FIRST_TIMEOUT_S, LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.1, 0.025, 0.2
 """Time without acknowledgement after which blocks are sent again: at first, and its bounds."""
+LEAST_DEAF_S = 0.002
+"""Least time after a repetition in which naks are ignored: they belong to the same loss."""
+SMALL_CONTENTS, CLEAN_BLOCKS = 20, 64
+"""Contents of a block on a bad cable, where a long block is seldom whole, bytes; and number of
+blocks without a repetition after which the cable counts as good.
+"""
 SILENCE_S = 1.0
 """Time after which a board that acknowledges nothing counts as lost."""
 STANDSTILL_S = 0.1
@@ -55,6 +61,7 @@ class RoundTrip:
 
     def __init__(self) -> None:
         self.mean = 0.0
+        self.least = 0.0
         self._deviation = 0.0
         self.timeout = FIRST_TIMEOUT_S
 
@@ -62,9 +69,11 @@ class RoundTrip:
         """Add a measurement."""
         if self.mean == 0.0:
             self.mean, self._deviation = seconds, seconds / 2
+            self.least = seconds
         else:
             self._deviation += (abs(seconds - self.mean) - self._deviation) / 4
             self.mean += (seconds - self.mean) / 8
+            self.least = min(self.least, seconds)
         timeout = self.mean + 4 * self._deviation
         self.timeout = min(max(timeout, LEAST_TIMEOUT_S), MOST_TIMEOUT_S)
 
@@ -74,6 +83,7 @@ class KlipperLink:
 
     Attributes:
         window: Most bytes without acknowledgement.
+        byte_s: Time of a byte on the wire, s.
         round_trip: Estimate of the round trip.
         resent: Number of blocks that were sent again.
         synchronised: Whether the board has told the sequence number that it expects.
@@ -93,6 +103,10 @@ class KlipperLink:
         self._sent_at = 0.0
         self._progress_at: float | None = None
         self._called_at = 0.0
+        self.byte_s = 0.0
+        self._wire_free = 0.0
+        self._most = MAX_CONTENTS
+        self._clean = 0
         self._again = False
         self._deaf_until = 0.0
 
@@ -150,8 +164,13 @@ class KlipperLink:
                     each.repeated = True
                     parts.append(each.data)
                 self.resent += len(self._sent)
-                self._deaf_until = now + max(self.round_trip.mean, LEAST_TIMEOUT_S / 2)
+                # Until then, naks tell of what was sent before.
+                first = self._sent[0].data
+                drained = max(now, self._wire_free) + len(first) * self.byte_s
+                self._deaf_until = drained + max(self.round_trip.least, LEAST_DEAF_S)
                 self._sent_at = now
+                self._most = SMALL_CONTENTS
+                self._clean = 0
         self._again = False
         while self._waiting and (self.synchronised or not self._sent):
             block = self._next_block()
@@ -163,7 +182,9 @@ class KlipperLink:
             self._flying += len(block)
             self._sent_at = now
             parts.append(block)
-        return b"".join(parts)
+        data = b"".join(parts)
+        self._wire_free = max(now, self._wire_free) + len(data) * self.byte_s
+        return data
 
     def receive(self, data: bytes, now: float) -> list[bytes]:
         """Take received bytes; return the contents of the blocks that have some."""
@@ -192,6 +213,9 @@ class KlipperLink:
             self._flying -= len(first.data)
             if not first.repeated:
                 self.round_trip.add(max(now - first.at, 1e-6))
+                self._clean += 1
+        if self._clean >= CLEAN_BLOCKS:
+            self._most = MAX_CONTENTS
         self._base += done
         self._progress_at = self._sent_at = now
 
@@ -207,11 +231,12 @@ class KlipperLink:
         """Return the next block within the window, empty if there is no space."""
         if len(self._sent) >= MAX_BLOCKS:
             return b""
-        room = min(MAX_CONTENTS, self.window - self._flying - 5)
+        whole = self.window - self._flying - 5
+        room = min(self._most, whole)
         contents = bytearray()
         taken = 0
         for command in self._waiting:
-            if len(contents) + len(command) > room:
+            if len(contents) + len(command) > room and (contents or len(command) > whole):
                 break
             contents += command
             taken += 1

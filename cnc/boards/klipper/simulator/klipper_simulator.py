@@ -97,6 +97,7 @@ class KlipperSimulator:
         self.slots_used = 0
         self.sequence = 0
         self._reader = BlockReader()
+        self._told_damage = False
         self._cpu_free = 0
         self._unsteps = np.empty(0, np.int64)
 
@@ -257,11 +258,15 @@ class KlipperSimulator:
         self.cable.up(block_bytes(self.sequence, contents), self.now)
 
     def _receive(self, data: bytes) -> None:
-        """Take received bytes; answer each damaged block and each one out of order with a nak."""
+        """Take received bytes; answer those out of order, and the first damaged ones, with a nak.
+
+        After this nak, the firmware is silent until it receives a block without damage.
+        """
         if not self.powered or self.now < self.boots_until:
             return
         damaged = self._reader.damaged
         for block in self._reader.receive(data):
+            self._told_damage = False
             if block.sequence != self.sequence:
                 self.blocks_refused += 1
                 self._send(b"")
@@ -272,7 +277,9 @@ class KlipperSimulator:
             self._send(b"")
         if self._reader.damaged > damaged:
             self.blocks_refused += 1
-            self._send(b"")
+            if not self._told_damage:
+                self._send(b"")
+            self._told_damage = True
 
     def _carry_out(self, contents: bytes) -> None:
         try:
