@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.machine.kinematics import OfJoints
 from cnc.machine.models import Homing, Machine, switch_end
-from cnc.model.blocks import AxisLetter
+from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.planner.joints import Joints
 
@@ -26,6 +27,7 @@ class AxisHoming:
         longest: Longest distance of the search for the switch, mm.
         settings: Settings of the machine file.
         offsets: Coordinate of each motor's switch less that of the first motor's, mm.
+        angular: Whether the unit is the degree.
     """
 
     column: int
@@ -35,16 +37,18 @@ class AxisHoming:
     longest: float
     settings: Homing
     offsets: tuple[float, ...] = (0.0,)
+    angular: bool = False
 
     @property
     def description(self) -> str:
         """Description of the cycle for the operator."""
         letter, settings = self.letter.upper(), self.settings
         direction = "up" if self.towards > 0 else "down"
+        unit = "°" if self.angular else "mm"
         return (
-            f"{letter}: {direction} to its switch, at most {self.longest:g} mm at "
-            f"{settings.seek:g} mm/s, then once more at {settings.latch:g} mm/s; "
-            f"{settings.pull_off:g} mm off it is {letter}{self.rest:g}"
+            f"{letter}: {direction} to its switch, at most {self.longest:g} {unit} at "
+            f"{settings.seek:g} {unit}/s, then once more at {settings.latch:g} {unit}/s; "
+            f"{settings.pull_off:g} {unit} off it is {letter}{self.rest:g}"
             + (f"; {len(self.offsets)} motors are squared" if len(self.offsets) > 1 else "")
         )
 
@@ -81,6 +85,8 @@ class AxisHoming:
             longest,
             settings,
             tuple(motor.offset for motor in axis.motors),
+            # A joint of another kinematics may have the letter of a rotary axis.
+            letter in ROTARY_LETTERS and not isinstance(machine.kinematics, OfJoints),
         )
 
 

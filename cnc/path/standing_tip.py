@@ -28,6 +28,8 @@ ZERO = 1e-7
 """Part of the extent below which a control point is on the end of the span."""
 RATIO = 0.125
 """The part ends where the tip has this share of its mean speed, against that of the other axes."""
+STEEPEST = 1.0
+"""mm a degree, the largest ratio at the end of a part: the tip goes no farther than the length."""
 ROUNDING = 1e-9
 """mm or degrees; a control point nearer than this to the end is on it, too."""
 SHARES = 2.0 ** np.arange(-20.0, 0.0)
@@ -128,10 +130,10 @@ def _cuts(span: _Span, classes: Ints) -> list[_Cut]:
         measure = int(classes[earlier[np.argmin(order[earlier])]])
         riders = np.flatnonzero(classes == measure)
         speeds = _speed(span, span.metric, SAMPLES), _speed(span, riders, SAMPLES)
-        wanted = RATIO * speeds[0].mean() / speeds[1].mean()
+        wanted = min(RATIO * speeds[0].mean() / speeds[1].mean(), STEEPEST)
         place = 1.0 - SHARES if at_end else SHARES
         far = _speed(span, span.metric, place) >= wanted * _speed(span, riders, place)
-        width = float(SHARES[int(np.argmax(far))]) if far.any() else 1.0
+        width = float(SHARES[max(int(np.argmax(far)) - 1, 0)]) if far.any() else 0.5
         first, last = (1.0 - width, 1.0) if at_end else (0.0, width)
         found.append(_Cut(first, last, measure))
     if len(found) == 2 and found[0].last >= found[1].first:

@@ -83,6 +83,7 @@ STANDING = {
         [[0, 0], [3, 9], [8, 2], [8, 2], [8, 2], [15, 3], [20, 0]],
         [1, 1, 1, 2, 2, 2, 2],
     ),
+    "large cusp": ([[0, 0], [300, 300], [0, 300], [300, 0]], [1, 1, 1, 1]),
     "small cusp": ([[0, 0], [0.01, 0.01], [0, 0.01], [0.01, 0]], [1, 1, 1, 1]),
 }
 """X and Y of the control points, and the inner and last knots: the tip stands and the axes turn."""
@@ -114,7 +115,10 @@ def test_the_tip_stands_on_a_curve_while_axes_turn(name: str, tmp_path: Path) ->
     wanted[:, 2] += 80.0
     assert len(tool) > 100
     assert np.abs(tool - wanted).max() < 1e-5
-    assert np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1).max() <= 1.001 * 20.0 * 1e-3
+    steps = np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1)
+    assert steps.max() <= 1.001 * 20.0 * 1e-3
+    length = found["s"][(found["line"] >= 5) & (found["line"] < 5 + len(words))]
+    assert (steps <= np.diff(length) + 1e-9).all(), "the tip goes no farther than the length"
 
 
 def siemens_blocks(program: str) -> list:

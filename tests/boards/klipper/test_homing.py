@@ -10,9 +10,11 @@ from cnc.api import home
 from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.machine.models import Machine
+from cnc.executor.homing_cycles import homing_sequence
+from cnc.machine.kinematics import FiveAxis
+from cnc.machine.models import HomingOrder, Machine
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.homing_bench import small
+from tests.support.boards.homing_bench import axis, small
 from tests.support.boards.klipper_rig import connected, count, pins, place, with_board
 from tests.support.session.runs import run_with
 
@@ -29,11 +31,11 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 class Bench:
     """A simulated board with switches."""
 
-    def __init__(self, known: Machine) -> None:
+    def __init__(self, known: Machine, switches: dict[str, tuple[int, int]] = SWITCHES) -> None:
         self.known = known
         self.simulator: KlipperSimulator = simulator_for(known)
         self.ports = 0
-        for letter, (towards, at) in SWITCHES.items():
+        for letter, (towards, at) in switches.items():
             pin = getattr(pins(known), letter).endstop[0].strip("^!")
 
             def level(letter: str = letter, towards: int = towards, at: int = at) -> int:
@@ -71,6 +73,33 @@ def test_axes_end_off_their_switches_with_known_positions(bench: Bench) -> None:
     for at, switch in zip(place(bench.known, bench.simulator), (-250, -360, 100), strict=True):
         assert abs(at - switch) <= 1
     assert bench.standing() == (0, -200, 100)
+
+
+def test_tilting_and_turning_axes_home_on_their_switches(tmp_path: Path) -> None:
+    """A trunnion: the rotary axes home first, in degrees; then a program moves the tip."""
+    letters = ("x", "y", "z", "a", "c")
+    travels = ((0.0, 8.0), (-2.0, 6.0), (-5.0, 1.0), (-6.0, 3.0), (0.0, 9.0))
+    known = Machine(
+        kinematics=FiveAxis(type="xyzac", tilt_point=(1.0, 2.0, -30.0)),
+        axes={letter: axis(travel) for letter, travel in zip(letters, travels, strict=True)},
+        homing=HomingOrder(order=("c", "a", "z", "x", "y")),
+    )
+    switches = SWITCHES | {"a": (-1, -220), "c": (-1, -70)}
+    bench = Bench(with_board(known), switches)
+    assert homing_sequence(known, (), 5)[0].description.startswith(
+        "C: down to its switch, at most 10 \u00b0"
+    )
+    assert bench.home() == {"x": 0.0, "y": -2.0, "z": 1.0, "a": -6.0, "c": 0.0}
+    places = (-250, -360, 100, -170, -20)
+    for at, switch in zip(place(bench.known, bench.simulator), places, strict=True):
+        assert abs(at - switch) <= 1
+    assert bench.standing() == (0, -200, 100, -600, 0)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 Y0 Z0 A0 C3 F600\nM2\n")
+    driver = bench.driver()
+    report = run_with(tmp_path / "p.ngc", bench.known, board=driver)
+    driver.close()
+    assert report.ok, report.faults
+    assert bench.standing() == (200, 0, 0, 0, 300)
 
 
 def test_program_begins_at_the_homed_position(bench: Bench, tmp_path: Path) -> None:
