@@ -47,11 +47,9 @@ class ParameterMirror:
         self._names += new
         while len(self._named) < len(self._names):
             self._grow()
-        read, is_bound = self._parameters.stored_value, self._parameters.is_bound
-        self._named[begin : len(self._names)] = [read(name) for name in new]
-        self._changes.named[begin : len(self._names)] = [
-            _OF_INTERPRETER if is_bound(name) else 0 for name in new
-        ]
+        self._named[begin : len(self._names)] = self._parameters.stored_names(new)
+        for name in self._parameters.bound_among(new):
+            self._changes.named[known[name]] = _OF_INTERPRETER
         return np.array([known[name] for name in names], np.int32)
 
     def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
@@ -96,8 +94,9 @@ class ParameterMirror:
             store(number, float(self._numbered[number]))
         numbered[numbered == _SET] = 0
         found = np.flatnonzero(named == _SET)
-        for slot, value in zip(found.tolist(), self._named[found].tolist(), strict=True):
-            store(names[slot], value)
+        self._parameters.store_names(
+            [names[slot] for slot in found.tolist()], self._named[found].tolist()
+        )
         named[found] = 0
 
     def _read(self, key: int | str) -> None:
