@@ -191,7 +191,7 @@ def test_codes_with_stored_places_are_refused_under_tip_control(line: str) -> No
 @pytest.mark.parametrize("code", ["M68", "M67"])
 def test_the_output_that_selects_kinematics_is_refused(code: str) -> None:
     """LinuxCNC's configurations wire analog output 3 to the kinematics."""
-    program, options = read(f"G0 X1\n{code} E3 Q0\nG1 X2 A5 F60", dialect="linuxcnc")
+    program, options = read(f"G0 X1\n{code} E3 Q0\nG1 X2 A5 F60\nM2", dialect="linuxcnc")
     found = error_of(program, **options)
     assert (found.code, found.line, found.column) == ("code-not-supported", 2, 1)
     run(program.replace("E3", "E2"), **options)
