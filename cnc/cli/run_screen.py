@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DELAY = 1.0
 """Seconds of a run until the screen appears: a short run needs none."""
-INTERVAL = 0.1
+INTERVAL = 0.3
 """Shortest time between two drawings, s."""
 PLAIN_INTERVAL = 10.0
 """Seconds between two lines of the plain display."""

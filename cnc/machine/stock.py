@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from pydantic import ValidationError
 
@@ -13,13 +14,26 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNORECASE)
 
 
-def with_stock(machine: Machine, text: str) -> Machine:
+def with_stock(machine: Machine, text: str, zero: Mapping[str, float] | None = None) -> Machine:
     """Return the machine with the raw part that ``text`` describes.
+
+    Args:
+        machine: The machine.
+        text: The raw part.
+        zero: Machine position of the zero of its coordinates by axis, mm; None for machine zero.
 
     Raises:
         UsageError: ``stock-malformed``.
     """
-    found = machine.model_copy(update={"stock": _stock(text)})
+    stock = _stock(text)
+    if zero is not None:
+        spans = {"x": stock.x, "y": stock.y, "z": stock.z}
+        moved = {
+            letter: (low + zero.get(letter, 0.0), high + zero.get(letter, 0.0))
+            for letter, (low, high) in spans.items()
+        }
+        stock = stock.model_copy(update=moved)
+    found = machine.model_copy(update={"stock": stock})
     for wrong in found.inconsistencies():
         raise UsageError(Diagnostic("stock-malformed", wrong.message, hint=wrong.hint))
     return found

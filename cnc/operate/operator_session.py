@@ -83,6 +83,14 @@ class OperatorSession(ProgramSession):
         """Offsets by name and axis, mm; empty without a board."""
         return self._view.offsets
 
+    def work_zero(self, system: str) -> dict[str, float]:
+        """Return the machine position of the zero of a system by axis, mm; empty without a board.
+
+        Raises:
+            UsageError: ``no-such-system``.
+        """
+        return self._view.work_zero(system)
+
     @property
     def limited_machine(self) -> Machine:
         """The machine with the travel of the board, and the kind of the board."""

@@ -139,7 +139,7 @@ class RunWatch:
             on_sent=self._sent,
             on_approach=self._take_approach,
             on_beginning=lambda steps: self._dialogs.ask(
-                "restart", steps[0], steps, self._approach
+                "restart", steps[0], steps[1:], self._approach
             ),
         )
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 
 from cnc.boards.port import Clock
 from cnc.executor.run import Progress
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
-from cnc.model.diagnostics import CncError, Diagnostic, UsageError
+from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.operate import program_runs
 from cnc.operate.events import JobEnded, OffsetsChanged
 from cnc.operate.height_mapping import HEIGHT_MAP, Grid, not_probed
@@ -155,8 +156,10 @@ class ProgramSession(Worker):
         finally:
             self._view.end()
         self.events.emit(ended)
-        machine.revive()
-        self._offsets_changed()
+        # The end of the activity reports a board that has failed; the outcome of the run stays.
+        with suppress(BoardError):
+            machine.revive()
+            self._offsets_changed()
         return ended
 
     def _offsets_changed(self) -> dict[str, dict[str, float]]:

@@ -74,21 +74,26 @@ class StateView:
 
     def select(self, system: str) -> None:
         """Choose the coordinate system of the work position. UsageError ``no-such-system``."""
-        if system not in SYSTEMS:
-            hint = f"systems are {', '.join(SYSTEMS)}"
-            raise UsageError(
-                Diagnostic("no-such-system", f"there is no coordinate system {system}", hint=hint)
-            )
+        _refuse_unknown(system)
         self.system = system
 
     def work_position(self, system: str) -> dict[str, float]:
         """Return the position by axis in a coordinate system, mm; G92 belongs to G54."""
-        base = "G54" if system == "G92" else system
-        origin, shift = self.offsets.get(base, {}), self.offsets.get("G92", {})
+        zero = self.work_zero("G54" if system == "G92" else system)
         return {
-            letter: place - origin.get(letter, 0.0) - shift.get(letter, 0.0)
+            letter: place - zero.get(letter, 0.0)
             for letter, place in self.readings.position.items()
         }
+
+    def work_zero(self, system: str) -> dict[str, float]:
+        """Return the machine position of the zero of a coordinate system by axis, mm.
+
+        Raises:
+            UsageError: ``no-such-system``.
+        """
+        _refuse_unknown(system)
+        origin, shift = self.offsets.get(system, {}), self.offsets.get("G92", {})
+        return {letter: value + shift.get(letter, 0.0) for letter, value in origin.items()}
 
     def state(self, activity: Activity, overrides: Control) -> State:
         """Return the state."""
@@ -133,6 +138,13 @@ class StateView:
             buffered=buffered,
             held=progress.hold_reason or ("hold request" if progress.held else ""),
         )
+
+
+def _refuse_unknown(system: str) -> None:
+    if system not in SYSTEMS:
+        hint = f"systems are {', '.join(SYSTEMS)}"
+        message = f"there is no coordinate system {system}"
+        raise UsageError(Diagnostic("no-such-system", message, hint=hint))
 
 
 def _state(reported: MachineState, activity: Activity) -> MachineState:

@@ -137,6 +137,8 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
     if phases is not None and (found := stopped(phases, end_of(phases)[0])) is not None:
         return found
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
+    if not len(here.end):
+        return None
     for phases, rest in first_ramps(plan, here, request.goal):
         flat = near.flat & (near.end < rest - rounding_of(rest))
         if flat.any() or rest > end + rounding_of(end):

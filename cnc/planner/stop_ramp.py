@@ -20,11 +20,16 @@ import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
-from cnc.planner.phases import first_steady
+from cnc.planner.phases import end_of
 
 EVEN = 0.98
 """A bound varies by less than 2 % over the ramp and with the speed; else a search may find a
 shorter one.
+"""
+
+LATER = (0.1, 0.2, 0.3, 0.45)
+"""A search begins too with the plan for these parts of the time of a ramp, and the ramp behind it:
+a motion at the limits of jerk may only slow where the axes leave it some.
 """
 
 GENTLE = 0.6
@@ -114,26 +119,27 @@ def first_ramps(plan: Phases, near: Intervals, goal: float) -> Iterator[tuple[Ph
     """
     _, s, v, a, _ = plan[0].tolist()
     accel, jerk = float(near.accel[:, -1].min()), float(near.jerk[:, -1].min())
-    yield _with_rest(_ramp_from(s, v, a, accel, jerk))
-    steady = first_steady(plan)
-    if steady < len(plan) and plan[steady]["v"] > 0.0:
-        _, there, speed, _, _ = plan[steady].tolist()
-        behind = _ramp_from(there, speed, 0.0, accel, jerk)
-        yield _with_rest(np.concatenate((plan[:steady], behind)))
+    firm = _ramp_from(s, v, a, accel, jerk)
+    if firm is None:
+        return
+    yield firm, end_of(firm)[0]
+    begun = np.cumsum(plan["duration"])[:-1]
+    whole = float(firm["duration"].sum())
+    for row in np.unique(np.searchsorted(begun, whole * np.array(LATER)) + 1).tolist():
+        if row < len(plan):
+            _, there, speed, slope, _ = plan[row].tolist()
+            behind = _ramp_from(there, speed, slope, accel, jerk)
+            if behind is not None:
+                yield np.concatenate((plan[:row], behind)), end_of(behind)[0]
     yield plan, goal
-    yield _with_rest(_ramp_from(s, v, a, GENTLE * accel, GENTLE * jerk))
+    gentle = _ramp_from(s, v, a, GENTLE * accel, GENTLE * jerk)
+    if gentle is not None:
+        yield gentle, end_of(gentle)[0]
 
 
-def _ramp_from(s: float, v: float, a: float, accel: float, jerk: float) -> Phases:
+def _ramp_from(s: float, v: float, a: float, accel: float, jerk: float) -> Phases | None:
     """Return a ramp to rest as :func:`ramp_to_rest`; the bounds are raised where it needs more."""
     accel = max(accel, abs(a) * (1.0 + MORE))
-    if a < 0.0:
+    if a < 0.0 < v:
         jerk = max(jerk, 0.5 * a * a / v * (1.0 + MORE))
-    phases = ramp_to_rest(s, v, a, accel, jerk)
-    assert phases is not None
-    return phases
-
-
-def _with_rest(phases: Phases) -> tuple[Phases, float]:
-    """Return the phases and where they end, mm."""
-    return phases, phase_at(*phases[-1].tolist())[0]
+    return ramp_to_rest(s, v, a, accel, jerk)

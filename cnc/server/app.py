@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
@@ -44,6 +46,8 @@ TYPES = {
 }
 MOST_MESSAGE = 1000
 """Characters of a message of a client."""
+REQUEST_THREADS = 4
+"""Threads of the requests that read files: more of them would take turns with the machine's."""
 CLOSING = 1.0
 """Longest time to close a connection, s."""
 
@@ -60,6 +64,8 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         console.hub.start()
+        current_default_thread_limiter().total_tokens = REQUEST_THREADS
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(REQUEST_THREADS))
         yield
         console.hub.stop()
 

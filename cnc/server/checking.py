@@ -73,6 +73,12 @@ class Checker:
             worker.terminate()
 
 
+def prepare() -> None:
+    """Import what a check needs, so that the first one begins at once."""
+    import cnc.session.session
+    import cnc.view.sketch  # noqa: F401
+
+
 def check_job(order: CheckOrder) -> dict[str, Any]:
     """Check a job; write its summary and its toolpath into the library; return the summary."""
     from cnc.session.options import Outputs, RunOptions

@@ -15,7 +15,7 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
-from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, sketch_job
+from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, prepare, sketch_job
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
@@ -74,6 +74,10 @@ class Console:
             self._checker.close()
         self.session.close()
 
+    def prepare(self) -> None:
+        """Start the process of the checks before the first one."""
+        self._pool().submit(prepare)
+
     # Jobs
 
     def text(self, name: str) -> TextLines:
@@ -111,22 +115,23 @@ class Console:
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
 
-    def cut(self, name: str, stock: str, resolution: float | None) -> None:
+    def cut(self, name: str, stock: str, resolution: float | None, system: str = "") -> None:
         """Begin to simulate the cut of a job; the event ``job-cut`` ends it.
 
         Raises:
-            UsageError: ``no-such-job``, ``stock-missing``, ``stock-malformed``.
+            UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
         self.library.path(name)
+        zero = self.session.work_zero(system) if system else {}
         machine = self.session.limited_machine
         if stock:
-            with_stock(machine, stock)
+            with_stock(machine, stock, zero)
         elif machine.stock is None:
             message = "there is no stock to cut"
             hint = "give the raw part, such as X0:100,Y0:60,Z-12:0"
             raise UsageError(Diagnostic("stock-missing", message, hint=hint))
         with self._lock:
-            order = CutOrder(self._order(name), stock, resolution)
+            order = CutOrder(self._order(name), stock, resolution, zero)
             future = self._pool().submit(cut_job, order)
         future.add_done_callback(lambda done: self._cut(name, done))
 

@@ -7,6 +7,7 @@ import json
 import os
 import tempfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,11 +44,13 @@ class CutOrder:
         check: The job and the machine.
         stock: The raw part, such as ``X0:100,Y0:60,Z-12:0``; empty for that of the machine file.
         resolution: Width of a cell, mm; None for the default.
+        zero: Machine position of the zero of the raw part's coordinates by axis, mm.
     """
 
     check: CheckOrder
     stock: str
     resolution: float | None
+    zero: Mapping[str, float]
 
 
 def cut_job(order: CutOrder) -> dict[str, Any]:
@@ -67,7 +70,7 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="cnc-cut-") as folder:
         machine = order.check.machine_in(Path(folder))
         if order.stock:
-            machine = with_stock(machine, order.stock)
+            machine = with_stock(machine, order.stock, order.zero)
         stl = Path(folder) / "part.stl"
         report = Session(
             Path(name),

@@ -170,7 +170,7 @@ def sketch(name: str, console: Shared) -> FileResponse:
 @router.post("/jobs/{name}/cut")
 def cut(name: str, body: CutJob, console: Shared) -> Accepted:
     """Begin to simulate the cut; its end is the event ``job-cut``."""
-    console.cut(name, body.stock, body.resolution)
+    console.cut(name, body.stock, body.resolution, body.system)
     return Accepted()
 
 

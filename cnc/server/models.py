@@ -132,6 +132,9 @@ class CutJob(_Body):
     """A cut to simulate."""
 
     stock: str = Field(default="", max_length=200, description="Such as X0:100,Y0:60,Z-12:0.")
+    system: str = Field(
+        default="", max_length=10, description="Coordinate system of the stock; empty: machine."
+    )
     resolution: FiniteFloat | None = Field(
         default=None, ge=0.01, description="Width of a cell, mm."
     )

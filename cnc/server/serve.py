@@ -120,6 +120,7 @@ def serve(
             h11_max_incomplete_event_size=1 << 14,
         )
         announce(address)
+        console.prepare()
         uvicorn.Server(config).run(sockets=[address.socket])
     finally:
         console.close()

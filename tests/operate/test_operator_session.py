@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from cnc.boards.protocols import board_error
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object
@@ -112,6 +113,14 @@ def test_zero_and_half(any_operator):
     any_operator.zero({"x": 0.0}, half=True).result(PATIENCE)
     assert any_operator.state.work["x"] == pytest.approx(1.5, abs=GRID)
     assert any_operator.state.work["y"] == pytest.approx(1.0, abs=GRID)
+
+
+def test_a_line_that_only_writes_an_offset_is_done(any_operator):
+    for y in (2.0, 2.5):
+        assert ended(any_operator, f"G10 L2 P1 X1 Y{y} Z3").outcome == "done"
+        assert any_operator.offsets["G54"] == pytest.approx({"x": 1.0, "y": y, "z": 3.0})
+    assert ended(any_operator, "G0 X1").outcome == "done"
+    assert any_operator.state.machine["x"] == pytest.approx(2.0, abs=GRID)
 
 
 def test_a_shift_of_g92_is_set(any_operator):
@@ -232,9 +241,6 @@ def test_without_a_board_nothing_moves(pulse_machine):
 
 
 def test_a_zero_without_a_parameter_file_is_refused():
-    from cnc.machine.load import load_machine
-    from cnc.operate.operator_session import OperatorSession
-
     with OperatorSession(load_machine(None)) as session:
         session.connect().result(PATIENCE)
         with pytest.raises(UsageError, match="no-parameter-file"):
@@ -247,6 +253,14 @@ def test_simulated_boards_run_in_real_time(pulse_machine, board):
     with OperatorSession(machine) as session:
         session.connect(board).result(PATIENCE)
         began = time.monotonic()
-        assert ended(session, "G1 X2 F600").outcome == "done"
-        assert time.monotonic() - began >= 0.2
-        assert session.state.machine["x"] == pytest.approx(2.0, abs=GRID)
+        assert ended(session, "G4 P0.3").outcome == "done"
+        assert time.monotonic() - began >= 0.3
+
+
+def test_a_board_that_fails_after_a_run_does_not_change_its_outcome(operator, monkeypatch):
+    def fail() -> None:
+        raise board_error("board-stopped", "the board has been stopped", hint="connect it again")
+
+    monkeypatch.setattr(operator._operated, "revive", fail)
+    assert ended(operator, "G0 X2").outcome == "done"
+    assert operator.state.board == ""

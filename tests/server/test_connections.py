@@ -12,8 +12,9 @@ import uvicorn
 
 from cnc.boards.paced_loopback import PacedLoopback
 from cnc.server import connections, hub
-from cnc.server.app import create_app
+from cnc.server.app import REQUEST_THREADS, create_app
 from cnc.server.connections import LimitedProtocol
+from cnc.server.library import Library
 from cnc.server.security import Access, Rates
 from cnc.session.options import RunOptions
 from tests.support.waiting import wait_until
@@ -112,6 +113,30 @@ def handshake(server):
     )
     assert connection.recv(12) == b"HTTP/1.1 101"
     return connection
+
+
+def test_few_threads_serve_a_flood_of_requests(server, monkeypatch):
+    """Each thread would take its turn with that of the machine."""
+    at_work, most, lock = [0], [0], threading.Lock()
+    real = Library.history
+
+    def history(*arguments):
+        with lock:
+            at_work[0] += 1
+            most[0] = max(most[0], at_work[0])
+        found = real(*arguments)
+        with lock:
+            at_work[0] -= 1
+        return found
+
+    async def flood():
+        async with httpx.AsyncClient(base_url=server.url, timeout=60) as client:
+            each = [client.get("/api/history") for _ in range(60)]
+            return {answer.status_code for answer in await asyncio.gather(*each)}
+
+    monkeypatch.setattr(Library, "history", history)
+    assert asyncio.run(flood()) == {200}
+    assert 1 <= most[0] <= REQUEST_THREADS
 
 
 def test_a_slow_reader_is_disconnected(server, console):

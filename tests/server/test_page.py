@@ -1,4 +1,7 @@
-"""The operator's story in a browser, at a desk and on a phone, against the GRBL simulator."""
+"""The operator's story in a browser, at a desk and on a phone, against the GRBL simulator.
+
+The simulator is at a pseudo-terminal. It has limit switches, and a plate for the probe.
+"""
 
 import os
 import re
@@ -10,7 +13,13 @@ from pathlib import Path
 
 import pytest
 
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.firmware_profile import GRBL
+from cnc.boards.grbl.simulator.from_machine import settings_of
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 from cnc.kernels.code_cache import cache_folder
+from cnc.machine.load import load_machine
 from tests.support.paths import ROOT
 
 sync_api = pytest.importorskip("playwright.sync_api")
@@ -24,7 +33,7 @@ G21 G90 G94 G17
 T1 M6
 S9000 M3
 G0 X20 Y20 Z5
-G1 Z-3 F400
+G1 Z-3 F3000
 G1 X60 F{feed}
 G3 X60 Y50 J15 F6000
 G1 X20
@@ -32,6 +41,28 @@ G3 X20 Y20 J-15
 G0 Z5
 M30
 """
+MILL = """\
+[machine]
+name = "Quick mill"
+[path]
+max_feed = 100
+tolerance = 0.01
+[board]
+kind = "grbl"
+max_step_rate = 30_000
+"""
+AXIS = """\
+[axes.{letter}]
+steps_per_mm = 200
+max_velocity = {velocity}
+max_acceleration = 2000
+max_jerk = 100_000
+travel = [{low}, 0]
+homing = {{ seek = {velocity}, latch = 20, pull_off = 1, end = "high" }}
+"""
+PLATE, PLATE_THICKNESS = -22.0, 10.0
+"""Machine position of the top of the touch plate, and its thickness, mm."""
+ZERO = "G10 L2 P1 X-150 Y-150 Z-32"
 WRONG = "G21 G90\nG0 X1\nG1 X\n"
 CHROMIUM = [
     "--no-sandbox",
@@ -56,25 +87,40 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory):
+def mill(tmp_path_factory):
+    """A quick machine, so that the tests wait less."""
+    file = tmp_path_factory.mktemp("machine") / "mill.toml"
+    axes = [("x", 100, -200), ("y", 100, -200), ("z", 60, -40)]
+    tables = [AXIS.format(letter=a, velocity=b, low=c) for a, b, c in axes]
+    file.write_text(MILL + "".join(tables), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def port(mill):
+    """The terminal of a simulated board that is not homed."""
+    pty_server = pytest.importorskip("cnc.boards.grbl.simulator.pty_server")
+    pytest.importorskip("termios")
+    settings = settings_of(load_machine(str(mill)))
+    around = Environment.of_travels(*(settings[number] for number in (130, 131, 132)))
+    around.offset = (-12.0, -12.0, -6.0)  # The switches are near.
+    around.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), PLATE),))
+    board = GrblSimulator(GRBL, settings=settings, environment=around)
+    with pty_server.PtyServer(board) as terminal:
+        yield terminal.name
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, mill, port):
     """The address of a server with an empty library."""
     folder = tmp_path_factory.mktemp("console")
-    mill = (ROOT / "config" / "grbl-uno.toml").read_text(encoding="utf-8")
-    # A quick machine: what the tests wait for takes less time.
-    for slow, quick in (
-        ("steps_per_mm = 800", "steps_per_mm = 200"),
-        ("velocity = 33", "velocity = 100"),
-        ("acceleration = 250", "acceleration = 2000"),
-        ("max_feed = 33", "max_feed = 100"),
-    ):
-        assert slow in mill
-        mill = mill.replace(slow, quick)
-    (folder / "mill.toml").write_text(mill, encoding="utf-8")
-    arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", "mill.toml"]
+    # The spindle of a run from a line needs no time here.
+    quick = "import cnc.session.resume as r, cnc.cli as c; r.SPIN_UP = 0.1; c.main()"
+    arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", str(mill)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
     environment["NUMBA_CACHE_DIR"] = str(cache_folder())
     server = subprocess.Popen(
-        [sys.executable, "-m", "cnc.cli", *arguments],
+        [sys.executable, "-c", quick, *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -105,6 +151,7 @@ def page(browser, address):
 def picture(page, name):
     """Keep a picture for the documentation, in the folder that CNC_PICTURES names."""
     if folder := os.environ.get("CNC_PICTURES"):
+        page.evaluate("scrollTo(0, 0)")
         page.screenshot(path=Path(folder) / f"{name}.png")
 
 
@@ -120,30 +167,42 @@ def take(page):
     expect(page.locator("#holder")).to_have_text("you have control")
 
 
-def connect(page):
+def connect(page, port):
+    """Connect and home, unless a test before this one has."""
     if page.inner_text("#state") == "disconnected":
-        page.select_option("#board", "grbl-sim")
+        page.select_option("#board", "grbl")
+        page.fill("#port", port)
         page.click("#connection button")
+        expect(page.locator("#state")).to_have_text("alarm")
+        page.click("#home")
     expect(page.locator("#state")).to_have_text("idle")
+    expect(page.locator("#lamps")).to_contain_text("X homed: on")
+
+
+def enter(page, line):
+    """Run a line, and wait for its end."""
+    page.fill("#mdi", line)
+    page.press("#mdi", "Enter")
+    expect(page.locator("#message")).to_contain_text("MDI: done")
 
 
 def work(page, axis):
     return float(page.inner_text(f"#work-{axis}").replace("\u2212", "-"))
 
 
-def test_from_a_blank_board_to_the_first_part(page):
+def test_from_a_blank_board_to_the_first_part(page, port):
     take(page)
-    connect(page)
+    connect(page, port)
+    enter(page, "G53 G0 X-160 Y-155 Z-19")
     # Jog: a step, then continuously until the release.
     page.get_by_label("10 mm").check()
-    page.check("#unhomed")
     page.get_by_role("button", name="Jog X plus", exact=True).click()
-    expect(page.locator("#work-x")).to_have_text("10.000")
+    expect(page.locator("#machine-x")).to_have_text("\u2212150.000")
     page.get_by_label("continuous").check()
     button = page.get_by_role("button", name="Jog Y plus", exact=True)
     button.dispatch_event("pointerdown", {"pointerId": 1})
     expect(page.locator("#state")).to_have_text("jogging")
-    expect(page.locator("#work-y")).not_to_have_text("0.000")
+    expect(page.locator("#machine-y")).not_to_have_text("\u2212155.000")
     button.dispatch_event("pointerup", {"pointerId": 1})
     expect(page.locator("#state")).to_have_text("idle")
     # Zero: the work position is 0 here, the machine position stays.
@@ -152,10 +211,18 @@ def test_from_a_blank_board_to_the_first_part(page):
     expect(page.locator("#work-x")).to_have_text("0.000")
     expect(page.locator("#work-y")).to_have_text("0.000")
     assert page.inner_text("#machine-x") == machine_x
-    # A line of MDI.
-    page.fill("#mdi", "G0 Z2")
-    page.press("#mdi", "Enter")
-    expect(page.locator("#work-z")).to_have_text("2.000")
+    # Z by touch-off with a plate: the tool rests 2 mm above it.
+    page.get_by_text("Probing", exact=True).click()
+    cycle = page.locator("#cycles form").filter(has=page.get_by_text("Run probe_z"))
+    for name, value in (("thickness", PLATE_THICKNESS), ("distance", 8), ("feed", 1200)):
+        cycle.locator(f'[name="{name}"]').fill(str(value))
+    cycle.get_by_role("button").click()
+    expect(page.locator("#work-z")).to_have_text(f"{PLATE_THICKNESS + 2.0:.3f}")
+    page.get_by_text("Probing", exact=True).click()
+    expect(page.locator("#state")).to_have_text("idle")
+    assert page.inner_text("#machine-z") == f"\u2212{-(PLATE + 2.0):.3f}"
+    enter(page, "G0 Z12.5")
+    expect(page.locator("#work-z")).to_have_text("12.500")
     picture(page, "console-connected")
     # A program with a fault is refused at its line.
     upload(page, "wrong.nc", WRONG)
@@ -169,6 +236,8 @@ def test_from_a_blank_board_to_the_first_part(page):
     page.fill("#stock", "X0:80,Y15:55,Z-10:0")
     page.click("#simulate")
     expect(page.locator("#outcome")).to_contain_text("cm³ removed")
+    # The stock has the work coordinates of the program, so the tool meets it.
+    assert float(page.inner_text("#outcome").split()[1]) > 1.0
     picture(page, "console-cut")
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()
@@ -197,6 +266,7 @@ def test_from_a_blank_board_to_the_first_part(page):
     picture(page, "console-approach")
     page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
+    expect(page.locator("#from-line")).to_have_value("")
     page.click("#history-part summary")
     rows = page.locator("#history tbody tr")
     expect(rows).to_have_count(2)
@@ -204,9 +274,10 @@ def test_from_a_blank_board_to_the_first_part(page):
     expect(rows.nth(1)).to_contain_text("stopped")
 
 
-def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address):
+def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address, port):
     take(page)
-    connect(page)
+    connect(page, port)
+    enter(page, ZERO)
     upload(page, "slow.nc", PROGRAM.format(feed=60).replace("T1 M6\n", ""))
     expect(page.locator("#outcome")).to_contain_text("checked")
     context = browser.new_context(viewport={"width": 390, "height": 800}, has_touch=True)
@@ -214,24 +285,33 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address)
     phone.goto(address)
     expect(phone.locator("#holder")).to_contain_text("you watch")
     phone.click("#home")
-    expect(phone.locator("#message")).to_contain_text("control")
+    expect(phone.locator("#message")).to_contain_text("press Take control first")
+    expect(phone.locator("#holder")).to_contain_text("you watch")
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
     picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")
+    # A question covers STOP, and its own button stops as well.
+    upload(page, "tools.nc", "T2 M6\nG0 X1\n")
+    expect(page.locator("#outcome")).to_contain_text("checked")
+    page.click("#run")
+    expect(phone.locator("#question-text")).to_contain_text("tool 2")
+    phone.locator("#no").tap()
+    expect(page.locator("#outcome")).to_contain_text("stopped")
+    expect(phone.locator("#question")).not_to_be_visible()
     context.close()
 
 
-def test_a_jog_ends_with_its_client(page, browser, address):
+def test_a_jog_ends_with_its_client(page, browser, address, port):
     context = browser.new_context(viewport={"width": 1200, "height": 900})
     other = context.new_page()
     other.goto(address)
     expect(other.locator("#state")).not_to_have_text("connecting")
     take(other)
-    connect(other)
-    other.check("#unhomed")
+    connect(other, port)
+    enter(other, "G53 G0 X-190")
     other.get_by_label("continuous").check()
     other.fill("#jog-feed", "60")
     button = other.get_by_role("button", name="Jog X plus", exact=True)

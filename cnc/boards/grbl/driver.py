@@ -318,7 +318,7 @@ class GrblBoard:
             # The command may change lock and position.
             stream.settle()
             stream.refuse_if_locked(line, unless=stream.stopping)
-        elif self._offset_unchecked:
+        elif self._offset_unchecked and kind != "writer":
             self._offset_unchecked = False
             self._check_offset(line.line)
         elif self.link.due():
@@ -374,7 +374,7 @@ class GrblBoard:
     def _check_offset(self, line: int) -> None:
         """Compare the offset of the board with the one that the lines were made for.
 
-        The first line has selected the coordinate system.
+        The first line has selected the coordinate system; a line that writes an offset has not.
         """
         stream = self.stream
         if self.status.state == "Alarm":

@@ -186,7 +186,10 @@ class Klipper(PulseBoard):
             raise self._supervisor.too_late() from None
 
     def _flush(self) -> None:
-        self._sender.flush()
+        try:
+            self._sender.flush()
+        except TooLate:
+            raise self._supervisor.too_late() from None
 
     def _rest(self, time_ns: int) -> None:
         self._supervisor.rest(time_ns)
@@ -200,7 +203,7 @@ class Klipper(PulseBoard):
         if after == before and not seconds:
             return
         if not (isinstance(block, Spindle) and block.with_motion):
-            sender.flush()  # The motion rests at such a block.
+            self._flush()  # The motion rests at such a block.
         if after != before:
             supervisor.set_outputs(after, sender.clock_of(time_ns) if sender.running else None)
             supervisor.pump(0.0)

@@ -35,7 +35,10 @@ export async function send(method, path, body) {
   }
   const found = await answer.json().catch(() => ({}));
   if (answer.ok) return found;
-  if (found.code === "no-control") loseControl();
+  if (found.code === "no-control") {
+    found.hint = "press Take control first";
+    if (key !== null) loseControl();
+  }
   throw new Refused(found.message ? found : {code: "http-error", message: `the server refuses this (${answer.status})`});
 }
 

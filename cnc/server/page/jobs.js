@@ -18,7 +18,7 @@ export async function begin() {
   element("height-map").addEventListener("change", () => attempt(check));
   element("simulate").addEventListener("click", () => attempt(async () => {
     if (job === null) return;
-    await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null});
+    await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null, system: element("system").value});
     element("outcome").textContent = "cutting";
   }));
   on("job-cut", event => { if (event.name === job) attempt(() => showCut(event)); });
@@ -67,6 +67,8 @@ async function open(name) {
   element("findings").replaceChildren();
   element("limits").hidden = element("stl").hidden = true;
   element("outcome").textContent = "";
+  // A line of another job must not be where this one begins.
+  element("from-line").value = "";
   picture.clear();
   if (job !== null) await attempt(async () => {
     const mine = job, about = await get(path());
@@ -181,10 +183,9 @@ function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line
   const errors = findings.filter(({severity}) => severity === "error");
   let text = `${program}: ${outcome} after ${time(seconds)}`;
   if (stopped) text += `, stopped at line ${stopped}`;
-  if (resume) {
-    text += `; it can go on from line ${resume}`;
-    if (program === job) element("from-line").value = resume;
-  }
+  if (resume) text += `; it can go on from line ${resume}`;
+  // After a whole run, the next one begins at the first line.
+  if (program === job) element("from-line").value = resume ?? "";
   if (program === job) element("outcome").textContent = text;
   say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done"});
 }

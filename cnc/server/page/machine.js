@@ -113,8 +113,8 @@ function makeJog() {
       continue;
     }
     const directions = Object.fromEntries(parts.flatMap((each, k) => k % 2 ? [] : [[each, parts[k + 1]]]));
-    const text = Object.entries(directions).map(([letter, sign]) => ARROWS[letter + sign]).join(" ");
-    const made = button(text, `Jog ${text.replaceAll("−", "minus").replaceAll("+", "plus")}`, () => {});
+    const text = Object.entries(directions).map(([letter, sign]) => ARROWS[letter + sign]).join("\n");
+    const made = button(text, `Jog ${text.replace("\n", " ").replaceAll("−", "minus").replaceAll("+", "plus")}`, () => {});
     made.addEventListener("pointerdown", event => {
       made.setPointerCapture(event.pointerId);
       made.classList.add("down");
@@ -240,9 +240,9 @@ function buttons() {
     element(`${name}-override`).addEventListener("change", event => attempt(() => post("override", {[kind]: Number(event.target.value)})));
   }
   element("rapid-override").addEventListener("change", event => attempt(() => post("override", {rapid: Number(event.target.value)})));
-  for (const [id, yes] of [["yes", true], ["no", false]]) element(id).addEventListener("click", () => {
-    attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes}));
-  });
+  element("yes").addEventListener("click", () => attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes: true})));
+  // The dialog covers STOP, and a client that watches may stop, too.
+  element("no").addEventListener("click", stop);
   element("question").addEventListener("cancel", event => event.preventDefault());
 }
 
@@ -284,7 +284,7 @@ function showState(event) {
   element("system-name").textContent = event.system;
   if (document.activeElement !== element("system")) element("system").value = event.system;
   element("feed").textContent = event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`;
-  element("spindle").textContent = event.spindle === null ? "–" : `${Math.round(event.spindle)} 1/min`;
+  element("spindle").textContent = event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`;
   element("tool").textContent = event.tool ?? "–";
   element("line").textContent = event.line ? `${event.line}: ${event.text}` : "–";
   element("left").textContent = seconds(event.left);

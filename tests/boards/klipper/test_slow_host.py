@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.klipper.driver import BACKGROUND_S, Klipper
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.klipper_rig import board, machine, place, steps_of
 from tests.support.boards.stepper_rig import chunks, eased
@@ -77,3 +78,21 @@ def test_delay_between_two_calls(seconds: float, at: float, alive: bool) -> None
         assert clocks[-1] - clocks[-2] > 20 * GAP_NS * 1e-9
     else:
         assert "the machine is at" in fault.diagnostic.message
+
+
+@pytest.mark.parametrize("spindle", [True, False])
+def test_delay_before_the_end_of_a_motion(spindle: bool) -> None:
+    """The rest of a motion is sent by a block at rest, or by the end of the program."""
+    known = machine()
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(*eased(ROWS, GAP_NS), 100):
+            driver.send(part)
+            if part.line[-1] >= ROWS // 2:
+                break
+        simulator.advance(simulator.now + 0.5)
+        block = Spindle("p", ROWS, "cw", 500.0)
+        with pytest.raises(BoardError) as caught:
+            driver.execute(block, int(part.time_ns[-1]) + 1) if spindle else driver.finish()
+        assert caught.value.diagnostic.code == "board-underrun"
+        assert driver.position_steps.tolist() == place(known, simulator)

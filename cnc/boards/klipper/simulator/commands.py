@@ -309,8 +309,7 @@ class Commands:
         self._board.set_output(self._object(message["oid"], Output), message["value"])
 
     def _queue_digital_out(self, message: Message) -> None:
-        output = self._object(message["oid"], Output)
-        on = message["on_ticks"]
+        output, on = self._object(message["oid"], Output), message["on_ticks"]
         self._queue(output, message["clock"], on if output.cycle_ticks else int(on > 0))
 
     def _queue_pwm_out(self, message: Message) -> None:
