@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
-from cnc.model.blocks import ArcFeed, Block, Dwell, Orient, Polyline, Spindle
+from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, End, Orient, Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run
 
@@ -244,9 +245,48 @@ def test_a_first_move_without_a_motion_code_is_a_traverse_with_a_warning(
     assert error_of(program, dialect="linuxcnc").code == "motion-missing"
 
 
-def test_a_cycle_that_ended_leaves_no_motion_code_to_assume() -> None:
-    assert error_of("G0 X1\nG80\nX2", dialect="auto").code == "motion-missing"
-    assert error_of("G31 Z-5 F60\nX2", dialect="auto").code == "motion-missing"
+@pytest.mark.parametrize("dialect", ["auto", "haas"])
+def test_a_main_program_that_m99_repeats_ends_there_under_auto(dialect: str) -> None:
+    program = "%\nO5\nG0 X1.\nM3 S100\nM99\nG0 X2.\n%"
+    found: list[Diagnostic] = []
+    blocks = run(program, dialect=dialects.load(dialect, lenient=True), warn=found.append)
+    assert points(program, dialect, lenient=True) == [(1.0, 0.0, 0.0)]
+    assert isinstance(blocks[-1], End)
+    assert [each.state for each in blocks if isinstance(each, Spindle)][-1] == "off"
+    assert [(each.code, each.line) for each in found] == [("program-ends-once", 5)]
+    assert error_of(program, dialect="haas").code == "program-endless"
+
+
+@pytest.mark.parametrize("line", ["M7 M8", "M8 M7", "M8 G0 X1. M7"])
+def test_both_coolants_in_a_line(line: str) -> None:
+    """SINUMERIK accepts five M functions in a block; RS274/NGC one of each group."""
+    for dialect in ("siemens", "auto"):
+        (found,) = (each for each in run(line, dialect=dialect) if isinstance(each, Coolant))
+        assert (found.mist, found.flood) == (True, True)
+    assert error_of(line, dialect="linuxcnc").code == "modal-conflict"
+    assert error_of(f"{line} M9", dialect="auto").code == "modal-conflict"
+    assert error_of("M7 M9", dialect="auto").code == "modal-conflict"
+
+
+HOLES = "G99 G81 X1 Y1 Z-1 R1 F100\nX2\nX3"
+
+
+@pytest.mark.parametrize("lines", ["{move}\n{holes}", "{holes}\n{move}\nG81 X4 Z-2 R1 F100\nX5"])
+@pytest.mark.parametrize("move", ["G0 X5 Z3", "G1 X5 Z3 F240"])
+def test_a_move_after_g80_is_that_before_the_cycle_with_a_warning(lines: str, move: str) -> None:
+    """Compiled code executes holes and moves; the motion before the cycle is known all the same."""
+    program = "G0 X9\n" + lines.format(move=move, holes=HOLES) + "\nG80\nX7\nX8"
+    last = [block for block in run(program, dialect="auto") if isinstance(block, Polyline)][-1]
+    assert last.points[-2:, 0].tolist() == [7.0, 8.0]
+    assert np.isnan(last.feeds[-2:]).tolist() == [move.startswith("G0")] * 2
+    assert [found.code for found in warnings(program, "auto")] == ["motion-assumed"]
+    assert "motion-assumed" not in [found.code for found in warnings(program, "fanuc")]
+    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
+
+
+def test_what_is_no_motion_before_a_cycle_is_not_assumed() -> None:
+    for line in ("G31 Z-5 F60", "G2 X2 Y2 I1 J1 F60\nG80", "G0 X1\nG80 G28 Z0"):
+        assert error_of(f"{line}\nX2", dialect="auto").code == "motion-missing"
 
 
 @pytest.mark.parametrize(

@@ -230,12 +230,14 @@ class MachineCodes:
     # Coolant, overrides
 
     def coolant(self, codes: Codes) -> None:
-        """Execute M7, M8 or M9."""
-        if code := codes.get("coolant"):
-            state = self._state
+        """Execute M7, M8, both, or M9."""
+        state, given = self._state, codes.get("coolant")
+        if given is None:
+            return
+        for code in (given, codes.get("second-coolant", given)):
             state.mist = code.number == M.M7 or (state.mist and code.number == M.M8)
             state.flood = code.number == M.M8 or (state.flood and code.number == M.M7)
-            self._coolant()
+        self._coolant()
 
     def _coolant(self) -> None:
         self._out.add(

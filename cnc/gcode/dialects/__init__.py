@@ -141,6 +141,7 @@ class Dialect:
     motion_assumed: bool
     repeated: str
     same_code_twice: bool
+    both_coolants: bool
     repeats_in_call: bool
     skip_parameters: int
     program_number: bool
@@ -152,7 +153,7 @@ class Dialect:
     initial_level: bool
     lenient: bool
     first_bracket: bool
-    after_g80: Literal["none", "previous"]
+    after_g80: Literal["none", "previous", "assumed"]
     local_calls: bool
     hole_patterns: bool
     length_units: list[int]
@@ -281,7 +282,7 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
 
 _LENIENT = (
     "lenient", "axes", "arc_turns", "arc_idle_center", "home_beside_motion", "program_end",
-    "dollar", "program_number", "units_before_feed", "same_code_twice",
+    "dollar", "program_number", "units_before_feed", "same_code_twice", "both_coolants",
 )  # fmt: skip
 """Keys in which ``auto`` is at least as tolerant as any dialect."""
 
@@ -340,8 +341,8 @@ _PLAIN = (
     "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
     "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
     "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
-    "repeated", "same_code_twice", "repeats_in_call", "skip_parameters", "hole_patterns", "wrap",
-    "feed_of_all_axes", "length_units",
+    "repeated", "same_code_twice", "both_coolants", "repeats_in_call", "skip_parameters",
+    "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

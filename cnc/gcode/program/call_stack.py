@@ -15,9 +15,12 @@ from typing import Literal, Protocol
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
+from cnc.gcode.state.modal_groups import Code
+from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
@@ -317,6 +320,20 @@ class Flow:
         self._mark(left, inside=False)
         self._set_listing(left.caller)
         return left.return_line
+
+    def end_once(self, code: Word, line: int) -> None:
+        """End a main program that its M99 would repeat for ever.
+
+        Raises:
+            GcodeError: ``program-endless``.
+        """
+        message, interpreter = f"{code.written} repeats the main program for ever", self.interpreter
+        if not interpreter.dialect.lenient:
+            raise fault("program-endless", message, code, "end it with M30")
+        interpreter.here.line = line
+        message += " on its controller; here it ends"
+        interpreter.here.report_warning("program-ends-once", message, code, "write M30")
+        interpreter.stop(Code(M.M30, code))
 
     def unwind(self) -> None:
         """Restore the parameters of the main program when the program ends inside a call."""

@@ -113,7 +113,9 @@ class Interpreter:
             dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
         self._dwells = Dwells(dialect, self.here, self.modal, self.out)
-        self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
+        self.input_output_codes = InputOutputCodes(
+            self.here, self.out, parameters, tilting=policy.tool_tip is not None
+        )
         self.motion = Motion(
             axes, dialect, self.here, self.modal, position, self.coordinates, self.out,
             self.unused_words,
@@ -339,7 +341,7 @@ class Interpreter:
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=False)
         if code := codes.get("stop"):
-            self._stop(code)
+            self.stop(code)
 
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
@@ -390,7 +392,8 @@ class Interpreter:
         if (code := codes.get("non-modal")) and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 
-    def _stop(self, code: Code) -> None:
+    def stop(self, code: Code) -> None:
+        """Execute M0, M1, M60, M2 or M30."""
         if self.motion.collector:
             raise fault(
                 "nurbs-foreign-word",

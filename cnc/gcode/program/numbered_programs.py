@@ -313,8 +313,8 @@ class ProgramReturn:
             raise fault("call-style-mixed", message, self.code, hint)
         if frame.kind == "main":
             if block is None:
-                message = f"{self.code.written} would repeat the main program for ever"
-                raise fault("program-endless", message, self.code, "end it with M30")
+                flow.end_once(self.code, line)
+                return line + 1
             jump = BackwardJump("this M99", self.at)
             return self._jump(flow, flow.listing, block, line, jump)
         if frame.repeats_left:

@@ -99,6 +99,9 @@ _CALLS, _MACRO_CALLS = (M.M97, M.M98, M.M99), (G.G65, G.G66, G.G67)
 """Codes that the flow of control takes out of a line before it is executed."""
 
 
+_BOTH_COOLANTS = {M.M7, M.M8}
+
+
 def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     """Return the codes of a line by modal group.
 
@@ -115,7 +118,10 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
         code = dialect.check_m(word)
         if code in _CALLS:
             raise _call_left(word)
-        _add(found, GROUP_OF_M[code], Code(code, word), dialect)
+        group, before = GROUP_OF_M[code], found.get("coolant")
+        if before and {before.number, code} == _BOTH_COOLANTS and dialect.both_coolants:
+            group = "second-coolant"
+        _add(found, group, Code(code, word), dialect)
     return found
 
 

@@ -88,7 +88,7 @@ CASES: dict[str, tuple[str, str]] = {
     "two units": ("modal-conflict", "G20 ¦G21"),
     "two distances": ("modal-conflict", "G90 ¦G91"),
     "two spindles": ("modal-conflict", "M3 S1 ¦M5"),
-    "two coolants": ("modal-conflict", "M7 ¦M8"),
+    "two coolants": ("modal-conflict", "M8 ¦M9"),
     "two stops": ("modal-conflict", "M0 ¦M30"),
     "cycle and cancel": ("modal-conflict", "G80 ¦G81 X1"),
     "dwell and machine coordinates": ("modal-conflict", "G4 P1 ¦G53 G0 X1"),
@@ -109,7 +109,7 @@ CASES: dict[str, tuple[str, str]] = {
     "one P, two users": ("word-wanted-twice", "G4 ¦P1 G2 I5 F60"),
     "path and dwell": ("word-wanted-twice", "G64 ¦P1 G4"),
     # axis words
-    "axis words after G80": ("motion-missing", "G0 X1\nG80\n¦X2 Y1"),
+    "axis words after G80": ("motion-missing", "G2 I5 F60\nG80\n¦X2 Y1"),
     "axis words with G80": ("motion-missing", "G80 ¦X1"),
     "axis words with a dwell": ("axis-words-unused", "G0 X1\nG4 P1 ¦X2"),
     "axis words with G92.1": ("axis-words-unused", "G0 X1\nG92.1 ¦X2"),
@@ -294,7 +294,7 @@ feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect n
 unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
-wrapped-axis-range tip-control-active in-turn
+wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
 tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 """
 """Warnings, and errors of files and names. They have their own tests."""
