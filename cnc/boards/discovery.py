@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from cnc.boards.grbl.faults import OtherFirmware
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.port_report import grbl_report
 from cnc.boards.grbl.settings import BoardInfo
@@ -107,7 +108,8 @@ def _probe(name: str, found: FoundPort, baud: int) -> FoundBoard:
     except PortLost as error:
         return FoundBoard(name, description, fault=error)
     except BoardError as error:
-        if error.diagnostic.code not in NOT_GRBL:
+        # Stepper and Klipper boards send no text.
+        if error.diagnostic.code not in NOT_GRBL or isinstance(error, OtherFirmware):
             return FoundBoard(name, description, fault=error)
         # A GRBL board has been reset by now, so the hello cannot disturb its motion.
         speed = baud if baud >= MIN_BAUD else BAUD

@@ -33,6 +33,8 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 COOKIE = "cncrun-token"
 MOST_BODY = 1 << 20
 """Bytes of a body, but of an upload."""
+SHORT_BODY = 1 << 16
+"""Bytes of a body whose unread rest does not end the connection."""
 MOST_UPLOAD = 256 << 20
 """Bytes of an upload."""
 RATE, BURST = 200.0, 400.0
@@ -149,15 +151,16 @@ class Guard:
         if "token" in query and scope["path"] == "/" and self._access.token is not None:
             await _set_cookie(send, self._access.token)
             return
-        await self._guarded(scope, receive, send)
+        await self._guarded(scope, receive, send, is_long=_has_long_body(headers))
 
-    async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _guarded(self, scope: Scope, receive: Receive, send: Send, *, is_long: bool) -> None:
         """Call the application, with a limit of the body, and the headers."""
-        most, taken = _most_body(scope), 0
+        most, taken, is_complete = _most_body(scope), 0, False
 
         async def limited() -> Message:
-            nonlocal taken
+            nonlocal taken, is_complete
             message = await receive()
+            is_complete = not message.get("more_body", False)
             taken += len(message.get("body", b""))
             if taken > most:
                 raise TooLarge(most)
@@ -167,6 +170,9 @@ class Guard:
             if message["type"] == "http.response.start":
                 own = {name for name, _ in message.get("headers", ())}
                 added = [each for each in HEADERS if each[0] not in own]
+                if is_long and not is_complete:
+                    # The rest of a body that was refused is not even read.
+                    added.append((b"connection", b"close"))
                 message = {**message, "headers": [*message.get("headers", ()), *added]}
             await send(message)
 
@@ -239,6 +245,11 @@ def link(host: str, token: str | None) -> str:
 def _most_body(scope: Scope) -> int:
     is_upload = scope["method"] == "PUT" and scope["path"].startswith("/api/jobs/")
     return MOST_UPLOAD if is_upload else MOST_BODY
+
+
+def _has_long_body(headers: dict[str, str]) -> bool:
+    length = headers.get("content-length", "0")
+    return "transfer-encoding" in headers or (length.isdigit() and int(length) > SHORT_BODY)
 
 
 def _headers(scope: Scope) -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
 import pytest
 
 from cnc.gcode import dialects
@@ -268,25 +267,9 @@ def test_both_coolants_in_a_line(line: str) -> None:
     assert error_of("M7 M9", dialect="auto").code == "modal-conflict"
 
 
-HOLES = "G99 G81 X1 Y1 Z-1 R1 F100\nX2\nX3"
-
-
-@pytest.mark.parametrize("lines", ["{move}\n{holes}", "{holes}\n{move}\nG81 X4 Z-2 R1 F100\nX5"])
-@pytest.mark.parametrize("move", ["G0 X5 Z3", "G1 X5 Z3 F240"])
-def test_a_move_after_g80_is_that_before_the_cycle_with_a_warning(lines: str, move: str) -> None:
-    """Compiled code executes holes and moves; the motion before the cycle is known all the same."""
-    program = "G0 X9\n" + lines.format(move=move, holes=HOLES) + "\nG80\nX7\nX8"
-    last = [block for block in run(program, dialect="auto") if isinstance(block, Polyline)][-1]
-    assert last.points[-2:, 0].tolist() == [7.0, 8.0]
-    assert np.isnan(last.feeds[-2:]).tolist() == [move.startswith("G0")] * 2
-    assert [found.code for found in warnings(program, "auto")] == ["motion-assumed"]
-    assert "motion-assumed" not in [found.code for found in warnings(program, "fanuc")]
-    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
-
-
-def test_what_is_no_motion_before_a_cycle_is_not_assumed() -> None:
-    for line in ("G31 Z-5 F60", "G2 X2 Y2 I1 J1 F60\nG80", "G0 X1\nG80 G28 Z0"):
-        assert error_of(f"{line}\nX2", dialect="auto").code == "motion-missing"
+def test_a_cycle_that_ended_leaves_no_motion_code_to_assume() -> None:
+    assert error_of("G0 X1\nG80\nX2", dialect="auto").code == "motion-missing"
+    assert error_of("G31 Z-5 F60\nX2", dialect="auto").code == "motion-missing"
 
 
 @pytest.mark.parametrize(

@@ -188,6 +188,17 @@ def test_codes_with_stored_places_are_refused_under_tip_control(line: str) -> No
     assert (found.code, found.line) == ("tip-control-active", 2)
 
 
+@pytest.mark.parametrize("code", ["M68", "M67"])
+def test_the_output_that_selects_kinematics_is_refused(code: str) -> None:
+    """LinuxCNC's configurations wire analog output 3 to the kinematics."""
+    program, options = read(f"G0 X1\n{code} E3 Q0\nG1 X2 A5 F60\nM2", dialect="linuxcnc")
+    found = error_of(program, **options)
+    assert (found.code, found.line, found.column) == ("code-not-supported", 2, 1)
+    run(program.replace("E3", "E2"), **options)
+    del options["tool_tip"]
+    run(program, **options)
+
+
 def test_tip_control_is_refused_under_compensation() -> None:
     program, options = read("G41 D1 G1 X5. F60.\nG43.4 H1")
     assert error_of(program, **options).code == "compensation-active"

@@ -17,7 +17,7 @@ from cnc.server.connections import LimitedProtocol
 from cnc.server.library import Library
 from cnc.server.security import Access, Rates
 from cnc.session.options import RunOptions
-from tests.support.waiting import wait_until
+from tests.support.waiting import HANG, wait_until
 
 PROGRAM = (
     "G21 G90 G64\n"
@@ -100,6 +100,21 @@ def test_a_connection_without_a_whole_request_is_closed(server, monkeypatch, dat
     connection.sendall(data)
     wait_until(lambda: is_closed(connection))
     connection.close()
+
+
+def test_the_rest_of_a_refused_upload_is_not_read(server):
+    with server.connect() as connection:
+        connection.settimeout(HANG)
+        connection.sendall(
+            f"PUT /api/jobs/a.nc HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
+            "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+            '9\r\n{"x": 1, \r\n'.encode()
+        )
+        answer = b""
+        while piece := connection.recv(4096):
+            answer += piece
+    assert answer.startswith(b"HTTP/1.1 400")
+    assert b"upload-format" in answer
 
 
 def handshake(server):

@@ -152,6 +152,24 @@ assert "numba.core" not in sys.modules
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
 
 
+@compiled
+def test_a_check_imports_only_what_it_needs() -> None:
+    """Each of these would lengthen the start of all programs."""
+    code = """
+import sys
+from cnc.cli import exit_code
+
+assert exit_code(["check", "programs/trident.nc"]) == 0
+unneeded = {
+    "numba", "rich", "scipy", "cnc.checks.baseline", "cnc.executor.homing",
+    "cnc.gcode.cycles.turning_cycles", "cnc.grbl_lines.translator", "cnc.session.line_pass",
+}
+found = unneeded & set(sys.modules)
+assert not found, found
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
+
+
 def fresh(folder: Path) -> dict[str, str]:
     return os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
 

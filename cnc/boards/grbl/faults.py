@@ -145,6 +145,10 @@ def too_old(name: str, version: str, report: str = "") -> BoardError:
     )
 
 
+class OtherFirmware(BoardError):
+    """A device that sends text, but is no GRBL board."""
+
+
 def not_grbl(name: str, received: Sequence[str]) -> BoardError:
     """Return the fault of a port without the welcome of a GRBL board.
 
@@ -159,11 +163,9 @@ def not_grbl(name: str, received: Sequence[str]) -> BoardError:
             hint="GRBL 1.1 has 115200: give --baud 115200, or board.baud in the machine file",
         )
     if received:
-        return board_error(
-            "board-not-grbl",
-            f"the board at {name} is not a GRBL board: it sends {received[0][:60]!r}",
-            hint="name the port of a board with GRBL 1.1 or grblHAL, or flash this board",
-        )
+        message = f"the board at {name} is not a GRBL board: it sends {received[0][:60]!r}"
+        hint = "name the port of a board with GRBL 1.1 or grblHAL, or flash this board"
+        return OtherFirmware(Diagnostic("board-not-grbl", message, hint=hint))
     hint = "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
     return board_error("no-answer", f"no board answers at {name}", hint=hint)
 

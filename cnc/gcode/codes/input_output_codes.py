@@ -16,13 +16,25 @@ from cnc.model.parameter_numbers import INPUT_VALUE
 
 MAX_CHANNEL = 63
 """Highest number of an input or output."""
+KINEMATICS_CHANNEL = 3
+"""Analog output that selects the kinematics in LinuxCNC's five-axis configurations."""
 _WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
 
 
 class InputOutputCodes:
-    """Execution of the codes of inputs and outputs."""
+    """Execution of the codes of inputs and outputs.
 
-    def __init__(self, here: SourceLocation, out: BlockBuffer, parameters: Parameters) -> None:
+    Args:
+        here: the current line.
+        out: takes the blocks.
+        parameters: takes the answers of inputs.
+        tilting: whether the machine has tool-tip control, which an output would select.
+    """
+
+    def __init__(
+        self, here: SourceLocation, out: BlockBuffer, parameters: Parameters, *, tilting: bool
+    ) -> None:
+        self._tilting = tilting
         self._here = here
         self._out = out
         self._parameters = parameters
@@ -43,6 +55,13 @@ class InputOutputCodes:
                     f"{code.word.written} needs a Q word",
                     code.word,
                     "give Q and the value",
+                )
+            if self._tilting and channel == KINEMATICS_CHANNEL:
+                raise fault(
+                    "code-not-supported",
+                    f"{code.word.written} E3 selects the kinematics of a LinuxCNC machine",
+                    code.word,
+                    "give M428 for tool-tip control, M429 for the bare axes",
                 )
             self._out.add(
                 AnalogOutput(here.file, here.line, channel, value.number, number == M.M67)

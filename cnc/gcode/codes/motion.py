@@ -57,7 +57,7 @@ class Motion(MoveFeeds):
         turn_with_vector: Turns the rotary axes of a control point to the direction of the tool.
         vector_letters: Words of the direction of the tool.
         corners: The corner whose second move is not known yet (,C and ,R).
-        may_assume: Whether a move without a motion code is read with an assumed one.
+        may_assume: Whether a move is taken for a G0 because no motion code came before it.
     """
 
     def __init__(
@@ -84,7 +84,6 @@ class Motion(MoveFeeds):
         self._out = out
         self._resting: G | None = dialect.motion
         self.may_assume = dialect.motion_assumed
-        self._assumed = _TRAVERSE
         self.arcs = ArcMoves(self, dialect, here, state)
         self.corners = CornerMoves(self, state, here, corners=dialect.corners)
 
@@ -197,10 +196,8 @@ class Motion(MoveFeeds):
         if before in QUICK_MOTIONS:
             self._resting = before
         if code.number == _CANCEL:
-            after, resting = self._dialect.after_g80, self._resting
-            if after == "assumed" and before is not None and resting in _STRAIGHT:
-                self._assumed, self.may_assume = resting, True
-            self._state.motion = resting = resting if after == "previous" else None
+            resting = self._resting if self._dialect.after_g80 == "previous" else None
+            self._state.motion = resting
             if has_axis and resting is not None:
                 return resting
             if has_axis:
@@ -224,7 +221,11 @@ class Motion(MoveFeeds):
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
         if motion is None and self.may_assume:
-            return self._assume(word)
+            self.may_assume, self._state.motion = False, _TRAVERSE
+            message = f"{word.written} without a motion code in effect is read as a traverse (G0)"
+            hint = "begin with G0 or G1: controllers differ"
+            self._here.report_warning("motion-assumed", message, word, hint)
+            return _TRAVERSE
         if motion is None:
             message = f"{word.written} without a motion code in effect"
             raise fault("motion-missing", message, word, "begin with G0 or G1")
@@ -238,12 +239,6 @@ class Motion(MoveFeeds):
                 special.word,
             )
         return motion
-
-    def _assume(self, word: Word) -> G:
-        self._state.motion, self.may_assume = (code := self._assumed), False
-        message = f"{word.written} without a motion code in effect is read with {code.written}"
-        self._here.report_warning("motion-assumed", message, word, "begin with G0 or G1")
-        return code
 
     def move(self, words: LineWords, motion: G | None, explicit: Code | None = None) -> None:
         """Make the move of the code that :meth:`check` returned; ``explicit`` is in the line."""

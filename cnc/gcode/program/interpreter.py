@@ -113,7 +113,9 @@ class Interpreter:
             dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
         self._dwells = Dwells(dialect, self.here, self.modal, self.out)
-        self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
+        self.input_output_codes = InputOutputCodes(
+            self.here, self.out, parameters, tilting=policy.tool_tip is not None
+        )
         self.motion = Motion(
             axes, dialect, self.here, self.modal, position, self.coordinates, self.out,
             self.unused_words,

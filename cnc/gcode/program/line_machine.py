@@ -101,7 +101,7 @@ class LineMachine:
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
-        self._actions: dict[tuple[frozenset[G], bool, bool], NDArray[np.uint8]] = {}
+        self._actions: dict[tuple[frozenset[G], bool], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
 
     def leaves(self, letters: list[int], numbers: list[float]) -> bool:
@@ -185,20 +185,15 @@ class LineMachine:
         if not any(coordinates.tool_offset):
             idle.add(G.G49)
         may_assume = interpreter.motion.may_assume
-        cycling = modal.motion in _CYCLES
-        key = frozenset(idle), may_assume, cycling
+        key = frozenset(idle), may_assume
         found = self._actions.get(key)
         if found is None:
             found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
             dialect = interpreter.dialect
             actions = {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}
-            # Where a move may follow G80, the interpreter must know the motion before the cycle:
-            # it executes the first line of a cycle, and the first one after it.
-            if dialect.after_g80 == "none" or cycling:
+            # Where G80 returns to the motion before a cycle, the interpreter executes both.
+            if dialect.after_g80 == "none":
                 actions |= dict.fromkeys(_CYCLES, kernel.MOVE)
-            if dialect.after_g80 != "none" and cycling:
-                for code in _MOTIONS:
-                    del actions[code]
             for code, action in actions.items():
                 meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
                 if code in dialect.g and not meant:
