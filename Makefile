@@ -4,9 +4,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PROGRAM ?= programs/trident.nc
-# A process that has run out of tests takes some of another. Each has one thread of linear algebra:
-# further ones wait in a busy loop, and take the processor from the tests of the other processes.
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
+# Three processes for two cores: some tests wait. A process that has run out of tests takes some of
+# another. Each has one thread of linear algebra: further ones wait in a busy loop, and take the
+# processor from the tests of the other processes.
+PROCESSES := $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) * 3 // 2)')
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(PROCESSES) --dist worksteal
 
 # Without compiled modules each process of a test would compile them again.
 unexport PYTHONDONTWRITEBYTECODE

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import BoardTraits, Capabilities, board_error
+from cnc.boards.errors import board_error
+from cnc.boards.protocols import BoardTraits, Capabilities
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError

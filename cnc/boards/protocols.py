@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk
 
@@ -391,22 +390,3 @@ class KnownInAdvance(Protocol):
 
     def expected_feasibility_check(self, machine: Machine) -> FeasibilityCheck:
         """Return a check of a program for the board that this machine should have."""
-
-
-class BoardFactory(Protocol):
-    """A driver class, as named by the entry points of the group ``cnc.boards``."""
-
-    traits: BoardTraits
-
-    def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
-        """Open the board that the machine file describes.
-
-        Args:
-            machine: The machine.
-            target: File to write, for the file board.
-        """
-
-
-def board_error(code: str, message: str, *, line: int = 0, hint: str = "") -> BoardError:
-    """Return a fault of the board, with its source line where it is known."""
-    return BoardError(Diagnostic(code, message, line=line, hint=hint))

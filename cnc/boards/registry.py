@@ -9,9 +9,9 @@ from __future__ import annotations
 import difflib
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import cast
+from typing import Protocol, cast
 
-from cnc.boards.protocols import BoardFactory, BoardTraits, LineSink, PulseSink
+from cnc.boards.protocols import BoardTraits, LineSink, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -40,6 +40,20 @@ def _known() -> dict[str, EntryPoint]:
 def board_names() -> tuple[str, ...]:
     """Return the names for ``--board``, sorted."""
     return tuple(sorted(_known()))
+
+
+class BoardFactory(Protocol):
+    """A driver class, as named by the entry points of the group ``cnc.boards``."""
+
+    traits: BoardTraits
+
+    def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
+        """Open the board that the machine file describes.
+
+        Args:
+            machine: The machine.
+            target: File to write, for the file board.
+        """
 
 
 def board_factory(kind: str) -> BoardFactory:

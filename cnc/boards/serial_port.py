@@ -16,8 +16,8 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cnc.boards.errors import board_error
 from cnc.boards.port import port_lost
-from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
 if TYPE_CHECKING:

@@ -26,13 +26,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import (
-    HasLimitSwitches,
-    LineSink,
-    PulseSink,
-    SquaresGantries,
-    board_error,
-)
+from cnc.boards.errors import board_error
+from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, SquaresGantries
 from cnc.executor.homing_cycles import AxisHoming, homed_steps, homing_sequence, on_grid
 from cnc.executor.run import Progress, execute
 from cnc.executor.squaring import Squared, align, square

@@ -19,7 +19,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.boards.protocols import LineSink, ReportsState, board_error
+from cnc.boards.errors import board_error
+from cnc.boards.protocols import LineSink, ReportsState
 from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool

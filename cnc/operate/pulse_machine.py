@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.paced_loopback import PacedLoopback
 from cnc.boards.protocols import (
     ChecksFeasibility,
@@ -16,7 +17,6 @@ from cnc.boards.protocols import (
     RemembersPosition,
     Revivable,
     SendsFarAhead,
-    board_error,
 )
 from cnc.executor import homing
 from cnc.executor.homing_cycles import homed_steps

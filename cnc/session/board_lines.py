@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cnc.boards.protocols import LineSink, board_error
+from cnc.boards.errors import board_error
+from cnc.boards.protocols import LineSink
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.number_format import board_axes

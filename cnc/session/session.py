@@ -40,6 +40,7 @@ from cnc.session.planned_motion import PathItems, PlannedMotion
 from cnc.session.program_reader import ProgramReader, start_position
 from cnc.session.pulse_pass import PulsePass
 from cnc.session.required_capabilities import CapabilityCheck
+from cnc.session.run_log import log_begin, log_end
 from cnc.session.run_record import RunRecord
 from cnc.session.saved_state import SavedState
 from cnc.session.source import Source, display_name, readable_file, with_source_lines
@@ -141,7 +142,7 @@ class Session:
         reader = context.reader
         reader.policy = reading_policy(context.options, reader.machine, board)
         report.board = board_name
-        self._log_begin()
+        log_begin(self._context, self.report)
         try:
             if isinstance(board, LineSink):
                 adopt_board(context, board)
@@ -177,7 +178,7 @@ class Session:
         except CncError as error:
             report.faults.append(error)
         report.timing.total_s = perf_counter() - began
-        self._log_end()
+        log_end(self._context, self.report)
         return report
 
     def _process(self, board: Board | None) -> None:
@@ -378,29 +379,3 @@ class Session:
         faults = [GcodeError(finding).at(file=finding.file or name) for finding in findings]
         for found in with_source_lines(faults, {self.report.program: self._context.reader.path}):
             self._context.observer.warn(found.diagnostic)
-
-    def _log_begin(self) -> None:
-        reader, options = self._context.reader, self._context.options
-        log.info("program %s", self.report.program)
-        log.info(
-            "machine %s, board %s, dialect %s",
-            reader.machine.name,
-            self.report.board or "none",
-            reader.dialect,
-        )
-        log.debug("%s", options)
-        log.debug("%r", reader.machine)
-
-    def _log_end(self) -> None:
-        report = self.report
-        self._context.observer.log_requests()
-        for fault in report.faults:
-            log.error("%s", fault.diagnostic.render())
-        if report.stopped_at_line is not None:
-            log.info("stopped at line %d; position %s", report.stopped_at_line, report.end_position)
-        log.info(
-            "end: %d faults, %d warnings, total %.3f s",
-            len(report.faults) + report.hidden_faults,
-            len(report.warnings) + report.hidden_warnings,
-            report.timing.total_s,
-        )

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, End, Orient, Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic
-from tests.support.gcode.gcode_cases import error_of, run
-
-
-def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[float, ...]]:
-    """The ends of the moves of a program."""
-    rules = dialects.load(dialect, lenient=lenient)
-    return [
-        tuple(row)
-        for block in run(source, dialect=rules)
-        if isinstance(block, Polyline)
-        for row in block.points.tolist()
-    ]
+from tests.support.gcode.gcode_cases import error_of, points, run
 
 
 def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
@@ -381,35 +368,3 @@ def test_a_number_with_fanucs_repeats_is_explained(dialect: str) -> None:
     assert "P100 L2" in found.hint
     assert points(program, "fanuc") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
     assert "times" not in error_of(program.replace("20100", "20200"), dialect=dialect).hint
-
-
-@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
-@pytest.mark.parametrize(
-    ("cycle", "depths"),
-    [
-        # The heights of the first line hold, whatever the distance mode of the next ones.
-        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. L2\nG90 X9.", [(1, -4)] * 4),
-        ("G91 G98 G81 X1. Z-6. R-5. F50.\nX2. L2\nG90 X9.", [(5, -1)] * 4),
-        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. Z-3.\nX3.", [(1, -4), (1, -2), (1, -2)]),
-        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. R-8.\nG90 X9. Z-5.", [(1, -4), (2, -4), (2, -5)]),
-    ],
-)
-def test_heights_of_a_cycle_stay_under_the_other_distance_mode(
-    cycle: str, depths: list[tuple[float, float]], dialect: str
-) -> None:
-    """The grid of holes of Haas' manual: a row is G91 X1. L2 after G81 under G90."""
-    moves = points(f"G90 G0 Z10.\n{cycle}\nG80", dialect)
-    pairs = itertools.pairwise(moves)
-    found = [(above[2], hole[2]) for above, hole in pairs if hole[2] < min(0.0, above[2])]
-    assert found == depths
-
-
-def test_heights_under_the_other_distance_mode_by_dialect() -> None:
-    program = "G90 G0 Z10\nG99 G81 X1 Z-4 R1 F50\nG91 X2\nG80"
-    found = error_of(program, dialect="auto")
-    assert (found.code, found.line) == ("cycle-distance-mode", 3)
-    assert "--dialect" in found.hint
-    given = program.replace("G91 X2", "G91 X2 Z-3 R2")
-    assert points(given, "auto")[-2:] == [(3, 0, 9), (3, 0, 12)]
-    # LinuxCNC counts R from the height at the start of the cycles, and the depth from R.
-    assert (3, 0, 7) in points(f"{program}\nM2", "linuxcnc")

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cnc.boards.protocols import board_error
+from cnc.boards.errors import board_error
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
+from cnc.boards.grbl.faults import laser_mode_off, offset_differs
 from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
@@ -16,7 +18,7 @@ from cnc.boards.grbl.setting_comparison import differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import WAITING, Status
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import BoardTraits, Capabilities, MachineReport, OnReport, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, MachineReport, OnReport
 from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
@@ -240,9 +242,7 @@ class GrblBoard:
                 laser: the beam would stay on in traverses and stops.
         """
         if machine.kind == "laser" and not self.info.may_be_laser:
-            message = "the machine is a laser, but the board is not in laser mode ($32=0)"
-            hint = "switch it on: cncrun settings 32=1"
-            raise board_error("laser-mode-off", message, hint=hint)
+            raise laser_mode_off()
         return self.info.narrowed(machine)
 
     @property
@@ -384,21 +384,14 @@ class GrblBoard:
         offset = self.status.offset
         if stream.stopping or offset is None:
             return
-        if any(
-            abs(a - b) > SAME_POSITION
-            for a, b in zip(offset, self.info.g54_offset(len(self.stream.position)), strict=False)
-        ):
-            shown = ", ".join(f"{value:g}" for value in offset)
-            message = f"the board uses another offset than its G54: {shown} mm"
-            hint = "a start-up line ($N) may set it; use G54 to G59 for offsets"
-            fault = board_error("offset-differs", message, line=line, hint=hint)
-            raise stream.stopped_by(fault)
+        ours = self.info.g54_offset(len(stream.position))
+        if any(abs(a - b) > SAME_POSITION for a, b in zip(offset, ours, strict=False)):
+            raise stream.stopped_by(offset_differs(offset, line))
 
     def _refuse_if_stopped(self) -> None:
         if self.state == "stopped":
-            raise board_error(
-                "board-stopped", "the board has been stopped", hint="connect it again"
-            )
+            hint = "connect it again"
+            raise board_error("board-stopped", "the board has been stopped", hint=hint)
 
     def _refuse_unless_running(self) -> None:
         self._refuse_if_stopped()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl.codes import alarm_meaning, error_meaning
-from cnc.boards.protocols import board_error
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -49,6 +49,20 @@ def alarmed(code: int, line: int, *, hal: bool, probing: bool = False) -> BoardE
         line=line,
         hint=meaning.advice,
     )
+
+
+def offset_differs(offset: Sequence[float], line: int) -> BoardError:
+    """Return the fault of a board that adds another offset, mm, than that of its G54."""
+    shown = ", ".join(f"{value:g}" for value in offset)
+    message = f"the board uses another offset than its G54: {shown} mm"
+    hint = "a start-up line ($N) may set it; use G54 to G59 for offsets"
+    return board_error("offset-differs", message, line=line, hint=hint)
+
+
+def laser_mode_off() -> BoardError:
+    """Return the fault of a board that is not in laser mode."""
+    message = "the machine is a laser, but the board is not in laser mode ($32=0)"
+    return board_error("laser-mode-off", message, hint="switch it on: cncrun settings 32=1")
 
 
 def alarmed_unheard(line: int) -> BoardError:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import Event, Reported, Started
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
@@ -17,7 +18,7 @@ from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
 from cnc.boards.grbl.status import Status, in_mm
 from cnc.boards.port import PortLost
-from cnc.boards.protocols import OnReport, board_error
+from cnc.boards.protocols import OnReport
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine

@@ -12,6 +12,7 @@ import contextlib
 import logging
 from collections.abc import Callable
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import (
     Alarmed,
@@ -30,7 +31,6 @@ from cnc.boards.grbl.status import Status
 from cnc.boards.grbl.welcome import wait_for_welcome
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
-from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
 log = logging.getLogger(__name__)

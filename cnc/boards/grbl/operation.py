@@ -11,13 +11,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.driver import SAME_POSITION, GrblBoard
 from cnc.boards.grbl.events import Alarmed, Started
 from cnc.boards.grbl.link import POLL_FAST
 from cnc.boards.grbl.protocol import RealTime, State
 from cnc.boards.grbl.settings import STEPS, SYSTEMS
-from cnc.boards.protocols import board_error
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import tomlkit
 from tomlkit.items import Item, Table
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl.settings import (
     ACCELERATIONS,
     ARC_TOLERANCE,
@@ -22,7 +23,6 @@ from cnc.boards.grbl.settings import (
     BoardInfo,
 )
 from cnc.boards.grbl.status import Status
-from cnc.boards.protocols import board_error
 from cnc.model.blocks import AXIS_LETTERS, AxisLetter
 from cnc.model.diagnostics import BoardError
 from cnc.model.units import per_second

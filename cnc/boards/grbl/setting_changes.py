@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.messages import Feedback, Setting
 from cnc.boards.grbl.settings import (
@@ -21,7 +22,6 @@ from cnc.boards.grbl.settings import (
     TRAVELS,
     BoardInfo,
 )
-from cnc.boards.protocols import board_error
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError

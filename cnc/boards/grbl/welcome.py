@@ -13,11 +13,11 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import Reported, Started
 from cnc.boards.grbl.messages import Other, Welcome
 from cnc.boards.grbl.protocol import State
-from cnc.boards.protocols import board_error
 
 if TYPE_CHECKING:
     from cnc.boards.grbl.link import GrblLink

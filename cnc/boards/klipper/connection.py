@@ -6,13 +6,13 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.clock import BoardClock
 from cnc.boards.klipper.protocol.dictionary import IDENTIFY_RESPONSE_ID, Dictionary, Message, Value
 from cnc.boards.klipper.protocol.errors import LocalError, ProtocolError, RemoteError, WireError
 from cnc.boards.klipper.protocol.link import KlipperLink
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
-from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
 log = logging.getLogger(__name__)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import RELEASE
 from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
@@ -25,7 +26,7 @@ from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.supervisor import Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import Capabilities, board_error
+from cnc.boards.protocols import Capabilities
 from cnc.boards.pulse_board.driver import PulseBoard, port_name
 from cnc.boards.pulse_board.outputs import OutputState
 from cnc.machine.models import Machine

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import Layout
 from cnc.boards.klipper.protocol.dictionary import Message
-from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
 LEFT_OVER = "oids already allocated"

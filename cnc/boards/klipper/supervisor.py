@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
 from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
@@ -24,7 +25,7 @@ from cnc.boards.klipper.trinamic.drivers import CHECK, motor_drivers
 from cnc.boards.klipper.trinamic.watch import DriverWatch
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
-from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.protocols import MotionState
 from cnc.boards.pulse_board.outputs import OutputState
 from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.machine.models import Machine

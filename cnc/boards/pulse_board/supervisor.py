@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.protocols import MotionState
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 

@@ -6,9 +6,9 @@ import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
+from cnc.boards.errors import board_error
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
-from cnc.boards.protocols import board_error
 from cnc.boards.stepper.protocol import VERSION, Alarm, Kind, Status, StepperLink, Welcome
 from cnc.model.diagnostics import BoardError, Diagnostic
 

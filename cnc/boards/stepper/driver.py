@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import Capabilities, board_error
+from cnc.boards.protocols import Capabilities
 from cnc.boards.pulse_board.driver import PulseBoard, port_name
 from cnc.boards.pulse_board.outputs import OutputState
 from cnc.boards.stepper.connection import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from cnc.boards.protocols import board_error
+from cnc.boards.errors import board_error
 from cnc.boards.stepper.connection import (
     ALARMS,
     BAUD,

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
-from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.protocols import MotionState
 from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.boards.stepper.connection import (
     ALARMS,

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from cnc.gcode.state.modal_groups import Codes
 from cnc.gcode.syntax.words import LineWords, Word
+from cnc.model.diagnostics import GcodeError
 
 
 class Collector(Protocol):
@@ -27,6 +28,9 @@ class Collector(Protocol):
         Raises:
             GcodeError: The curve is not complete.
         """
+
+    def foreign(self, word: Word) -> GcodeError:
+        """Return the error for a word that can't stand inside the curve."""
 
 
 class VectorMove(Protocol):

@@ -343,6 +343,11 @@ class Motion(MoveFeeds):
 
     # Fast path
 
+    def homed(self, position: tuple[float, ...]) -> None:
+        """Go on where the board stands after homing."""
+        if position:
+            self.position = list(position)
+
     def quick(self, move: QuickMove) -> bool:
         """Make a simple move under G94 without a rotation of the coordinate system.
 

@@ -52,7 +52,7 @@ from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.siemens import DIRECTION
 from cnc.gcode.syntax.statement import Statement
-from cnc.gcode.syntax.words import LineWords, fault, whole
+from cnc.gcode.syntax.words import LineWords, whole
 from cnc.model.blocks import Abort, BoardCommand
 
 if TYPE_CHECKING:
@@ -214,18 +214,11 @@ class Interpreter:
             self.begun = True
             self.update_plain()
         elif statement.board:
-            self._command_board(BoardCommand(self.here.file, line, statement.board))
-
-    def _command_board(self, command: BoardCommand) -> None:
-        """Add a command of the board. After homing the program goes on where the board stands."""
-        if command.homes:
-            self.out.ask(command, self._homed)
-        else:
-            self.out.add(command)
-
-    def _homed(self, position: tuple[float, ...]) -> None:
-        if position:
-            self.motion.position = list(position)
+            command = BoardCommand(self.here.file, line, statement.board)
+            if command.homes:
+                self.out.ask(command, self.motion.homed)
+            else:
+                self.out.add(command)
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
         """Execute a line that is nothing but a move.
@@ -316,10 +309,10 @@ class Interpreter:
             raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
-        if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:
-            return False
-        whole(words.rest.pop("O"), "a program number", 0)
-        return True
+        found = not self.begun and self.dialect.program_number and words.rest.keys() == {"O"}
+        if found:
+            whole(words.rest.pop("O"), "a program number", 0)
+        return found
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
@@ -395,11 +388,7 @@ class Interpreter:
     def stop(self, code: Code) -> None:
         """Execute M0, M1, M60, M2 or M30."""
         if self.motion.collector:
-            raise fault(
-                "nurbs-foreign-word",
-                f"{code.word.written} is not allowed in the line of a spline",
-                code.word,
-            )
+            raise self.motion.collector.foreign(code.word)
         if code.number in (M.M2, M.M30):
             self.compensation_codes.off()
             self.unused_words.end()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cnc.gcode import dialects
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.parser import MAX_LINE
 from cnc.gcode.syntax.source_text import Text
@@ -174,3 +175,14 @@ def end_of(source: str, **options: Any) -> list[float]:
     block = run(source, **options)[-1]
     assert isinstance(block, Polyline)
     return np.asarray(block.points[-1]).tolist()
+
+
+def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[float, ...]]:
+    """The ends of the moves of a program."""
+    rules = dialects.load(dialect, lenient=lenient)
+    return [
+        tuple(row)
+        for block in run(source, dialect=rules)
+        if isinstance(block, Polyline)
+        for row in block.points.tolist()
+    ]

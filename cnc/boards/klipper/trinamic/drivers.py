@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import Layout, section
 from cnc.boards.klipper.protocol.dictionary import Message
@@ -26,7 +27,6 @@ from cnc.boards.klipper.trinamic.settings import (
     settings,
     stall_settings,
 )
-from cnc.boards.protocols import board_error
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.load import error_in
 from cnc.machine.models import Machine

@@ -1,0 +1,41 @@
+"""The heights of a drilling cycle where the distance mode changes, by dialect."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from tests.support.gcode.gcode_cases import error_of, points
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+@pytest.mark.parametrize(
+    ("cycle", "depths"),
+    [
+        # The heights of the first line hold, whatever the distance mode of the next ones.
+        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. L2\nG90 X9.", [(1, -4)] * 4),
+        ("G91 G98 G81 X1. Z-6. R-5. F50.\nX2. L2\nG90 X9.", [(5, -1)] * 4),
+        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. Z-3.\nX3.", [(1, -4), (1, -2), (1, -2)]),
+        ("G90 G99 G81 X1. Z-4. R1. F50.\nG91 X2. R-8.\nG90 X9. Z-5.", [(1, -4), (2, -4), (2, -5)]),
+    ],
+)
+def test_heights_of_a_cycle_stay_under_the_other_distance_mode(
+    cycle: str, depths: list[tuple[float, float]], dialect: str
+) -> None:
+    """The grid of holes of Haas' manual: a row is G91 X1. L2 after G81 under G90."""
+    moves = points(f"G90 G0 Z10.\n{cycle}\nG80", dialect)
+    pairs = itertools.pairwise(moves)
+    found = [(above[2], hole[2]) for above, hole in pairs if hole[2] < min(0.0, above[2])]
+    assert found == depths
+
+
+def test_heights_under_the_other_distance_mode_by_dialect() -> None:
+    program = "G90 G0 Z10\nG99 G81 X1 Z-4 R1 F50\nG91 X2\nG80"
+    found = error_of(program, dialect="auto")
+    assert (found.code, found.line) == ("cycle-distance-mode", 3)
+    assert "--dialect" in found.hint
+    given = program.replace("G91 X2", "G91 X2 Z-3 R2")
+    assert points(given, "auto")[-2:] == [(3, 0, 9), (3, 0, 12)]
+    # LinuxCNC counts R from the height at the start of the cycles, and the depth from R.
+    assert (3, 0, 7) in points(f"{program}\nM2", "linuxcnc")
