@@ -92,8 +92,6 @@ class Motion(MoveFeeds):
         """Whether cutter compensation is on."""
         return self.compensation.on
 
-    # Selection
-
     def check(self, words: LineWords, codes: Codes) -> G | None:
         """Find the motion code of a line before it is executed.
 
