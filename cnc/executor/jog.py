@@ -59,14 +59,6 @@ def jog(
         MotionLimitError: The plan breaks a limit.
     """
     joints = Joints(machine)
-    if isinstance(board, HasLimitSwitches):
-        board.prepare_next_start(
-            watched=[not closed for closed in board.switches],
-            known=[steps is not None for steps in board.known_steps],
-        )
-    if isinstance(board, SendsFarAhead):
-        # A joint may be faster than the tool.
-        board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     fastest = min(machine.board.max_step_rate, board.capabilities.max_step_rate)
     planner = LookAhead(machine, control, slice_s=board.capabilities.slice_s or SLICE)
     block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
@@ -79,6 +71,15 @@ def jog(
         algorithm="crossings" if board.capabilities.separate_axes else None,
         separate_axes=board.capabilities.separate_axes,
     )
+    # A jog that has failed by here leaves nothing behind for the next motion.
+    if isinstance(board, HasLimitSwitches):
+        board.prepare_next_start(
+            watched=[not closed for closed in board.switches],
+            known=[steps is not None for steps in board.known_steps],
+        )
+    if isinstance(board, SendsFarAhead):
+        # A joint may be faster than the tool.
+        board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     return execute(
         _until_held(planner.plan(path)),
         board,

@@ -159,6 +159,7 @@ class Klipper(PulseBoard):
             watched, known = self._next
             axes = len(origin_steps)
             self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
+            feed, self._next_jog = self._next_jog, None
             supervisor.guards.watched = set(np.flatnonzero(watched).tolist())
             supervisor.guards.armed = ()
             supervisor.select(self._next_alone)
@@ -170,7 +171,6 @@ class Klipper(PulseBoard):
             self._position.known = known
             supervisor.store(moving=True)
             self._sender.begin(self._checks.position_steps)
-            feed, self._next_jog = self._next_jog, None
             if feed is None:
                 self._sender.set_pace(RUN)
             else:

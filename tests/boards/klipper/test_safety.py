@@ -74,6 +74,19 @@ def test_pressed_e_stop_refuses_the_start() -> None:
     assert caught.value.diagnostic.code == "board-emergency-stop"
 
 
+def test_a_refused_jog_does_not_shorten_the_ramp_of_the_next_motion() -> None:
+    known = machine()
+    with board(known) as (driver, simulator):
+        stop = str(pins(known).emergency_stop).strip("^!")
+        simulator.set_pin(stop, 0)
+        driver.prepare_jog(1.0)
+        with pytest.raises(BoardError):
+            driver.start(np.zeros(3, np.int64))
+        simulator.set_pin(stop, 1)
+        driver.start(np.zeros(3, np.int64))
+        assert driver._sender.ramp_s == ramp_seconds(known) > ramp_seconds(known, 1.0)
+
+
 PROBING = "G21 G90\nG38.{kind} X20 F300\nG1 X#5061 Y2 F600\nG0 X1 Y0\nM2\n"
 
 
