@@ -80,9 +80,7 @@ class JointPath:
                 yield self._with_joints(item)
                 continue
             if isinstance(item, TipControl):
-                # The motion rests, and no layer below needs the block.
                 self._joints = self._joints.with_tool(item.offset)
-                continue
             yield item
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
