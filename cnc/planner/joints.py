@@ -17,6 +17,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 from cnc.path.chunk import PathChunk
+from cnc.planner.limits import Limits
 
 if TYPE_CHECKING:
     from cnc.kinematics.joint_map import JointMap
@@ -48,6 +49,7 @@ class Joints:
             from cnc.kinematics.joint_map import JointMap
 
             self._map = JointMap.of(machine)
+            self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
         self.angular = tuple(letter in ROTARY_LETTERS for letter in self.tip_axes)
@@ -114,7 +116,7 @@ class Joints:
             return stream
         from cnc.planner.joint_path import JointPath
 
-        return JointPath(self._map, self.at(start)).passed(stream)
+        return JointPath(self._map, self.at(start), self._limits).passed(stream)
 
 
 class ToolTipOf:
