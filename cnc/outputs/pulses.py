@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
+from cnc.model.blocks import TipControl
 from cnc.model.streams import PulseChunk
 from cnc.outputs.targets import (
     PULSE_SUFFIXES,
@@ -17,6 +18,7 @@ from cnc.outputs.targets import (
     Writer,
     suffix_of,
 )
+from cnc.planner.joints import Joints
 
 VCD_PULSE_NS = 1000
 """Width of a pulse in a .vcd file in ns, where the step rate of the board permits it."""
@@ -28,43 +30,64 @@ class PulseWriter(Output, Protocol):
     def write(self, chunk: PulseChunk) -> None:
         """Append the rows of ``chunk``."""
 
+    def control_tip(self, block: TipControl) -> None:
+        """Begin or end tool-tip control, between two rows."""
 
-def pulse_writer(name: str, machine: Machine, origin_steps: NDArray[np.int64]) -> PulseWriter:
+
+def pulse_writer(name: str, joints: Joints, origin_steps: NDArray[np.int64]) -> PulseWriter:
     """Return a writer for the format that the suffix selects: .npz or .vcd (``-`` is vcd).
 
     Args:
         name: the file, or ``-`` for standard output.
-        machine: gives the names of the axes and their steps per mm.
-        origin_steps: (axes,) position in steps at which the first pulse starts.
+        joints: of the machine, with their names and steps per mm.
+        origin_steps: (joints,) position in steps at which the first pulse starts.
 
     Raises:
         UsageError: ``output-format`` for another suffix; ``can-not-write``.
     """
     if suffix_of("pulses", name, PULSE_SUFFIXES) == ".vcd":
-        return VcdPulses(name, machine)
-    return NpzPulses(name, machine, origin_steps)
+        return VcdPulses(name, joints.machine)
+    return NpzPulses(name, joints, origin_steps)
 
 
 class NpzPulses(Writer[NpzTarget]):
     """Grid moves as arrays: ``time_ns``, ``step``, ``line``.
 
-    The scalars are ``axes``, ``steps_per_mm`` and ``origin_steps``.
+    The scalars are ``axes``, ``steps_per_mm`` and ``origin_steps``. Where the joints are not the
+    axes, ``position`` holds the joints after each grid move, and ``tip`` the tool tip at these
+    joints, in mm and degrees. ``tip_axes`` names its columns.
     """
 
-    def __init__(self, name: str, machine: Machine, origin_steps: NDArray[np.int64]) -> None:
+    def __init__(self, name: str, joints: Joints, origin_steps: NDArray[np.int64]) -> None:
         super().__init__(NpzTarget(name))
-        target = self._target
+        target, machine = self._target, joints.machine
+        self._joints, self._scale = joints, machine.steps_per_mm
+        self._grid = np.array(origin_steps, np.int64)
         target.append("time_ns", np.empty(0, np.int64))
         target.append("step", np.empty((0, len(machine.axes)), np.int8))
         target.append("line", np.empty(0, np.int32))
         target.scalar("axes", list(machine.axis_names))
         target.scalar("steps_per_mm", machine.steps_per_mm)
         target.scalar("origin_steps", np.asarray(origin_steps, dtype=np.int64))
+        if joints.tip_columns:
+            target.append("position", np.empty((0, len(machine.axes))))
+            target.append("tip", np.empty((0, joints.tip_columns)))
+            target.scalar("tip_axes", list(joints.tip_axes))
 
     def write(self, chunk: PulseChunk) -> None:
         """Append the rows of ``chunk``."""
         for column in ("time_ns", "step", "line"):
             self._target.append(column, getattr(chunk, column))
+        if self._joints.tip_columns and len(chunk.step):
+            grid = self._grid + np.cumsum(chunk.step, axis=0, dtype=np.int64)
+            self._grid = grid[-1]
+            position = grid / self._scale
+            self._target.append("position", position)
+            self._target.append("tip", self._joints.tips(position))
+
+    def control_tip(self, block: TipControl) -> None:
+        """Take the tool for the tips of the rows behind."""
+        self._joints = self._joints.with_tool(block.offset)
 
 
 class VcdPulses(Writer[TextTarget]):
@@ -104,6 +127,9 @@ class VcdPulses(Writer[TextTarget]):
                     out.append(f"1s{index}\n")
                     self._falling_edges.append((time + self._width_ns, f"0s{index}\n"))
         self._target.write("".join(out))
+
+    def control_tip(self, block: TipControl) -> None:
+        """Do nothing: the wires are those of the joints."""
 
     def close(self) -> None:
         """End the last pulses and put the file in place."""

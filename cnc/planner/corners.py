@@ -7,7 +7,7 @@ and inserts blends (:mod:`cnc.kernels.planner.corners`). Where ramps shall overl
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,17 @@ class CornerBlending:
     """Inserts blends into the corners of a path.
 
     A tolerance that stays marks a corner where ramps shall overlap.
+
+    Args:
+        limits: of the columns of the path.
+        ramps: whether ramps may overlap at corners.
+        where: whether the path has blends at all, asked for each chunk.
     """
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
+    def __init__(
+        self, limits: Limits, *, ramps: bool = True, where: Callable[[], bool] = lambda: True
+    ) -> None:
+        self._limits, self._ramps, self._where = limits, ramps, where
         self._taken = 0.0
         """Length that the last blend takes off the next chunk, mm."""
 
@@ -66,7 +73,7 @@ class CornerBlending:
     def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
         """Return the chunk with its corners decided; ``following`` continues the motion."""
         taken, self._taken = self._taken, 0.0
-        if not taken and not path.tolerance.any():
+        if not (self._where() and (taken or path.tolerance.any())):
             return path
         limits, own = self._limits, len(path)
         arrays, bound = numbered(path), limits.feeds(path)
@@ -77,7 +84,7 @@ class CornerBlending:
         while True:
             out = empty_path(2 * own, size)
             count, numbers, self._taken = round_corners(
-                own, arrays, bound, taken, limits.arrays, ACCURACY, out
+                own, arrays, bound, taken, limits.arrays, ACCURACY, self._ramps, out
             )
             if count >= 0:
                 break

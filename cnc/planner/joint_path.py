@@ -38,6 +38,8 @@ from cnc.kinematics.series import Series
 from cnc.model.blocks import Block, TipControl
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
+from cnc.planner.corners import CornerBlending
+from cnc.planner.limits import Limits
 from cnc.planner.tip_series import Parts, tip_series
 
 Floats = NDArray[np.float64]
@@ -62,11 +64,15 @@ class JointPath:
     Args:
         joints: the joints of the machine.
         start: (joints,): the joints before the path, mm or degrees.
+        limits: of the tip, for the choice of blends at its corners.
     """
 
-    def __init__(self, joints: JointMap, start: Floats) -> None:
+    def __init__(self, joints: JointMap, start: Floats, limits: Limits) -> None:
         self._joints = joints
         self._now = start
+        # A blend of the tip becomes a smooth path of joints. Where these are linear, blends are
+        # made of their straight moves, which ramps may replace.
+        self._blending = CornerBlending(limits, ramps=False, where=lambda: not self._joints.linear)
 
     def passed(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield the stream; its chunks have the columns of the tip, then those of the joints.
@@ -75,14 +81,12 @@ class JointPath:
             MotionLimitError: ``out-of-reach``, or ``singular-pose`` where a joint has no place, or
                 no bounded speed, on the path.
         """
-        for item in stream:
+        for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 yield self._with_joints(item)
                 continue
             if isinstance(item, TipControl):
-                # The motion rests, and no layer below needs the block.
                 self._joints = self._joints.with_tool(item.offset)
-                continue
             yield item
 
     def _with_joints(self, path: PathChunk) -> PathChunk:

@@ -6,6 +6,7 @@ The kinematics is loaded only for a machine whose joints are not its axes.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 from cnc.path.chunk import PathChunk
+from cnc.planner.limits import Limits
 
 if TYPE_CHECKING:
     from cnc.kinematics.joint_map import JointMap
@@ -34,21 +36,23 @@ class Joints:
         machine: A machine whose axes are the joints, for pulses and boards.
         tip_columns: Number of columns of the tool tip in front of those of the joints in a path; 0
             where the axes are the joints.
+        tip_axes: Letters of the axes, which are the columns of a tip.
         linear: Whether the joints are a linear function of the tip.
         angular: Whether each joint turns: its unit is the degree.
     """
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine.of_joints
-        self._axes = machine.axis_names
+        self.tip_axes = machine.axis_names
         self._map: JointMap | None = None
         if machine.tip_columns:
             from cnc.kinematics.joint_map import JointMap
 
             self._map = JointMap.of(machine)
+            self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
-        self.angular = tuple(letter in ROTARY_LETTERS for letter in self._axes)
+        self.angular = tuple(letter in ROTARY_LETTERS for letter in self.tip_axes)
         if self._map is not None:
             self.angular = self._map.angular
 
@@ -61,7 +65,7 @@ class Joints:
         if self._map is None:
             return tip
         if not self.reach(tip):
-            each = zip(self._axes, tip.tolist(), strict=True)
+            each = zip(self.tip_axes, tip.tolist(), strict=True)
             place = " ".join(f"{letter.upper()}{value:g}" for letter, value in each)
             message = f"the joints do not reach the start position {place}"
             hint = "write axes.*.travel within the reach, or correct [kinematics]"
@@ -75,10 +79,22 @@ class Joints:
 
     def tip(self, joints: Floats) -> Floats:
         """Return the tip (axes,) at a position of the joints (joints,); mm, degrees."""
-        if self._map is None:
-            return joints
-        found: Floats = self._map.forward(joints[None])[0]
+        found: Floats = self.tips(joints[None])[0]
         return found
+
+    def tips(self, joints: Floats) -> Floats:
+        """Return the tips (n, axes) at positions of the joints (n, joints); mm, degrees."""
+        return joints if self._map is None else self._map.forward(joints)
+
+    def with_tool(self, offset: tuple[float, float, float] | None) -> Joints:
+        """Return the joints under tool-tip control, or without it for None.
+
+        Args:
+            offset: Offset of the tool along X, Y and Z, mm.
+        """
+        other = copy(self)
+        other._map = None if self._map is None else self._map.with_tool(offset)
+        return other
 
     def columns(self, tip: Floats) -> Floats:
         """Return a position in the columns of a path: the tip, then the joints if they differ."""
@@ -100,7 +116,7 @@ class Joints:
             return stream
         from cnc.planner.joint_path import JointPath
 
-        return JointPath(self._map, self.at(start)).passed(stream)
+        return JointPath(self._map, self.at(start), self._limits).passed(stream)
 
 
 class ToolTipOf:

@@ -76,6 +76,22 @@ class Limits:
             tip_columns=tip_columns,
         )
 
+    @classmethod
+    def of_tip(cls, machine: Machine) -> Limits:
+        """Return limits of the columns of the tip alone, as strict as the strictest joint's.
+
+        They are for estimates: the limits of the joints hold for the joints.
+        """
+        found = cls.of(machine)
+        columns, own = found.tip_columns, slice(found.tip_columns, None)
+        return replace(
+            found,
+            tip_columns=0,
+            axis_velocity=np.full(columns, found.axis_velocity[own].min()),
+            axis_acceleration=np.full(columns, found.axis_acceleration[own].min()),
+            axis_jerk=np.full(columns, found.axis_jerk[own].min()),
+        )
+
     @property
     def arrays(self) -> LimitArrays:
         """The machine's limits as kernels take them."""

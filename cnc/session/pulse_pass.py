@@ -18,12 +18,12 @@ from cnc.boards.protocols import (
 from cnc.boards.registry import board_factory
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Held
+from cnc.model.blocks import Block, Held, TipControl
 from cnc.model.choices import Algorithm
 from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
-from cnc.outputs.pulses import pulse_writer
+from cnc.outputs.pulses import PulseWriter, pulse_writer
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -96,17 +96,18 @@ class PulsePass:
         """
         context, motion, board = self._context, self._motion, self._board
         interpolator = self._interpolator()
+        writer: PulseWriter | None = None
         on_pulses: OnPulses | None = None
         target = context.options.outputs.pulses
         if target is not None:
-            writer = pulse_writer(target, self._joints.machine, interpolator.origin_steps)
+            writer = pulse_writer(target, self._joints, interpolator.origin_steps)
             on_pulses = context.files.opened(writer).write
         if isinstance(board, ChecksFeasibility):
             self._schedule = self._rehearse(board.feasibility_check(), kept)
         path = kept if kept is not None else motion.path(for_lines=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
-        planned = motion.recorded_plan(planner, path)
+        planned = _without_tip_control(motion.recorded_plan(planner, path), writer)
         pulses = TimedInterpolator(interpolator, motion.interpolating_time)
         try:
             if board is None:
@@ -241,6 +242,18 @@ class PulsePass:
         tip = self._joints.tip(grid / self._joints.machine.steps_per_mm)
         each = zip(self._machine.axes, tip.tolist(), strict=True)
         self._context.report.end_position = dict(each)
+
+
+def _without_tip_control(
+    planned: PlanItems, writer: PulseWriter | None
+) -> Iterator[PlanChunk | Block]:
+    """Yield the plan without tool-tip control, which only the writer of the pulses needs."""
+    for item in planned:
+        if isinstance(item, TipControl):
+            if writer is not None:
+                writer.control_tip(item)
+        else:
+            yield item
 
 
 def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:

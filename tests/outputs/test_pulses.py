@@ -7,6 +7,7 @@ import numpy as np
 from cnc.machine.load import load_machine
 from cnc.model.streams import PulseChunk
 from cnc.outputs.pulses import pulse_writer
+from cnc.planner.joints import Joints
 
 MACHINE = load_machine("paper-nurbs")
 
@@ -21,7 +22,7 @@ def pulses(times, steps, line=3) -> PulseChunk:
 
 def test_pulses_as_arrays(tmp_path):
     file = tmp_path / "p.npz"
-    writer = pulse_writer(str(file), MACHINE, np.array([5, 6, 7]))
+    writer = pulse_writer(str(file), Joints(MACHINE), np.array([5, 6, 7]))
     writer.write(pulses([10, 20], [[1, 0, 0], [0, -1, 1]]))
     writer.write(pulses([30], [[1, 1, 1]], line=4))
     writer.close()
@@ -57,7 +58,7 @@ def read_vcd(text: str) -> tuple[dict[str, str], list[tuple[int, str, str]]]:
 
 def test_pulses_as_value_changes(tmp_path):
     file = tmp_path / "p.vcd"
-    writer = pulse_writer(str(file), MACHINE, np.zeros(3, np.int64))
+    writer = pulse_writer(str(file), Joints(MACHINE), np.zeros(3, np.int64))
     writer.write(pulses([5000, 5500], [[1, 0, 0], [0, -1, 0]]))
     writer.write(pulses([9000, 9000], [[1, 0, 0], [0, 0, 1]], line=4))
     writer.close()
@@ -90,7 +91,9 @@ def test_pulses_as_value_changes(tmp_path):
 def test_pulses_are_narrower_at_a_high_step_rate(tmp_path):
     board = MACHINE.board.model_copy(update={"max_step_rate": 2e6})
     writer = pulse_writer(
-        str(tmp_path / "p.vcd"), MACHINE.model_copy(update={"board": board}), np.zeros(3, np.int64)
+        str(tmp_path / "p.vcd"),
+        Joints(MACHINE.model_copy(update={"board": board})),
+        np.zeros(3, np.int64),
     )
     writer.write(pulses([500, 1000], [[1, 0, 0], [1, 0, 0]]))
     writer.close()

@@ -8,10 +8,14 @@ Three are compared by their time: the corner as it is, ramps that overlap, and a
 - At a sharp turn the motion stops, and the ramps on both sides of the stop overlap
   (:mod:`cnc.kernels.planner.overlap`).
 - Beyond 135 degrees there is no blend, and beyond 179 no overlap.
+
+The joints of a machine whose kinematics is not linear have no straight ramps that could overlap.
+There a corner at which the motion would stop has a blend, up to turns of 175 degrees.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +68,10 @@ BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 
 STAY, OVERLAP, BLEND = 0, 1, 2
 """Treatments of a corner: as it is, ramps that overlap, a curve."""
+
+
+SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
+"""Sine of half the largest turn that a blend makes where ramps cannot overlap."""
 
 
 class Scratch(NamedTuple):
@@ -154,6 +162,7 @@ def choose(
     out_data: Floats,
     blend: int,
     scratch: Scratch,
+    ramps: bool,
 ) -> tuple[int, float]:
     """Choose the fastest treatment of the corner behind line ``k``.
 
@@ -168,6 +177,7 @@ def choose(
         out_data: receives the record of a blend, without its table, at index ``blend``.
         blend: that index.
         scratch: scratch.
+        ramps: whether ramps may overlap.
 
     Returns:
         STAY, OVERLAP or BLEND, and the length that a blend takes off both lines, mm.
@@ -199,7 +209,7 @@ def choose(
     best = half_time(straight, half1, line1) + half_time(straight, half2, line2)
     choice = STAY
     eps = path.tolerance[k]
-    if straight == 0.0:
+    if ramps and straight == 0.0:
         v1 = min(line1.v, reachable_speed(0.0, half1, line1.a, line1.j))
         v2 = min(line2.v, reachable_speed(0.0, half2, line2.a, line2.j))
         before = Leg(line1.j, ramp_shape(v1, line1.a, line1.j)[0], LEGS_SHARE * length1)
@@ -209,7 +219,7 @@ def choose(
             best -= saved
             choice = OVERLAP
     taken = 0.0
-    if turn.sine <= SHARPEST:
+    if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
         ends = scratch.ends
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
         for i in range(u.shape[1]):
@@ -226,7 +236,8 @@ def choose(
         feed = min(bound[k], bound[k + 1])
         time, v1, v2 = blend_time(out_data, blend, fastest, feed, line, limits, scratch)
         time += half_time(v1, half1 - d, line1) + half_time(v2, half2 - d, line2)
-        if time < best * (1.0 - BETTER):
+        # A stop inside the tolerance takes longer than its blend: the same way with two rests.
+        if (not ramps and straight == 0.0) or time < best * (1.0 - BETTER):
             choice = BLEND
             taken = d
     return choice, taken
@@ -240,6 +251,7 @@ def round_corners(
     taken: float,
     limits: LimitArrays,
     accuracy: float,
+    ramps: bool,
     out: PathArrays,
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
@@ -253,6 +265,7 @@ def round_corners(
         taken: length that a blend has taken off the first piece, mm.
         limits: of the machine.
         accuracy: largest error of the inverse arc length of blends, mm.
+        ramps: whether ramps may overlap at corners.
         out: space for twice the pieces, and for their records.
 
     Returns:
@@ -286,7 +299,7 @@ def round_corners(
             and path.pieces.kind[k] == LINE
             and path.pieces.kind[k + 1] == LINE
         ):
-            choice, reach = choose(path, k, bound, limits, data, blend, scratch)
+            choice, reach = choose(path, k, bound, limits, data, blend, scratch, ramps)
         pieces.kind[count] = path.pieces.kind[k]
         at[count] = path.pieces.at[k]
         if taken > 0.0 or reach > 0.0:
