@@ -29,7 +29,7 @@ from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import NO_PHASES, end_of, first_steady, plan_to_rest, release
-from cnc.planner.stop_ramp import even_ramp, first_ramps
+from cnc.planner.stop_ramp import even_ramp, first_ramps, ramp_by_clock
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -139,16 +139,29 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
     if not len(here.end):
         return None
-    for phases, rest in first_ramps(plan, here, request.goal):
+
+    def searched(phases: Phases, rest: float) -> tuple[Phases, float] | None:
+        """Return the shortest ramp that a search finds from one to rest at ``rest``."""
         flat = near.flat & (near.end < rest - rounding_of(rest))
         if flat.any() or rest > end + rounding_of(end):
-            continue
+            return None
         legal, phases, rest = shortest_ramp(phases, rest, near, slowing.arrays)
-        if legal and not exceeding_sections(path, phases, near):
-            found = stopped(phases, rest)
-            if found is not None:
-                return found
-    return None
+        return (phases, rest) if legal and not exceeding_sections(path, phases, near) else None
+
+    for ramp in first_ramps(plan, here):
+        shortest = searched(*ramp)
+        if shortest is not None and (found := stopped(*shortest)) is not None:
+            return found
+    by_clock = ramp_by_clock(plan, here, near, slowing.arrays)
+    if by_clock is None or (near.flat & (near.end < by_clock[1])).any():
+        return None
+    if exceeding_sections(path, by_clock[0], near):
+        return None
+    found = stopped(*by_clock)
+    shortest = searched(*by_clock)
+    if shortest is not None and shortest[0]["duration"].sum() < by_clock[0]["duration"].sum():
+        return stopped(*shortest) or found
+    return found
 
 
 class _Search:

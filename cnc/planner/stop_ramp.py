@@ -19,7 +19,9 @@ from math import sqrt
 import numpy as np
 
 from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
+from cnc.kernels.planner.slowed_clock import slowed_clock
 from cnc.planner.phases import end_of
 
 EVEN = 0.98
@@ -32,14 +34,16 @@ LATER = (0.1, 0.2, 0.3, 0.45)
 a motion at the limits of jerk may only slow where the axes leave it some.
 """
 
-GENTLE = 0.6
-"""The last ramp with which a search begins: with this part of the acceleration and the jerk."""
-
 MORE = 0.01
 """Part by which bounds are raised that leave no ramp from the acceleration at the start."""
 
 SHORT = 1e-12
 """s; shorter phases are left out."""
+
+CLOCKS = ((150, 0.97), (300, 0.97), (300, 0.9), (300, 0.8), (300, 0.6))
+"""Ways to slow the clock that are tried in turn: steps in the time of a ramp with constant bounds,
+and the share of the limits that a slow motion may use. A smaller share leaves more for mistakes.
+"""
 
 
 def ramp_to_rest(s: float, v: float, a: float, accel: float, jerk: float) -> Phases | None:
@@ -106,13 +110,12 @@ def even_ramp(known: Intervals, s: float, v: float, a: float) -> Phases | None:
     return phases if even else None
 
 
-def first_ramps(plan: Phases, near: Intervals, goal: float) -> Iterator[tuple[Phases, float]]:
+def first_ramps(plan: Phases, near: Intervals) -> Iterator[tuple[Phases, float]]:
     """Yield ramps with which a search for the shortest one may begin.
 
     Args:
         plan: the plan so far, from the start of the ramp to rest.
         near: the intervals behind the start, about as far as the ramp goes.
-        goal: where the plan rests, mm.
 
     Yields:
         The phases, which may exceed limits, and where they come to rest, mm.
@@ -131,10 +134,32 @@ def first_ramps(plan: Phases, near: Intervals, goal: float) -> Iterator[tuple[Ph
             behind = _ramp_from(there, speed, slope, accel, jerk)
             if behind is not None:
                 yield np.concatenate((plan[:row], behind)), end_of(behind)[0]
-    yield plan, goal
-    gentle = _ramp_from(s, v, a, GENTLE * accel, GENTLE * jerk)
-    if gentle is not None:
-        yield gentle, end_of(gentle)[0]
+
+
+def ramp_by_clock(
+    plan: Phases, near: Intervals, known: Intervals, machine: LimitArrays
+) -> tuple[Phases, float] | None:
+    """Return a ramp to rest by slowing the clock of the plan.
+
+    Args:
+        plan: the plan so far, from the start of the ramp to rest.
+        near: the intervals behind the start, about as far as the ramp goes.
+        known: the intervals behind the start, farther than any ramp goes.
+        machine: the limits.
+
+    Returns:
+        The phases, and where they come to rest, mm; None if none of them is legal.
+    """
+    _, s, v, a, _ = plan[0].tolist()
+    firm = _ramp_from(s, v, a, float(near.accel[:, -1].min()), float(near.jerk[:, -1].min()))
+    if firm is None:
+        return None
+    time = float(firm["duration"].sum())
+    for steps, use in CLOCKS:
+        legal, phases, rest = slowed_clock(plan, known, machine, time / steps, use)
+        if legal:
+            return phases, rest
+    return None
 
 
 def _ramp_from(s: float, v: float, a: float, accel: float, jerk: float) -> Phases | None:

@@ -1,0 +1,303 @@
+r"""A ramp to rest that follows the plan ever more slowly.
+
+At l times the speed of the plan, the accelerations and jerks of all axes fall to l^2 and l^3 of
+theirs. So a motion at the limits may be made a little slower, then leaves its limits some space,
+and may be slowed faster:
+
+      v |----.___           the plan
+        |        `--.__.----
+        |   `-._
+        |       `.          each step takes the lowest jerk from which the motion recovers
+        |         \
+        +----------`------- s
+
+A step is chosen so that a motion recovers behind it: with the largest jerk, it comes back to a
+slowed copy of the plan before it exceeds a limit. The end is one phase of constant jerk. No other
+search is needed, so this works at states that have only one legal motion for a while.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+from cnc.kernels.planner.descent import TOUCH
+from cnc.kernels.planner.intervals import (
+    SCRATCH,
+    Intervals,
+    SumLimits,
+    derivatives,
+    interval_at,
+    largest_shares,
+)
+from cnc.kernels.planner.limit_arrays import LimitArrays
+from cnc.kernels.planner.phases import PHASE, Phases, phase_at, write_phase
+from cnc.kernels.planner.refine import sum_limits
+from cnc.kernels.planner.scurve import phase_time
+
+Floats = NDArray[np.float64]
+
+MOST = 2000
+"""Largest number of phases of a ramp."""
+
+RECOVERY = 8
+"""A recovery takes at least so many steps, and at most twice as many."""
+
+BISECTIONS = 7
+"""Number of jerks that are tried for one step."""
+
+SPARE, SPARE_MORE = 0.05, 0.5
+"""A recovery uses less of the limits than the ramp, by this part, and by this part of the rest;
+near to rest by nothing.
+"""
+
+LAST, LATEST = 0.96, 1.02
+"""The last phase begins where it needs from the first to the second of these parts of the jerk that
+is left. Farther away it would need more than any at first: the speed is too high.
+"""
+
+PLACES = 12
+"""Places in the last phase at which the jerk that is left is known."""
+
+NEAR, FINER = 0.98, 0.25
+"""Above this part of the plan's speed there is little space: steps are this much shorter."""
+
+FALL = 0.02
+"""Largest part of the speed that one step takes: so no step passes the start of the last phase."""
+
+ROUNDING = 1e-5
+"""Relative; bounds that cross by less count as equal."""
+
+
+class Surroundings(NamedTuple):
+    """What a ramp depends on.
+
+    Attributes:
+        plan: the plan, from the start of the ramp on.
+        known: the intervals of the path.
+        limits: for the sums.
+        q: (3, axes + 1): scratch.
+    """
+
+    plan: Phases
+    known: Intervals
+    limits: SumLimits
+    q: Floats
+
+
+class State(NamedTuple):
+    """A state of the motion, and where it is.
+
+    Attributes:
+        s: arc length, mm.
+        v: speed, mm/s.
+        a: acceleration, mm/s^2.
+        row: a row of the plan at or before ``s``.
+        k: an interval near ``s``.
+    """
+
+    s: float
+    v: float
+    a: float
+    row: int
+    k: int
+
+
+@njit
+def after(state: State, dt: float, j: float) -> State:
+    """Return the state after ``dt`` seconds at the jerk ``j``."""
+    s, v, a = phase_at(dt, state.s, state.v, state.a, j)
+    return State(s, v, a, state.row, state.k)
+
+
+@njit
+def pace(state: State, about: Surroundings) -> tuple[float, float, State]:
+    """Return the speed as a part of the plan's, the plan's acceleration, and the state placed."""
+    plan = about.plan
+    row = state.row
+    while row + 1 < len(plan) and plan[row + 1]["s"] <= state.s:
+        row += 1
+    s, v, a, j = plan[row]["s"], plan[row]["v"], plan[row]["a"], plan[row]["j"]
+    t = phase_time(v, a, j, plan[row]["duration"], max(state.s - s, 0.0))
+    _, v, a = phase_at(t, s, v, a, j)
+    k = interval_at(state.s, state.k, about.known.end)
+    part = min(state.v / v, 1.0) if v > 0.0 else 1.0
+    return part, a, State(state.s, state.v, state.a, row, k)
+
+
+@njit
+def bounds(state: State, share: float, about: Surroundings) -> tuple[float, float, float]:
+    """Return the lowest and the largest jerk, and the lowest acceleration, along the path.
+
+    Args:
+        state: of the motion.
+        share: of the limits.
+        about: plan, path and limits.
+    """
+    q, limits = about.q, about.limits
+    v, a = max(state.v, 0.0), state.a
+    k = interval_at(state.s, state.k, about.known.end)
+    derivatives(k, state.s, about.known, q)
+    least, most, slowest = -math.inf, math.inf, -math.inf
+    for i in range(q.shape[1]):
+        q1 = abs(q[0, i])
+        if q1 == 0.0:
+            continue
+        sign = 1.0 if q[0, i] > 0.0 else -1.0
+        taken = sign * v * (3.0 * q[1, i] * a + q[2, i] * v * v)
+        least = max(least, (-share * limits.j[i] - taken) / q1)
+        most = min(most, (share * limits.j[i] - taken) / q1)
+        slowest = max(slowest, (-share * limits.a[i] - sign * q[1, i] * v * v) / q1)
+    return least, most, slowest
+
+
+@njit
+def allowed(part: float, use: float) -> float:
+    """Return the share of the limits that a motion at ``part`` of the plan's speed may use."""
+    return use + (1.0 - use) * part * part * part
+
+
+@njit
+def recovers(state: State, dt: float, use: float, about: Surroundings) -> bool:
+    """Return whether the motion comes back to a slowed copy of the plan within the limits.
+
+    Args:
+        state: of the motion.
+        dt: least duration of a step, s.
+        use: share of the limits that a slow motion may use.
+        about: plan, path and limits.
+    """
+    for m in range(2 * RECOVERY + 1):
+        if state.v <= 0.0:
+            return state.a >= 0.0
+        part, wanted, state = pace(state, about)
+        wanted *= part * part
+        least, most, slowest = bounds(state, allowed(part, use), about)
+        if state.a < slowest - ROUNDING * abs(slowest):
+            return False
+        if least > most + ROUNDING * (abs(least) + abs(most)):
+            return False
+        if state.a >= wanted:
+            return True
+        if m == 0 and most > 0.0:
+            dt = max(dt, (wanted - state.a) / most / RECOVERY)
+        state = after(state, dt, most)
+    return False
+
+
+@njit
+def ends(state: State, most: float, use: float, about: Surroundings) -> bool:
+    """Return whether one phase of constant jerk to rest needs about the jerk that is left.
+
+    Args:
+        state: of the motion.
+        most: largest jerk there.
+        use: share of the limits that the phase may use.
+        about: plan, path and limits.
+    """
+    if state.a >= 0.0:
+        return False
+    jerk = 0.5 * state.a * state.a / state.v
+    if jerk > LATEST * most:
+        return False
+    for m in range(1, PLACES + 1):
+        later = after(state, -state.a / jerk * m / PLACES, jerk)
+        most = min(most, bounds(later, use, about)[1])
+    return LAST * most <= jerk <= LATEST * most
+
+
+@njit
+def lowest_jerk(state: State, dt: float, part: float, use: float, about: Surroundings) -> float:
+    """Return the lowest jerk for one step from which the motion recovers.
+
+    Args:
+        state: of the motion.
+        dt: duration of the step, s.
+        part: the speed as a part of the plan's.
+        use: share of the limits that a slow motion may use.
+        about: plan, path and limits.
+    """
+    share = allowed(part, use)
+    least, most, _ = bounds(state, share, about)
+    low, high = least, most
+    trial = least
+    for _ in range(2):
+        behind = after(state, dt, trial)
+        lower, upper, slowest = bounds(behind, share, about)
+        low, high = max(least, lower, (slowest - state.a) / dt), min(most, upper)
+        trial = min(low, high)
+    found = high
+    careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))
+    for k in range(BISECTIONS):
+        if recovers(after(state, dt, trial), dt, careful, about):
+            found = high = trial
+            if k == 0:
+                break
+        else:
+            low = trial
+        trial = 0.5 * (low + high)
+    return found
+
+
+@njit
+def legal_phases(phases: Phases, rest: float, known: Intervals, limits: SumLimits) -> bool:
+    """Return whether phases to rest at ``rest`` keep the limits."""
+    scratch = np.empty((SCRATCH, len(limits.a)))
+    k = 0
+    for i in range(len(phases)):
+        row = phases[i]
+        stop = phases[i + 1]["s"] if i + 1 < len(phases) else rest
+        worst, fastest, k = largest_shares(
+            row["duration"], row["s"], row["v"], row["a"], row["j"], stop, k, known, limits, scratch
+        )
+        if max(worst, fastest) > 1.0 + TOUCH:
+            return False
+    return True
+
+
+@njit
+def slowed_clock(
+    plan: Phases, known: Intervals, machine: LimitArrays, dt: float, use: float
+) -> tuple[bool, Phases, float]:
+    """Return a ramp to rest from the start of a plan, by slowing its clock.
+
+    Args:
+        plan: (p,): the plan from the start of the ramp on; it starts at speed.
+        known: the intervals from there on.
+        machine: the limits.
+        dt: duration of a step, s.
+        use: share of the limits that a slow motion may use.
+
+    Returns:
+        Whether the ramp is legal and ends inside ``known``, its phases, and where it rests, mm.
+    """
+    limits = sum_limits(machine)
+    about = Surroundings(plan, known, limits, np.empty((3, len(limits.a))))
+    out = np.empty(MOST, PHASE)
+    state = State(plan[0]["s"], plan[0]["v"], plan[0]["a"], 0, 0)
+    count = 0
+    while count < MOST and state.v > 0.0 and state.s < known.end[-1]:
+        part, _, state = pace(state, about)
+        j = bounds(state, allowed(part, use), about)[1]
+        ending = ends(state, j, use, about)
+        h = dt
+        if ending:
+            j = 0.5 * state.a * state.a / state.v
+            h = -state.a / j
+        else:
+            if part > NEAR:
+                h *= FINER
+            if state.a < 0.0:
+                h = min(h, -FALL * state.v / state.a)
+            j = lowest_jerk(state, h, part, use, about)
+        write_phase(out, count, h, state.s, state.v, state.a, j)
+        count += 1
+        state = after(state, h, j)
+        if ending:
+            legal = state.s <= known.end[-1] and legal_phases(out[:count], state.s, known, limits)
+            return legal, out[:count], state.s
+    return False, out[:0], state.s
