@@ -15,8 +15,8 @@ import uvicorn
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
+from cnc.operate.remote_session import RemoteSession
 from cnc.server.app import create_app
 from cnc.server.connections import LimitedProtocol
 from cnc.server.console import Console
@@ -99,9 +99,7 @@ def serve(
     if program.parameters is None:
         program = program.model_copy(update={"parameters": jobs.folder / OWN / "parameters.var"})
         machine = machine.model_copy(update={"program": program})
-    session = OperatorSession(
-        machine, macros=jobs.folder / "macros", subroutines=(shipped_cycles(),)
-    )
+    session = RemoteSession(machine, macros=jobs.macros, subroutines=(shipped_cycles(),))
     console = Console(session, jobs)
     try:
         config = uvicorn.Config(

@@ -114,13 +114,18 @@ def port(mill):
 def address(tmp_path_factory, mill, port):
     """The address of a server with an empty library."""
     folder = tmp_path_factory.mktemp("console")
-    # The spindle of a run from a line needs no time here.
-    quick = "import cnc.session.resume as r, cnc.cli as c; r.SPIN_UP = 0.1; c.main()"
+    # The spindle of a run from a line needs no time here, in any process of the server.
+    quick = folder / "quick.py"
+    quick.write_text(
+        "import cnc.cli, cnc.session.resume\n"
+        "cnc.session.resume.SPIN_UP = 0.1\n"
+        "if __name__ == '__main__':\n    cnc.cli.main()\n"
+    )
     arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", str(mill)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
     environment["NUMBA_CACHE_DIR"] = str(cache_folder())
     server = subprocess.Popen(
-        [sys.executable, "-c", quick, *arguments],
+        [sys.executable, quick, *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
