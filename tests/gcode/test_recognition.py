@@ -99,7 +99,7 @@ def test_equal_evidence_for_two_dialects_decides_nothing() -> None:
 def test_the_corpus_is_accepted(style: str) -> None:
     """Each style is read in its dialect, without an error, and moves the tool."""
     count = 0
-    for name, seed, text in programs(share(50, 3)):
+    for name, seed, text in programs(share(200, 3)):
         if name != style:
             continue
         lines = text.splitlines()
