@@ -173,8 +173,7 @@ def run(connection: Connection, begin: Begin) -> None:
     """Operate a machine until the other end of the pipe closes, or sends None."""
     _take_signals()
     sys.setswitchinterval(SWITCH_S)
-    with suppress(OSError, AttributeError):
-        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+    _raise_priority()
     outbox = _Outbox(connection)
     root = logging.getLogger("cnc")
     root.setLevel(begin.log_level)
@@ -187,10 +186,6 @@ def run(connection: Connection, begin: Begin) -> None:
         outbox.put(Happened(event))
 
     session.listen(listen)
-    suspended = getattr(signal, "SIGTSTP", None)
-    if suspended is not None:
-        # The server suspends, and with it every way to stop the machine.
-        signal.signal(suspended, lambda *_: session.hold())
     try:
         _take(connection, session, outbox)
     except (EOFError, OSError, Terminated):
@@ -226,6 +221,18 @@ def _sendable(error: BaseException | None) -> Exception | None:
     if error is None or isinstance(error, CncError):
         return error
     return RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def _raise_priority() -> None:
+    """Let other processes wait for this one, as far as the system allows it."""
+    with suppress(OSError, AttributeError):
+        # Linux shares processors between terminals first (sched(7), autogroup): the process has a
+        # share of its own. The terminal's signals do not reach it any more.
+        os.setsid()
+    with suppress(OSError, AttributeError):
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+    with suppress(OSError):
+        Path("/proc/self/autogroup").write_text(str(PRIORITY))
 
 
 def _take_signals() -> None:

@@ -16,6 +16,7 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
+from cnc.operate.program_runs import failed
 from cnc.operate.session_access import SessionAccess
 from cnc.operate.state_view import work_zero
 from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, prepare, sketch_job
@@ -219,10 +220,13 @@ class Console:
 
     def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
         self._run = self._asked = None
-        if done.cancelled() or done.exception() is not None:
-            ended = JobEnded(program=run.job, outcome="failed")
-        else:
+        error = done.exception()
+        if error is None:
             ended = done.result()
+        elif isinstance(error, CncError):
+            ended = failed(error, run.job)
+        else:
+            ended = JobEnded(program=run.job, outcome="failed")
         findings = as_object(ended)["findings"]
         for each in findings:
             run.note(f"{each['severity']}: {each['code']}: {each['message']}")

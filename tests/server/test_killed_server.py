@@ -77,7 +77,8 @@ def test_the_board_plays_its_lines_without_its_session(server, simulator, termin
     assert simulator.lost == 0
     assert (tmp_path / "jobs" / "long.nc.checkpoint").is_file()
     wait_until(lambda: server("GET", "history"))
-    assert server("GET", "history")[0]["outcome"] == "failed"
+    run = server("GET", "history")[0]
+    assert (run["outcome"], run["findings"][0]["code"]) == ("failed", "session-lost")
     # The server goes on, with a new process.
     server("POST", "connect", {"board": "grbl", "port": terminal.name})
     assert server("GET", "state")["board"] == "grbl"
