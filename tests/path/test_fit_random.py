@@ -6,6 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from cnc.kernels.path.fit_chain import KNOT, Chain, points_of
+from cnc.kernels.path.fit_squares import with_cuts
+from cnc.kernels.path.fit_stretches import first_knots
 from tests.support.path.fitted import ALL, EPS, assert_sound, distances, fitted, pieces, sampled
 from tests.support.path.path_cases import XYZ, ends, evaluate
 from tests.support.soak import share
@@ -80,6 +83,24 @@ def test_random_chains(seed, count, axes, tolerance):
     assert evaluate(*everything[-1], ends(*everything[-1])[1])[0] == pytest.approx(
         points[-1], abs=1.1e-9
     )
+
+
+@pytest.mark.parametrize("seed", range(share(300, 30)))
+def test_knots_lie_on_moves_shorter_than_their_spacing(seed):
+    """The point of a knot behind vertices that do not count is not on a line past them."""
+    rng = np.random.default_rng(seed)
+    tolerance = 0.1
+    steps = tolerance * rng.uniform(0.1, 0.45, (30, 1)) * rng.normal(size=(30, 3))
+    steps[rng.integers(1, 30, 4)] *= 60.0
+    points = np.concatenate((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
+    chain = Chain(points, np.empty(31), np.arange(3), np.ones(3, np.bool_))
+    knots = first_knots(chain, np.zeros(31, np.bool_), tolerance, np.zeros(0, KNOT))
+    while len(knots) < 80:
+        knots = with_cuts(chain, knots, np.diff(knots["t"]) > tolerance / 10.0)
+    places = np.empty((len(knots), 3))
+    points_of(chain, knots, places)
+    assert not knots["on"].all()
+    assert distances(places, points).max() <= 1e-9
 
 
 @settings(max_examples=share(500, 5), deadline=None)

@@ -200,7 +200,11 @@ def place_of(ascending: Ints, value: int) -> int:
 
 @njit
 def points_of(chain: Chain, knots: Knots, p: Floats) -> None:
-    """Write the points of the polyline at the knots into p (K, n)."""
+    """Write the points of the polyline at the knots into p (K, n).
+
+    Behind vertices that do not count, such a point lies on the move of the last of them: a line from
+    the first would cut off the others.
+    """
     x, along, _, _ = chain
     for k in range(knots.shape[0]):
         i = knots[k]["vertex"]
@@ -208,9 +212,5 @@ def points_of(chain: Chain, knots: Knots, p: Floats) -> None:
             p[k, c] = x[i, c]
         if not knots[k]["on"]:
             part = (knots[k]["t"] - along[i]) / (along[i + 1] - along[i])
-            after = i + 1
-            # Vertices that do not count have the parameter of the one before them.
-            while i > 0 and along[i - 1] == along[i]:
-                i -= 1
             for c in range(x.shape[1]):
-                p[k, c] = x[i, c] + part * (x[after, c] - x[i, c])
+                p[k, c] = x[i, c] + part * (x[i + 1, c] - x[i, c])
