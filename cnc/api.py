@@ -209,7 +209,7 @@ def run(
         return session.run(board, type(board).__name__)
     name = board or known.board.kind
     try:
-        opened = open_board(known, kind=name, port=port)
+        opened = open_board(known, kind=name, port=port, homes=options.home)
     except BoardError as error:
         session.report.board = name
         session.report.faults.append(error)
@@ -266,7 +266,7 @@ def home(
     """
     known, seen = _loaded(machine), callbacks or Callbacks()
     if board is None or isinstance(board, str):
-        opened, owned = open_board(known, kind=board, port=port), True
+        opened, owned = open_board(known, kind=board, port=port, homes=True), True
     else:
         opened, owned = board, False
 

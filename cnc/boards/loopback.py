@@ -73,6 +73,14 @@ class Loopback:
         motors = [len(axis.motors) for axis in machine.axes.values()]
         return cls(len(machine.axes), 1e9 / machine.board.max_step_rate, motors=motors)
 
+    @classmethod
+    def with_switches(cls, machine: Machine) -> Loopback:
+        """Open a board with simulated limit switches, if the axes of the machine have travels."""
+        from cnc.boards.loopback_switches import SwitchedLoopback, switch_places
+
+        places = switch_places(machine)
+        return SwitchedLoopback(machine, places) if places else cls.from_machine(machine)
+
     @property
     def capabilities(self) -> Capabilities:
         """Pulses at whole nanoseconds, with the expected answer to each probe and input."""

@@ -382,6 +382,14 @@ class ChecksFeasibility(Protocol):
 
 
 @runtime_checkable
+class SimulatesSwitches(Protocol):
+    """A driver class of a simulated board that has limit switches where homing is rehearsed."""
+
+    def with_switches(self, machine: Machine) -> PulseSink:
+        """Open the board with limit switches at the axes of the machine."""
+
+
+@runtime_checkable
 class KnownInAdvance(Protocol):
     """A driver class that knows the capabilities of its boards without an open one."""
 

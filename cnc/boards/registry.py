@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Protocol, cast
 
-from cnc.boards.protocols import BoardTraits, LineSink, PulseSink
+from cnc.boards.protocols import BoardTraits, LineSink, PulseSink, SimulatesSwitches
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -100,6 +100,7 @@ def open_board(
     kind: str | None = None,
     target: Path | None = None,
     port: str | None = None,
+    homes: bool = False,
 ) -> PulseSink | LineSink:
     """Open a board.
 
@@ -108,6 +109,7 @@ def open_board(
         kind: Name of the driver, instead of that in the machine file.
         target: File to write, for the file board.
         port: Port of the board, instead of that in the machine file.
+        homes: Whether the machine is to be homed: a simulated board needs limit switches then.
 
     Raises:
         UsageError: ``board-without-port``, ``kinematics-on-board`` for joints and a board that
@@ -129,4 +131,6 @@ def open_board(
         machine = machine.model_copy(
             update={"board": machine.board.model_copy(update={"port": port})}
         )
+    if homes and isinstance(factory, SimulatesSwitches):
+        return factory.with_switches(machine)
     return factory.from_machine(machine, target)

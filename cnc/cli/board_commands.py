@@ -66,7 +66,8 @@ def home(
     """Home the machine on its limit switches.
 
     With a stepper or Klipper board each axis moves to its switch twice, then off it. A GRBL board
-    homes all axes in its own cycle ($H).
+    homes all axes in its own cycle ($H). The loopback board rehearses homing: it has simulated
+    switches at the ends of the travels.
     """
     terminal.open_log(machine)
     api = library()

@@ -48,10 +48,12 @@ class Interval:
         return -self + other
 
     def __mul__(self, other: Interval | Floats | float) -> Interval:
-        low, high = _ends(other)
         with np.errstate(over="ignore", invalid="ignore"):  # an infinite end is right
-            each = (self.lo * low, self.lo * high, self.hi * low, self.hi * high)
-        return _hull(*each)
+            if isinstance(other, Interval):
+                a, b = self.lo * other.lo, self.lo * other.hi
+                c, d = self.hi * other.lo, self.hi * other.hi
+                return _hull(a, b, c, d)
+            return _hull(self.lo * other, self.hi * other)
 
     __rmul__ = __mul__
 
@@ -94,9 +96,13 @@ def _ends(value: Interval | Floats | float) -> tuple[Floats | float, Floats | fl
 
 def _hull(*each: Floats) -> Interval:
     """Return the least intervals that hold all of the numbers; unbounded where one is undefined."""
-    stacked = np.stack(np.broadcast_arrays(*each))
-    undefined = np.isnan(stacked).any(axis=0)
-    return _unbounded(Interval(stacked.min(axis=0), stacked.max(axis=0)), undefined)
+    low = high = each[0]
+    for number in each[1:]:
+        low, high = np.minimum(low, number), np.maximum(high, number)
+    # Both are undefined where a number is.
+    undefined = np.isnan(low)
+    found = Interval(low, high)
+    return _unbounded(found, undefined) if undefined.any() else found
 
 
 def _unbounded(value: Interval, where: NDArray[np.bool_]) -> Interval:

@@ -28,7 +28,9 @@ from cnc.kinematics import interval
 from cnc.kinematics.interval import Interval
 
 Term: TypeAlias = Any
-"""An array (m,) or an :class:`Interval`: both have the same operators."""
+"""An array (m,) or an :class:`Interval`: both have the same operators. Beside intervals a term
+behind the first may be the number 0.0: it is 0 everywhere.
+"""
 
 
 class Series:
@@ -148,10 +150,18 @@ def _is_present(term: Term) -> bool:
 
 def _convolved(a: Sequence[Term], b: Sequence[Term], first: int, last: int, k: int) -> Term:
     """Return the sum of a_i b_{k-i} over i from ``first`` to ``last``."""
-    total = a[first] * b[k - first]
-    for i in range(first + 1, last + 1):
-        total = total + a[i] * b[k - i]
+    total: Term = 0.0
+    for i in range(first, last + 1):
+        x, y = a[i], b[k - i]
+        # Most terms of a straight move are 0.
+        if not (_is_none(x) or _is_none(y)):
+            total = x * y if _is_none(total) else total + x * y
     return total
+
+
+def _is_none(term: Term) -> bool:
+    """Return whether a term is the number 0."""
+    return isinstance(term, float) and term == 0.0
 
 
 def _head(value: Series, terms: int) -> Series:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.port import Clock
@@ -23,9 +23,11 @@ from cnc.operate.events import (
 )
 from cnc.operate.live_boards import open_live, operated
 from cnc.operate.program_session import ProgramSession
+from cnc.operate.session_access import answered
 from cnc.operate.settings import BoardSetting, change_setting, read_settings
 from cnc.operate.worker import KEEP_ALIVE, Jog, not_connected
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -54,12 +56,26 @@ class OperatorSession(ProgramSession):
         subroutines: Sequence[Path] = (),
         clock: Clock | None = None,
     ) -> None:
+        self.machine = self.with_folders(machine, macros, subroutines)
+        super().__init__(self.machine, macros, clock)
+
+    @staticmethod
+    def with_folders(machine: Machine, macros: Path | None, subroutines: Sequence[Path]) -> Machine:
+        """Return the machine with the folders in which programs find their subroutines."""
         folders = [*machine.program.subroutines, *subroutines]
         if macros is not None:
             folders.append(macros)
         program = machine.program.model_copy(update={"subroutines": tuple(folders)})
-        self.machine = machine.model_copy(update={"program": program})
-        super().__init__(self.machine, macros, clock)
+        return machine.model_copy(update={"program": program})
+
+    def ask(
+        self,
+        method: Callable[Concatenate[OperatorSession, P], T],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> Future[T]:
+        """Call a method of the session; return what it returns or raises."""
+        return answered(lambda: method(self, *args, **kwargs))
 
     def __enter__(self) -> OperatorSession:
         return self
@@ -82,14 +98,6 @@ class OperatorSession(ProgramSession):
     def offsets(self) -> dict[str, dict[str, float]]:
         """Offsets by name and axis, mm; empty without a board."""
         return self._view.offsets
-
-    def work_zero(self, system: str) -> dict[str, float]:
-        """Return the machine position of the zero of a system by axis, mm; empty without a board.
-
-        Raises:
-            UsageError: ``no-such-system``.
-        """
-        return self._view.work_zero(system)
 
     @property
     def limited_machine(self) -> Machine:

@@ -28,6 +28,14 @@ MOST_HISTORY = 1000
 """Entered lines that are kept."""
 
 
+def macro_names(folder: Path | None) -> list[str]:
+    """Return the names of the macros of a folder, sorted."""
+    if folder is None or not folder.is_dir():
+        return []
+    found = (file for file in folder.iterdir() if file.suffix in (".ngc", ".nc"))
+    return sorted(file.name for file in found if file.is_file())
+
+
 class ProgramSession(Worker):
     """Runs programs on the machine.
 
@@ -100,17 +108,11 @@ class ProgramSession(Worker):
 
         return self._begin("mdi", run)
 
-    def macros(self) -> list[str]:
-        """Return the names of the macros, sorted."""
-        if self._macros is None or not self._macros.is_dir():
-            return []
-        found = (file for file in self._macros.iterdir() if file.suffix in (".ngc", ".nc"))
-        return sorted(file.name for file in found if file.is_file())
-
     def macro(self, name: str) -> Future[JobEnded]:
         """Run a macro. UsageError ``no-such-macro``."""
-        if self._macros is None or name not in self.macros():
-            hint = f"macros are {', '.join(self.macros()) or 'none'}"
+        known = macro_names(self._macros)
+        if self._macros is None or name not in known:
+            hint = f"macros are {', '.join(known) or 'none'}"
             raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
         file = self._macros / name
         return self._begin("mdi", lambda: self._run(file, name, RunOptions(), 0))

@@ -5,6 +5,7 @@ The worker writes it, and any thread reads it: each attribute is replaced as a w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from cnc.executor.run import Progress
@@ -79,21 +80,11 @@ class StateView:
 
     def work_position(self, system: str) -> dict[str, float]:
         """Return the position by axis in a coordinate system, mm; G92 belongs to G54."""
-        zero = self.work_zero("G54" if system == "G92" else system)
+        zero = work_zero(self.offsets, "G54" if system == "G92" else system)
         return {
             letter: place - zero.get(letter, 0.0)
             for letter, place in self.readings.position.items()
         }
-
-    def work_zero(self, system: str) -> dict[str, float]:
-        """Return the machine position of the zero of a coordinate system by axis, mm.
-
-        Raises:
-            UsageError: ``no-such-system``.
-        """
-        _refuse_unknown(system)
-        origin, shift = self.offsets.get(system, {}), self.offsets.get("G92", {})
-        return {letter: value + shift.get(letter, 0.0) for letter, value in origin.items()}
 
     def state(self, activity: Activity, overrides: Control) -> State:
         """Return the state."""
@@ -131,13 +122,29 @@ class StateView:
             found,
             feed=found.feed if machine is None or machine.feed is None else machine.feed,
             tool=progress.tool,
-            line=progress.line,
+            # As in the text: what the board plays, not what it has taken.
+            line=progress.at or progress.line,
             text=progress.text,
             run_time=progress.time - (ahead or 0.0),
             left=progress.left,
             buffered=buffered,
             held=progress.hold_reason or ("hold request" if progress.held else ""),
         )
+
+
+def work_zero(offsets: Mapping[str, Mapping[str, float]], system: str) -> dict[str, float]:
+    """Return the machine position of the zero of a system by axis, mm; empty without offsets.
+
+    Args:
+        offsets: Offsets by name and axis, mm.
+        system: G54 to G59.3.
+
+    Raises:
+        UsageError: ``no-such-system``.
+    """
+    _refuse_unknown(system)
+    origin, shift = offsets.get(system, {}), offsets.get("G92", {})
+    return {letter: value + shift.get(letter, 0.0) for letter, value in origin.items()}
 
 
 def _refuse_unknown(system: str) -> None:

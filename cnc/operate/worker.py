@@ -5,6 +5,8 @@
                                             │
     ticker ──► state ten times a second     └──► events
 
+The state also comes at the beginning and the end of each activity.
+
 While nothing runs, the worker exchanges reports with the board.
 """
 
@@ -202,6 +204,7 @@ class Worker:
     ) -> Future[T]:
         """Hand an activity to the worker. UsageError ``machine-busy``, ``not-connected``."""
         future: Future[T] = Future()
+        future.set_running_or_notify_cancel()
         with self._lock:
             if needs_board and self._operated is None:
                 raise not_connected()
@@ -211,6 +214,7 @@ class Worker:
                 raise UsageError(Diagnostic("machine-busy", message, hint=hint))
             self._busy, self._activity = True, activity
             self._control = control or self._new_control()
+        self.events.emit(self.state)
 
         def work() -> None:
             try:
@@ -244,6 +248,7 @@ class Worker:
         self._dialogs.close()
         with self._lock:
             self._busy, self._activity = False, "none"
+        self.events.emit(self.state)
 
     def _work(self) -> None:
         while not self._closed.is_set():

@@ -34,7 +34,7 @@ from cnc.kernels.path.joint_records import (
 )
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.joint_map import JointMap
-from cnc.kinematics.series import Series
+from cnc.kinematics.series import Series, Term
 from cnc.model.blocks import Block, TipControl
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
@@ -151,15 +151,11 @@ class JointPath:
         joints = self._joints.series(tip)
         worst = np.zeros(len(parts.piece))
         for series in (*tip, *joints):
-            term = series.terms[ORDER]
-            assert isinstance(term, Interval)
-            worst = np.maximum(worst, np.maximum(-term.lo, term.hi))
+            worst = np.maximum(worst, _size(series.terms[ORDER]))
         bound: Floats = worst * (0.5 * (parts.last - parts.first)) ** 8
         # An angle may turn by less than half a turn, or its turns could not be counted.
         for column in np.flatnonzero(self._joints.turning).tolist():
-            rate = joints[column].terms[1]
-            assert isinstance(rate, Interval)
-            swept = np.maximum(-rate.lo, rate.hi) * (parts.last - parts.first)
+            swept = _size(joints[column].terms[1]) * (parts.last - parts.first)
             bound = np.where(swept < 0.5 * TURN, bound, np.inf)
         return np.where(np.isnan(bound), np.inf, bound)
 
@@ -247,6 +243,11 @@ class JointPath:
             a += TURN * turns
             b += TURN * (turns + inside)
         self._now = right[0][-1, axes:].copy()
+
+
+def _size(term: Term) -> Floats | float:
+    """Return the largest absolute value in intervals (m,)."""
+    return np.maximum(-term.lo, term.hi) if isinstance(term, Interval) else abs(term)
 
 
 def _cut(parts: Parts, counts: Ints) -> Parts:

@@ -62,7 +62,8 @@ def tip_series(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> li
         bounds: whether the terms are intervals; otherwise they are those at the start of the parts.
 
     Returns:
-        A series with terms (m,) for each axis of the path.
+        A series with terms (m,) for each axis of the path. In bounds, a term behind the first that
+        is 0 everywhere is the number 0.0.
     """
     n = len(path.axes)
     low = np.zeros((order + 1, n, len(parts.piece)))
@@ -72,12 +73,12 @@ def tip_series(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> li
         mine = np.flatnonzero(degrees == degree)
         some = parts.of(mine)
         if degree == OF_LINE:
-            found = _linear(path, some, order, bounds=bounds)
+            terms = _linear(path, some, order, bounds=bounds)
         elif degree == OF_ARC:
-            found = _arc(path, some, order, bounds=bounds)
+            terms = _arc(path, some, order, bounds=bounds)
         else:
-            found = _span(path, some, degree, order, bounds=bounds)
-        for c, series in enumerate(found):
+            terms = _span(path, some, degree, order, bounds=bounds)
+        for c, series in enumerate(terms):
             for k, term in enumerate(series.terms):
                 if isinstance(term, Interval):
                     low[k, c, mine], high[k, c, mine] = term.lo, term.hi
@@ -85,7 +86,14 @@ def tip_series(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> li
                     low[k, c, mine] = high[k, c, mine] = term
     if not bounds:
         return [Series(list(low[:, c])) for c in range(n)]
-    return [Series([Interval(low[k, c], high[k, c]) for k in range(order + 1)]) for c in range(n)]
+    found: list[Series] = []
+    for c in range(n):
+        rest = [
+            Interval(low[k, c], high[k, c]) if low[k, c].any() or high[k, c].any() else 0.0
+            for k in range(1, order + 1)
+        ]
+        found.append(Series([Interval(low[0, c], high[0, c]), *rest]))
+    return found
 
 
 def _degrees(path: PathChunk) -> Ints:

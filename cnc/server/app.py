@@ -21,6 +21,7 @@ from starlette.exceptions import HTTPException
 
 from cnc.model.diagnostics import BoardError, CncError
 from cnc.operate.events import Finding, as_object
+from cnc.operate.operator_session import OperatorSession
 from cnc.server import height_map_routes, job_routes, routes
 from cnc.server.connections import release
 from cnc.server.console import Console
@@ -135,7 +136,7 @@ async def _events(websocket: WebSocket) -> None:
     finally:
         console.hub.leave(client)
         if any(console.control.has(key) for key in keys):
-            console.session.release_jog()
+            console.session.ask(OperatorSession.release_jog)
         for task in tasks:
             task.cancel()
         # A client that does not read would not read the end either.
@@ -176,9 +177,9 @@ async def _receive(websocket: WebSocket, console: Console, keys: list[str]) -> N
                 case {"control": str(key)}:
                     keys[:] = [key]
                 case {"jog": int(number)} if any(map(console.control.has, keys)):
-                    console.session.keep_jog(number)
+                    console.session.ask(OperatorSession.keep_jog, number)
                 case {"stop": True}:
-                    console.session.stop()
+                    console.session.ask(OperatorSession.stop)
                 case _:
                     return
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 from collections import deque
@@ -15,6 +16,9 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
+from cnc.operate.program_runs import failed
+from cnc.operate.session_access import SessionAccess
+from cnc.operate.state_view import work_zero
 from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, prepare, sketch_job
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
@@ -54,7 +58,7 @@ class Console:
         hub: Distributes the events.
     """
 
-    def __init__(self, session: OperatorSession, library: Library) -> None:
+    def __init__(self, session: SessionAccess, library: Library) -> None:
         self.session, self.library = session, library
         self.hub = Hub()
         self.control = ControlOfMachine(self._control_changed)
@@ -62,6 +66,7 @@ class Console:
         self._checking: dict[tuple[str, str | None], Future[dict[str, Any]]] = {}
         self._texts: dict[str, TextLines] = {}
         self._run: _Run | None = None
+        self._asked: _Run | None = None
         self._lock = threading.Lock()
         self._closing = False
         self._end_listening = session.listen(self._event)
@@ -122,7 +127,7 @@ class Console:
             UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
         self.library.path(name)
-        zero = self.session.work_zero(system) if system else {}
+        zero = work_zero(self.session.offsets, system) if system else {}
         machine = self.session.limited_machine
         if stock:
             with_stock(machine, stock, zero)
@@ -145,13 +150,20 @@ class Console:
         machine, parameters = session.limited_machine, parameters_of(session.offsets)
         return CheckOrder(name, self.library.folder, machine, parameters)
 
-    def run(self, name: str, options: RunOptions) -> None:
+    async def run(self, name: str, options: RunOptions) -> None:
         """Begin a run. UsageError if the machine is busy, or there is no such job."""
         file = self.library.path(name)
-        run = _Run(name, time.time())
-        future = self.session.run(file, options, name=name)
-        self._run = run
-        future.add_done_callback(lambda done: self._ended(run, done))
+        run = self._asked = _Run(name, time.time())
+        asked = self.session.ask(OperatorSession.run, file, options, name=name)
+
+        def begun(done: Future[Future[JobEnded]]) -> None:
+            if done.exception() is None:
+                self._run = run
+                done.result().add_done_callback(lambda each: self._ended(run, each))
+
+        # In the thread of the events, so that none comes between.
+        asked.add_done_callback(begun)
+        await asyncio.wrap_future(asked)
 
     def remove(self, name: str) -> None:
         """Remove a job. UsageError ``machine-busy`` while it runs."""
@@ -207,11 +219,14 @@ class Console:
         self.hub.publish_object(event | {"findings": findings})
 
     def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
-        self._run = None
-        if done.cancelled() or done.exception() is not None:
-            ended = JobEnded(program=run.job, outcome="failed")
-        else:
+        self._run = self._asked = None
+        error = done.exception()
+        if error is None:
             ended = done.result()
+        elif isinstance(error, CncError):
+            ended = failed(error, run.job)
+        else:
+            ended = JobEnded(program=run.job, outcome="failed")
         findings = as_object(ended)["findings"]
         for each in findings:
             run.note(f"{each['severity']}: {each['code']}: {each['message']}")
@@ -231,7 +246,7 @@ class Console:
 
     # Height maps
 
-    def probe_grid(self, name: str, grid: Grid, system: str) -> Future[HeightMap]:
+    async def probe_grid(self, name: str, grid: Grid, system: str) -> Future[HeightMap]:
         """Begin to probe a grid; the event ``height-map`` ends it.
 
         Raises:
@@ -240,8 +255,9 @@ class Console:
         """
         file = self.library.new_height_map(name)
         grid.check()
-        self.session.select_system(system)
-        future = self.session.probe_grid(grid)
+        session = self.session
+        await asyncio.wrap_future(session.ask(OperatorSession.select_system, system))
+        future = await asyncio.wrap_future(session.ask(OperatorSession.probe_grid, grid))
 
         def probed(done: Future[HeightMap]) -> None:
             if not done.cancelled() and done.exception() is None:
@@ -262,11 +278,11 @@ class Console:
         self.hub.publish_object({"event": "jobs", "time": time.time()})
 
     def _control_changed(self, holder: str | None) -> None:
-        self.session.release_jog()
+        self.session.ask(OperatorSession.release_jog)
         self.hub.publish_object({"event": "control", "time": time.time(), "holder": holder})
 
     def _event(self, event: Event) -> None:
-        run = self._run
+        run = self._run or self._asked
         if run is not None:
             if isinstance(event, ConsoleLine):
                 run.note(f"{'->' if event.direction == 'sent' else '<-'} {event.text}")

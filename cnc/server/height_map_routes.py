@@ -37,4 +37,4 @@ def remove_height_map(name: str, console: Controlled) -> Accepted:
 async def probe_height_map(name: str, body: ProbeGrid, console: Controlled) -> Accepted:
     """Begin to probe a grid; the event ``height-map`` ends it, and an alarm tells what failed."""
     grid = Grid(**body.model_dump(exclude={"system"}))
-    return await accepted(console.probe_grid(name, grid, body.system))
+    return await accepted(await console.probe_grid(name, grid, body.system))

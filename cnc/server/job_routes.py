@@ -204,7 +204,7 @@ async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
         trust_position=body.trust_position,
         height_map=None if height_map is None else str(console.library.height_map_file(height_map)),
     )
-    console.run(name, options)
+    await console.run(name, options)
     return Accepted()
 
 

@@ -54,6 +54,7 @@ class Library:
             message = f"the library {folder} cannot be made: {error.strerror}"
             raise UsageError(Diagnostic("can-not-write", message, hint="name another")) from error
         self.folder = folder.resolve()
+        self.macros = self.folder / "macros"
 
     def names(self) -> list[str]:
         """Return the names of the jobs, sorted."""

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 import re
 import secrets
+import signal
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import uvicorn
 
 from cnc.machine.models import Machine
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
+from cnc.operate.remote_session import RemoteSession
 from cnc.server.app import create_app
 from cnc.server.connections import LimitedProtocol
 from cnc.server.console import Console
@@ -28,6 +32,8 @@ TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 PING = 5.0
 """Time between two pings of a WebSocket, and for its answer, s."""
 BACKLOG = 128
+HOLD_TIME = 1.0
+"""Longest time until the machine has taken a hold, s."""
 SWITCH_S = 0.0005
 """Time after which a thread gives way to another, s: the machine does not wait for requests."""
 
@@ -99,9 +105,8 @@ def serve(
     if program.parameters is None:
         program = program.model_copy(update={"parameters": jobs.folder / OWN / "parameters.var"})
         machine = machine.model_copy(update={"program": program})
-    session = OperatorSession(
-        machine, macros=jobs.folder / "macros", subroutines=(shipped_cycles(),)
-    )
+    session = RemoteSession(machine, macros=jobs.macros, subroutines=(shipped_cycles(),))
+    _hold_when_suspended(session)
     console = Console(session, jobs)
     try:
         config = uvicorn.Config(
@@ -124,6 +129,21 @@ def serve(
         uvicorn.Server(config).run(sockets=[address.socket])
     finally:
         console.close()
+
+
+def _hold_when_suspended(session: RemoteSession) -> None:
+    """Let Ctrl-Z hold the machine first: a suspended server takes no stop."""
+    suspends = getattr(signal, "SIGTSTP", None)
+    # A shell without job control ignores it.
+    if suspends is None or signal.getsignal(suspends) is signal.SIG_IGN:
+        return
+
+    def suspend(*_: object) -> None:
+        with suppress(CncError, TimeoutError):
+            session.ask(OperatorSession.hold).result(HOLD_TIME)
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    signal.signal(suspends, suspend)
 
 
 def qr_code(text: str) -> str:

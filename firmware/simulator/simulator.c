@@ -23,6 +23,7 @@ DEFINE_FIFO(uint16_t, uart_fifo);
 #define PINS 20
 #define RECEIVER 3
 #define LOOK_AGAIN 8            /* cycles */
+#define AT_ONCE 8               /* cycles that simavr runs without a look at what else is to be done; less where a timer is due */
 #define PAINT 0xA5
 
 typedef struct {
@@ -172,6 +173,7 @@ void simulator_reset(simulator *s)
 {
     avr_cycle_count_t now = s->avr->cycle;
     avr_reset(s->avr);
+    s->avr->run_cycle_limit = AT_ONCE;
     s->avr->cycle = now;
     s->to_chip.count = s->from_chip.count = s->arrived_count = 0;
     memset(s->avr->data + s->bss_end, PAINT, s->avr->ramend + 1 - s->bss_end);

@@ -11,20 +11,20 @@ from cnc.api import home
 from cnc.executor.squaring import Squared
 from cnc.machine.models import Homing, Machine
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.gantry_board import PLACES, QUICK, SwitchedLoopback, gantry
+from tests.support.boards.gantry_board import PLACES, QUICK, RecordedLoopback, gantry
 from tests.support.soak import share
 
 LIMIT = QUICK.squaring_limit
 
 
 def homed(
-    board: SwitchedLoopback, machine: Machine, *axes: str
+    board: RecordedLoopback, machine: Machine, *axes: str
 ) -> tuple[dict[str, float | None], list[Squared]]:
     found: list[Squared] = []
     return home(machine, axes, board=board, on_squared=found.append), found
 
 
-def y_motors(board: SwitchedLoopback) -> list[int]:
+def y_motors(board: RecordedLoopback) -> list[int]:
     return board.motor_steps[1]
 
 
@@ -43,7 +43,7 @@ def test_each_motor_ends_at_its_own_switch_and_offset(skew: float, offset: float
     # Motor 2 stands skew further along +Y than motor 1; both count from 0 now.
     at = towards * 400.0
     places = {**PLACES, (1, 0): (towards, at), (1, 1): (towards, at + 100 * (given_offset - skew))}
-    board = SwitchedLoopback(machine, places)
+    board = RecordedLoopback(machine, places)
     position, found = homed(board, machine, "y")
     rest = machine.axes["y"].travel[1 if end == "high" else 0]  # type: ignore[index]
     assert position["y"] == rest
@@ -57,7 +57,7 @@ def test_each_motor_ends_at_its_own_switch_and_offset(skew: float, offset: float
 
 def test_both_motors_move_together_but_for_the_square() -> None:
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine, {**PLACES, (1, 1): (-1, -450)})
+    board = RecordedLoopback(machine, {**PLACES, (1, 1): (-1, -450)})
     homed(board, machine, "y")
     alone = [(which, rows) for which, rows in board.rows_sent if which is not None]
     assert {which for which, _ in alone} == {(1, 1)}
@@ -73,7 +73,7 @@ def test_both_motors_move_together_but_for_the_square() -> None:
 @pytest.mark.parametrize("broken", [0, 1])
 def test_switch_that_never_closes_is_an_error_with_both_numbers(broken: int) -> None:
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine, {**PLACES, (1, broken): (-1, -1e9)})
+    board = RecordedLoopback(machine, {**PLACES, (1, broken): (-1, -1e9)})
     with pytest.raises(BoardError) as caught:
         homed(board, machine, "y")
     found = caught.value.diagnostic
@@ -90,7 +90,7 @@ def test_switch_that_never_closes_is_an_error_with_both_numbers(broken: int) -> 
 def test_switch_that_closes_at_once_is_an_error() -> None:
     """Its wire breaks while the gantry moves to the switches."""
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine, {**PLACES, (1, 1): (-1, -100)})
+    board = RecordedLoopback(machine, {**PLACES, (1, 1): (-1, -100)})
     with pytest.raises(BoardError) as caught:
         homed(board, machine, "y")
     assert caught.value.diagnostic.code == "homing-square"
@@ -100,7 +100,7 @@ def test_switch_that_closes_at_once_is_an_error() -> None:
 @pytest.mark.parametrize("motor", [0, 1])
 def test_switch_that_is_closed_always(motor: int) -> None:
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine, {**PLACES, (1, motor): (-1, 1e9)})
+    board = RecordedLoopback(machine, {**PLACES, (1, motor): (-1, 1e9)})
     with pytest.raises(BoardError) as caught:
         homed(board, machine, "y")
     assert caught.value.diagnostic.code == "homing-switch"
@@ -113,7 +113,7 @@ def test_switches_that_are_closed_at_the_start(closed: tuple[int, ...]) -> None:
     places = dict(PLACES)
     for motor in (0, 1):
         places[1, motor] = (-1, 120 if motor in closed else 20)
-    board = SwitchedLoopback(machine, places)
+    board = RecordedLoopback(machine, places)
     position, _ = homed(board, machine, "y")
     assert position["y"] == -2.0
     for motor, place in enumerate(y_motors(board)):
@@ -124,7 +124,7 @@ def test_switches_that_are_closed_at_the_start(closed: tuple[int, ...]) -> None:
 def test_lost_steps_on_one_side_are_found_and_made_good(lost: int) -> None:
     """Between two homings one motor has lost steps: its count no longer tells its place."""
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine)
+    board = RecordedLoopback(machine)
     _, first = homed(board, machine, "y")
     assert abs(first[0].skew[1]) <= 0.02
     before = y_motors(board)[1] - y_motors(board)[0]
@@ -138,7 +138,7 @@ def test_lost_steps_on_one_side_are_found_and_made_good(lost: int) -> None:
 
 def test_lost_steps_beyond_the_limit_are_an_error() -> None:
     machine = gantry(0.0)
-    board = SwitchedLoopback(machine)
+    board = RecordedLoopback(machine)
     homed(board, machine, "y")
     board.places[1, 1] = (-1, PLACES[1, 1][1] - 300)
     with pytest.raises(BoardError) as caught:
@@ -150,7 +150,7 @@ def test_lost_steps_beyond_the_limit_are_an_error() -> None:
 def test_no_motor_moves_further_alone_than_the_limit(limit: float) -> None:
     homing = Homing(seek=20.0, latch=2.0, pull_off=0.5, squaring_limit=limit)
     machine = gantry(0.0, homing=homing)
-    board = SwitchedLoopback(machine, {**PLACES, (1, 1): (-1, -1e9)})
+    board = RecordedLoopback(machine, {**PLACES, (1, 1): (-1, -1e9)})
     with pytest.raises(BoardError):
         homed(board, machine, "y")
     furthest = place = 0
@@ -171,7 +171,7 @@ def test_three_motors_of_z() -> None:
         (2, 1): (1, 190.0),
         (2, 2): (1, 120.0),
     }
-    board = SwitchedLoopback(machine, places)
+    board = RecordedLoopback(machine, places)
     position, _ = homed(board, machine)
     assert position == {"x": 0.0, "y": -2.0, "z": 1.0}
     wanted = [150 - 50, 190 - 50 - 10, 120 - 50 + 10]

@@ -34,6 +34,7 @@ G3 X11 Y13 I-8 J0 Z1
 G1 X0 Y0 Z0
 M2
 """
+FEW = "G21 G90 G64 P0.01 F2000\nG1 X2 Y0\nG3 X4 Y2 I0 J2\nG1 X4.2 Y2.6\nM2\n"
 
 
 def placed(name: str, program: str) -> str:
@@ -83,8 +84,9 @@ def test_joints_lie_on_the_tips_path_to_the_accuracy(name: str, write) -> None:
         assert misfit(name, each[:, 3:], each[:, :3]) < APART
 
 
-def test_parts_of_a_piece_meet_without_a_jump_of_a_derivative(name: str, write) -> None:
-    for chunk in chunks_of(write(placed(name, CURVES)), name):
+@pytest.mark.parametrize("program", [FEW, CURVES], ids=["few", "many"])
+def test_parts_of_a_piece_meet_without_a_jump_of_a_derivative(name: str, program, write) -> None:
+    for chunk in chunks_of(write(placed(name, program)), name):
         left, right = np.empty((4, len(chunk.axes))), np.empty((4, len(chunk.axes)))
         for k in range(len(chunk) - 1):
             same = chunk.line[k] == chunk.line[k + 1] and not chunk.tolerance[k]

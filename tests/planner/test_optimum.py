@@ -7,7 +7,10 @@ import pytest
 
 from benchmarks.optimum import times_of
 from benchmarks.optimum_cases import AXES, FAMILIES, cases, moves
+from benchmarks.optimum_path import Route
 from cnc.model.blocks import NurbsFeed, PathMode
+from cnc.path.build import build
+from cnc.planner.limits import Limits
 from tests.support.planner import figures
 from tests.support.soak import share
 
@@ -40,6 +43,29 @@ def test_t3_of_a_curve_is_the_best_known_time():
     assert times.solved
     assert times.t3 == pytest.approx(best, rel=5e-3)
     assert times.t2 < times.t3
+
+
+def test_the_grid_has_points_in_bends_that_are_shorter_than_its_cells():
+    """A spline back along its own line turns within micrometres; T3 passed there at any speed."""
+    points = np.array(
+        [(0, 0, 0), (10, 0, 0), (20, 0.1, 0), (4, 0.2, 0), (4, 9, 0), (9, 9, 0)], float
+    )
+    knots = np.concatenate((np.zeros(4), [1 / 3, 2 / 3], np.ones(4)))
+    curve = NurbsFeed("", 1, 3, knots, points.astype(float), np.ones(len(points)), 300.0)
+    chunks = [*build([EXACT, curve], axes=AXES, start=np.zeros(3))]
+    route = Route(chunks, Limits.of(figures.machine()))
+    length = float(route.ends[-1])
+    s = route.points(0.0, length, np.linspace(0.0, length, 50)[1:-1])
+    places = np.linspace(0.0, length, 20_001)
+
+    def lowest(grid):
+        last = len(route.ends) - 2
+        pieces = np.clip(np.searchsorted(route.ends, grid) - 1, 0, last)
+        pairs = zip(grid.tolist(), pieces.tolist(), strict=True)
+        return min(route.at(place, piece)[1] for place, piece in pairs)
+
+    assert lowest(s) < 1.2 * lowest(places)
+    assert lowest(np.linspace(0.0, length, 50)) > 2.0 * lowest(places)
 
 
 def test_cases_are_those_of_their_seed():

@@ -7,7 +7,7 @@ from tests.support.soak import check_without_compiler, share
 SHARE = "valley or a_stop or too_fast or errata or tangent or jump or exact_stop or short_dwell"
 QUICK = (
     f"({SHARE}) and not bad_input and not requests_at_joints "
-    "and not (parts_of_a_piece and not corexy) "
+    "and not (parts_of_a_piece and not (corexy and few)) "
     "or (theor and not hold) or theoretical_time[0.1-blocks0]"
 )
 FULL = f"{SHARE} or theor or (cusp and not bad_input)"

@@ -33,9 +33,7 @@ def console(tmp_path_factory, library):
     machine = load_machine(None)
     program = machine.program.model_copy(update={"parameters": tmp_path / "machine.var"})
     machine = machine.model_copy(update={"program": program})
-    session = OperatorSession(
-        machine, macros=library.folder / "macros", subroutines=(shipped_cycles(),)
-    )
+    session = OperatorSession(machine, macros=library.macros, subroutines=(shipped_cycles(),))
     console = Console(session, library)
     yield console
     console.close()

@@ -16,7 +16,6 @@ from cnc.server.app import REQUEST_THREADS, create_app
 from cnc.server.connections import LimitedProtocol
 from cnc.server.library import Library
 from cnc.server.security import Access, Rates
-from cnc.session.options import RunOptions
 from tests.support.waiting import HANG, wait_until
 
 PROGRAM = (
@@ -200,7 +199,7 @@ def pulses_of_run(console, library, controller, pulses):
     (library.folder / "pulses.nc").write_text(PROGRAM)
     before = len(library.history())
     pulses.clear()
-    console.run("pulses.nc", RunOptions())
+    assert controller("POST", "/api/jobs/pulses.nc/run").status_code == 200
     wait_until(lambda: len(library.history()) > before)
     wait_until(lambda: not console.session._busy)
     assert library.history()[0]["outcome"] == "done"

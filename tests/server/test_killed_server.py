@@ -1,28 +1,28 @@
-"""A server that is killed in the middle of a run: the board plays the lines that it has."""
+"""Kills in the middle of a run: the server, and the process that operates the machine."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
-import subprocess
 import sys
-import urllib.request
 
 import pytest
 
 from cnc.boards.grbl.simulator.firmware_profile import GRBL
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.kernels.code_cache import cache_folder
 from cnc.machine.load import load_machine
-from tests.support.paths import ROOT
+from tests.support.server.process import ServerProcess
 from tests.support.waiting import wait_until
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals and proc(5)")
 STEP = 0.25
 LINES = 400
 RING, SHORTEST_LINE, BLOCKS = 128, 5, 16
 """Bytes of the ring, those of the shortest line, and the blocks of the planner."""
+TEXT = "G21 G90 G61\nM3 S1000\n" + "".join(
+    f"G1 X{STEP * k:.2f} F300\n" for k in range(1, LINES + 1)
+)
 
 
 @pytest.fixture
@@ -31,60 +31,54 @@ def simulator():
 
 
 @pytest.fixture
-def server(simulator, tmp_path):
-    """A server at the simulated board's terminal, and its address."""
-    pty_server = pytest.importorskip("cnc.boards.grbl.simulator.pty_server")
-    pytest.importorskip("termios")
-    (tmp_path / "jobs").mkdir()
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path / "state"),
-        "NUMBA_CACHE_DIR": str(cache_folder()),
-    }
-    arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", "grbl-uno"]
-    with pty_server.PtyServer(simulator) as terminal:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cnc.cli", *arguments],
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        with process:
-            yield process, process.stdout.readline().strip(), terminal.name
-            process.kill()
+def terminal(simulator):
+    from cnc.boards.grbl.simulator.pty_server import PtyServer
+
+    with PtyServer(simulator) as found:
+        yield found
 
 
-def test_the_board_plays_its_lines_and_rests(server, simulator, tmp_path):
-    process, address, port = server
-    key = ""
-
-    def send(method, path, body):
-        request = urllib.request.Request(
-            f"{address}api/{path}",
-            data=json.dumps(body).encode(),
-            method=method,
-            headers={"Content-Type": "application/json", "X-Control": key},
-        )
-        with urllib.request.urlopen(request, timeout=120) as answer:
-            return json.loads(answer.read())
-
-    key = send("POST", "control", {"client": "test"})["key"]
-    send("POST", "connect", {"board": "grbl", "port": port})
-    text = "G21 G90 G61\n" + "".join(f"G1 X{STEP * k:.2f} F300\n" for k in range(1, LINES + 1))
-    send("PUT", "jobs/long.nc", {"text": text})
-    send("POST", "jobs/long.nc/run", {"trust_position": True})
+@pytest.fixture
+def server(tmp_path, terminal, simulator):
+    """A server that runs a program on the simulated board."""
+    found = ServerProcess(tmp_path, "grbl-uno")
+    found("POST", "connect", {"board": "grbl", "port": terminal.name})
+    found("PUT", "jobs/long.nc", {"text": TEXT})
+    found("POST", "jobs/long.nc/run", {"trust_position": True})
     wait_until(lambda: simulator.position[0] > 4.0)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    yield found
+    found.close()
+
+
+def at_rest(simulator):
+    return simulator.core.state == "Idle" and not simulator.core.planner.blocks
+
+
+def test_the_machine_rests_on_the_path_without_its_server(server, simulator, terminal, tmp_path):
+    assert server.owner_of(terminal.name) != server.process.pid
+    server.process.send_signal(signal.SIGKILL)
+    server.process.wait()
+    wait_until(lambda: at_rest(simulator) and simulator.core.spindle_text.startswith("M5"))
+    assert 4.0 < simulator.position[0] < STEP * LINES
+    assert simulator.lost == 0
+    # The next run knows that this one did not finish.
+    assert (tmp_path / "jobs" / "long.nc.checkpoint").is_file()
+
+
+def test_the_board_plays_its_lines_without_its_session(server, simulator, terminal, tmp_path):
+    os.kill(server.owner_of(terminal.name), signal.SIGKILL)
+    wait_until(lambda: server("GET", "state")["state"] == "disconnected")
     reached = simulator.position[0]
-    wait_until(lambda: simulator.core.state == "Idle" and not simulator.core.planner.blocks)
+    wait_until(lambda: at_rest(simulator))
     end = simulator.position[0]
     assert end / STEP == pytest.approx(round(end / STEP), abs=0.01)
     assert end < STEP * LINES
     assert end - reached <= STEP * (RING / SHORTEST_LINE + BLOCKS + 1)
     assert simulator.lost == 0
-    # The next run knows that this one did not finish.
     assert (tmp_path / "jobs" / "long.nc.checkpoint").is_file()
+    wait_until(lambda: server("GET", "history"))
+    run = server("GET", "history")[0]
+    assert (run["outcome"], run["findings"][0]["code"]) == ("failed", "session-lost")
+    # The server goes on, with a new process.
+    server("POST", "connect", {"board": "grbl", "port": terminal.name})
+    assert server("GET", "state")["board"] == "grbl"

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from cnc.gcode.codes import corner_words
 from cnc.gcode.codes.arc_words import ArcMoves
+from cnc.gcode.codes.assumed_motion import AssumedMotion
 from cnc.gcode.codes.collector import Collector, VectorMove, VectorTurn
 from cnc.gcode.codes.corner_moves import CornerMoves
 from cnc.gcode.codes.move_feeds import MoveFeeds
@@ -57,7 +58,7 @@ class Motion(MoveFeeds):
         turn_with_vector: Turns the rotary axes of a control point to the direction of the tool.
         vector_letters: Words of the direction of the tool.
         corners: The corner whose second move is not known yet (,C and ,R).
-        may_assume: Whether a move is taken for a G0 because no motion code came before it.
+        assumed: The motion of axis words without a motion code.
     """
 
     def __init__(
@@ -82,8 +83,7 @@ class Motion(MoveFeeds):
         self.turn_with_vector: VectorTurn | None = None
         self.vector_letters: tuple[str, ...] = ()
         self._out = out
-        self._resting: G | None = dialect.motion
-        self.may_assume = dialect.motion_assumed
+        self.assumed = AssumedMotion(dialect, here, state)
         self.arcs = ArcMoves(self, dialect, here, state)
         self.corners = CornerMoves(self, state, here, corners=dialect.corners)
 
@@ -136,11 +136,14 @@ class Motion(MoveFeeds):
                         code.word,
                     )
                 if taker.number not in _FIGURE_TAKES_AXES:
-                    self.may_assume = False
-                    state.motion = code.g if beside else None
+                    self.assumed.keep()
+                    if code.number == _CANCEL:
+                        self.assumed.cancel()
+                    else:
+                        self.assumed.end()
+                        state.motion = code.g
             return None
         if code:
-            self.may_assume = self.may_assume and code.number == _CANCEL
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
@@ -190,23 +193,17 @@ class Motion(MoveFeeds):
                 )
             if not has_axis:
                 self._machine_without_axes(special.word)
-        before = self._state.motion
-        if before in QUICK_MOTIONS:
-            self._resting = before
+        self.assumed.keep()
         if code.number == _CANCEL:
-            resting = self._resting if self._dialect.after_g80 == "previous" else None
-            self._state.motion = resting
-            if has_axis and resting is not None:
-                return resting
-            if has_axis:
-                word = words.first_axis()
-                raise fault(
-                    "motion-missing",
-                    f"{word.written} with {code.word.written}, which makes no move",
-                    word,
-                    "give G0 or G1",
-                )
-            return None
+            self.assumed.cancel()
+            if not has_axis:
+                return None
+            motion, word = self._state.motion, words.first_axis()
+            if motion is None and (motion := self.assumed.assume(word)) is None:
+                message = f"{word.written} with {code.word.written}, which makes no move"
+                raise fault("motion-missing", message, word, "give G0 or G1")
+            return motion
+        self.assumed.end()
         self._state.motion = code.g
         if code.number in _STRAIGHT and not has_axis and not self._has_vector(words):
             return None
@@ -218,13 +215,7 @@ class Motion(MoveFeeds):
         if special and not self._machine_words:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
-        if motion is None and self.may_assume:
-            self.may_assume, self._state.motion = False, _TRAVERSE
-            message = f"{word.written} without a motion code in effect is read as a traverse (G0)"
-            hint = "begin with G0 or G1: controllers differ"
-            self._here.report_warning("motion-assumed", message, word, hint)
-            return _TRAVERSE
-        if motion is None:
+        if motion is None and (motion := self.assumed.assume(word)) is None:
             message = f"{word.written} without a motion code in effect"
             raise fault("motion-missing", message, word, "begin with G0 or G1")
         if motion == G.G6_2:
@@ -379,7 +370,7 @@ class Motion(MoveFeeds):
             self._unused_words.mark_used("F")
         state.feed = feed
         state.motion = motion
-        self.may_assume = False
+        self.assumed.end()
         return True
 
     def _is_quick(self, move: QuickMove, motion: G) -> bool:

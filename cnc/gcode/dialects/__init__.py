@@ -153,7 +153,7 @@ class Dialect:
     initial_level: bool
     lenient: bool
     first_bracket: bool
-    after_g80: Literal["none", "previous"]
+    after_g80: Literal["none", "previous", "assumed"]
     local_calls: bool
     hole_patterns: bool
     length_units: list[int]

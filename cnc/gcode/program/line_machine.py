@@ -35,7 +35,7 @@ _Numbers = NDArray[Any]
 _SeriesState = tuple[int, int, int, list[float], list[float], list[int]]
 _GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
 _ACTIONS = {
-    **dict.fromkeys(_MOTIONS, kernel.MOVE),
+    **dict.fromkeys((*_MOTIONS, *_CYCLES), kernel.MOVE),
     G.G98: kernel.INITIAL_LEVEL,
     G.G99: kernel.R_LEVEL,
     G.G80: kernel.CANCEL,
@@ -101,7 +101,7 @@ class LineMachine:
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
-        self._actions: dict[tuple[frozenset[G], bool], NDArray[np.uint8]] = {}
+        self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
 
     def leaves(self, letters: list[int], numbers: list[float]) -> bool:
@@ -166,6 +166,7 @@ class LineMachine:
         setup["arc_absolute"] = modal.arc_absolute
         setup["surface_speed"] = modal.constant_surface
         setup["notes"] = interpreter.unused_words.enabled
+        setup["restored"] = motion.assumed.restored
         setup["blends"] = modal.path == "blend"
         setup["g_action"] = self._action_of_codes()
 
@@ -184,23 +185,16 @@ class LineMachine:
             idle.add(SYSTEM_CODES[coordinates.system])
         if not any(coordinates.tool_offset):
             idle.add(G.G49)
-        may_assume = interpreter.motion.may_assume
-        key = frozenset(idle), may_assume
+        key = frozenset(idle)
         found = self._actions.get(key)
         if found is None:
             found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
             dialect = interpreter.dialect
             actions = {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}
-            # Where G80 returns to the motion before a cycle, the interpreter executes both.
-            if dialect.after_g80 == "none":
-                actions |= dict.fromkeys(_CYCLES, kernel.MOVE)
             for code, action in actions.items():
                 meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
                 if code in dialect.g and not meant:
                     found[code] = action
-            # The interpreter knows whether a motion code came before this G80.
-            if dialect.after_g80 != "none" or may_assume:
-                found[G.G80] = kernel.STOP
         return found
 
     def _load(self) -> tuple[int, int]:
@@ -210,9 +204,11 @@ class LineMachine:
         feed, speed = words.get("F"), words.get("S")
         lines = (feed.line if feed else 0, speed.line if speed else 0)
         turning, rpm, surface = interpreter.out.in_effect.get(("spindle", 0), ("", 0.0, 0.0))
+        resting = interpreter.motion.assumed.resting
         misting, flooding = interpreter.out.in_effect.get(("coolant", 0), (-1, -1))
         self._state[0] = (
             _MODES[modal.motion],
+            _MODES[modal.motion if modal.motion in _MOTIONS else resting],
             _PLANES.index(modal.plane),
             modal.absolute,
             modal.initial_level,
@@ -240,13 +236,16 @@ class LineMachine:
         """Bring modal state and unused words up to date. ``before`` is the result of `_load`."""
         modal = self._interpreter.modal
         (
-            mode, plane, absolute, initial, linear, rotary, spindle, speed, mist, flood,
+            mode, resting, plane, absolute, initial, linear, rotary, spindle, speed, mist, flood,
             feed_word, feed_line, speed_word, speed_line, turning, rpm, misting, flooding,
             *series, _, _,
         ) = self._state[0].item()  # fmt: skip
-        modal.motion = _MOTION_OF[mode]
-        if modal.motion is not None:
-            self._interpreter.motion.may_assume = False
+        modal.motion, assumed = _MOTION_OF.get(mode), self._interpreter.motion.assumed
+        assumed.resting = _MOTION_OF[resting]
+        if mode == kernel.CANCELLED:
+            assumed.cancelled()
+        elif modal.motion is not None:
+            assumed.end()
         modal.initial_level = bool(initial)
         modal.plane = _PLANES[plane]
         modal.absolute = bool(absolute)

@@ -132,6 +132,8 @@ def _commit(words: LineWords, line: int, now: Record, is_feed: bool) -> None:
         now["feed_word"], now["feed_line"] = words.feed, line
     if is_feed:
         now["feed_word"] = math.nan
+    if 0 <= words.mode <= LAST_MOTION:
+        now["resting"] = words.mode
     now["mode"], now["plane"], now["absolute"] = words.mode, words.plane, words.absolute
     now["linear"], now["rotary"], now["initial"] = words.linear, words.rotary, words.initial
     if words.speed == words.speed:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from cnc.kernels.gcode.rows import (
     ABSOLUTE,
     CANCEL,
+    CANCELLED,
     COOL,
     DWELL,
     INCREMENTAL,
@@ -89,7 +90,11 @@ def read_words(
                 mode = tenths // 10
                 explicit = True
             elif action == CANCEL:
-                mode = NO_MOTION
+                resting = mode if 0 <= mode <= LAST_MOTION else int(now["resting"])
+                if 0 <= resting <= setup["restored"]:
+                    mode = resting
+                elif mode != NO_MOTION:
+                    mode = CANCELLED
             elif action == PLANE:
                 plane = tenths // 10 - 17
             elif action == ABSOLUTE:
@@ -187,7 +192,7 @@ def fits(words: LineWords, setup: Setup, now: Record) -> bool:
         return False
     elif words.moving or words.curved:
         is_arc = mode == 2 or mode == 3
-        if mode == NO_MOTION or mode > LAST_MOTION or (words.curved and not is_arc):
+        if mode < 0 or mode > LAST_MOTION or (words.curved and not is_arc):
             return False
         if mode != 0 and words.linear != words.linear:
             return False

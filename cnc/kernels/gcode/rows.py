@@ -14,8 +14,9 @@ Record = NDArray[np.void]
 
 OTHER_WORD, TAKEN_WORD = -1, -2
 """Columns of letters that are no axes: words of the interpreter, and words that are known here."""
-NO_MOTION = -1
-"""The motion mode if it is none of those known here. G0 to G3 and cycles have their number."""
+NO_MOTION, CANCELLED = -1, -2
+"""The motion mode if there is none, or after a G80 that returned to none. G0 to G3 and cycles have
+their number."""
 STOP, IDLE, MOVE, CANCEL, PLANE, ABSOLUTE, INCREMENTAL, DWELL, TURN, COOL = range(10)
 INITIAL_LEVEL, R_LEVEL = 10, 11
 """Actions of codes. STOP leaves the line to the interpreter; IDLE changes nothing."""
@@ -32,6 +33,7 @@ MOST_AXES = 9
 STATE = np.dtype(
     [
         ("mode", np.int64),
+        ("resting", np.int64),
         ("plane", np.int64),
         ("absolute", np.int64),
         ("initial", np.int64),
@@ -59,12 +61,13 @@ STATE = np.dtype(
         ("others", np.int64),
     ]
 )
-"""Modal state: motion mode, plane (0 to 2: G17 to G19), G90, G98, feeds of linear and rotary axes
-(mm/s and degrees/s, NaN for none), direction and speed of the spindle (0 to 2: M5, M3, M4; rpm, NaN
-for none), coolants, the F and S words that nothing has used yet (NaN for none) with their lines,
-what the last blocks of spindle and coolant said (-1 for unknown), the cycle of the series (0 for
-none) with its plane, the position at its start and its words in effect (depth, R, P, Q; NaN for
-none) with their lines, and the numbers of all rows and of those that are no straight moves.
+"""Modal state: motion mode, the last of G0 to G3 (-1 for none), plane (0 to 2: G17 to G19), G90,
+G98, feeds of linear and rotary axes (mm/s and degrees/s, NaN for none), direction and speed of the
+spindle (0 to 2: M5, M3, M4; rpm, NaN for none), coolants, the F and S words that nothing has used
+yet (NaN for none) with their lines, what the last blocks of spindle and coolant said (-1 for
+unknown), the cycle of the series (0 for none) with its plane, the position at its start and its
+words in effect (depth, R, P, Q; NaN for none) with their lines, and the numbers of all rows and of
+those that are no straight moves.
 """
 DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""
@@ -87,6 +90,7 @@ SETUP = np.dtype(
         ("longest_dwell", np.float64),
         ("cycle_dwell", np.float64),
         ("clearance", np.float64),
+        ("restored", np.int64),
         ("arc_absolute", np.bool_),
         ("idle_center", np.bool_),
         ("surface_speed", np.bool_),
@@ -111,7 +115,8 @@ axes and of the axis across it, -1 for one that is missing.
 mm a program unit; the slowest feed (mm/s); the tolerances of arcs (mm, see
 :class:`cnc.kernels.gcode.arcs.Tolerance`); s of P1 in G4, 0 if P is not its word; the shortest
 dwell (s) that is left to the interpreter; s of P1 in a cycle, 0 if compiled code does not know it;
-retraction of G73 and distance of G83 from the bottom (mm).
+retraction of G73 and distance of G83 from the bottom (mm); the highest of G0 to G3 to which G80
+returns, -1 for none.
 
 Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; G96 is
 in effect; F and S words without effect are reported; a cycle with a dwell needs P; the words of a

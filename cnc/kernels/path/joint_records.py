@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -128,7 +129,9 @@ def _write_body(
         for c in range(n):
             data[form + ORDER * (c + 1) + j] = pieces.form[k, j, c]
     # A span without a table would stand for a piece whose parameter is the time.
-    to = measure(kind, data, at, form + ORDER * (n + 1), accuracy, work)
+    to = _straight_table(pieces, k, accuracy, data, at, form + ORDER * (n + 1))
+    if to < 0:
+        to = measure(kind, data, at, form + ORDER * (n + 1), accuracy, work)
     data[body + 1] = to - at
     after = to + n
     for c in range(n):
@@ -150,3 +153,38 @@ def _write_body(
         data[to + c] = count
         after += count
     return after
+
+
+@njit
+def _straight_table(
+    pieces: JointPieces, k: int, accuracy: float, data: Floats, at: int, table: int
+) -> int:
+    """Write the table of a tip that moves straight and evenly: one row, u linear in s.
+
+    Returns:
+        The index behind the table; -1 if the tip does not move so, and nothing is written.
+    """
+    squared = 0.0
+    for c in range(int(pieces.metric[k, 0])):
+        column = int(pieces.metric[k, c + 1])
+        way = pieces.form[k, DEGREE, column]
+        squared += way * way
+        for j in range(1, DEGREE):
+            # The tip is within the largest distance of a coefficient from the even motion.
+            if abs(pieces.form[k, j, column] - way * (j / DEGREE)) > 0.25 * accuracy:
+                return -1
+    length = math.sqrt(squared)
+    if length <= accuracy:
+        return -1
+    data[at + TABLE] = table - at
+    data[at + LENGTH] = length
+    data[table] = 1.0
+    row = table + 1
+    data[row] = 0.0
+    data[row + 1] = data[at + U0]
+    data[row + 2] = data[at + U1] - data[at + U0]
+    for j in range(3, ROW):
+        data[row + j] = 0.0
+    data[row + ROW] = length
+    data[row + ROW + 1] = data[at + U1]
+    return row + ROW + 2

@@ -159,8 +159,8 @@ def lowest_between(speed: Floats) -> float:
 
 
 @njit
-def bound_derivatives(sampling: Sampling) -> None:
-    """Compute bounds of |q'|, |q''|, |q'''| of each axis from the samples.
+def bound_derivatives(sampling: Sampling, limits: LimitArrays) -> None:
+    """Compute bounds of |q'|, |q''|, |q'''| of each axis from the samples; 0 without a limit.
 
     Between samples a derivative may exceed both by a fraction of their difference: that much is
     added.
@@ -169,6 +169,8 @@ def bound_derivatives(sampling: Sampling) -> None:
     first, second, third = sampling.first, sampling.second, sampling.third
     for i in range(q.shape[2]):
         first[i] = second[i] = third[i] = 0.0
+        if limits.axis_acceleration[i] == math.inf and limits.axis_jerk[i] == math.inf:
+            continue
         for m in range(SAMPLES):
             first[i] = max(first[i], abs(q[m, 1, i]))
             second[i] = max(second[i], abs(q[m, 2, i]))

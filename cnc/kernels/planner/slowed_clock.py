@@ -55,8 +55,19 @@ SPARE, SPARE_MORE = 0.05, 0.5
 near to rest by nothing.
 """
 
-LAST = 0.98
-"""The last phase begins where it needs this part of the jerk that is left."""
+LAST, LATEST = 0.96, 1.02
+"""The last phase begins where it needs from the first to the second of these parts of the jerk that
+is left. Farther away it would need more than any at first: the speed is too high.
+"""
+
+PLACES = 12
+"""Places in the last phase at which the jerk that is left is known."""
+
+NEAR, FINER = 0.98, 0.25
+"""Above this part of the plan's speed there is little space: steps are this much shorter."""
+
+FALL = 0.02
+"""Largest part of the speed that one step takes: so no step passes the start of the last phase."""
 
 ROUNDING = 1e-5
 """Relative; bounds that cross by less count as equal."""
@@ -191,10 +202,12 @@ def ends(state: State, most: float, use: float, about: Surroundings) -> bool:
     if state.a >= 0.0:
         return False
     jerk = 0.5 * state.a * state.a / state.v
-    for quarter in range(1, 5):
-        later = after(state, -0.25 * quarter * state.a / jerk, jerk)
+    if jerk > LATEST * most:
+        return False
+    for m in range(1, PLACES + 1):
+        later = after(state, -state.a / jerk * m / PLACES, jerk)
         most = min(most, bounds(later, use, about)[1])
-    return most > 0.0 and jerk >= LAST * most
+    return LAST * most <= jerk <= LATEST * most
 
 
 @njit
@@ -276,7 +289,11 @@ def slowed_clock(
             j = 0.5 * state.a * state.a / state.v
             h = -state.a / j
         else:
-            j = lowest_jerk(state, dt, part, use, about)
+            if part > NEAR:
+                h *= FINER
+            if state.a < 0.0:
+                h = min(h, -FALL * state.v / state.a)
+            j = lowest_jerk(state, h, part, use, about)
         write_phase(out, count, h, state.s, state.v, state.a, j)
         count += 1
         state = after(state, h, j)

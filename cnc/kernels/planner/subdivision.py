@@ -109,7 +109,7 @@ def write_interval(
 def attainable_speed(
     pieces: Pieces, k: int, length: float, feed: float, limits: LimitArrays, q: Floats
 ) -> float:
-    """Return a speed that no motion exceeds on a curve, mm/s; ``q`` is scratch.
+    """Return a speed that no motion exceeds on a curve, mm/s; ``q`` receives its samples.
 
     It is ``feed``, or the speed that the motion can gain over the piece from its slowest place.
     Most of a short curve about a tight bend would allow speeds that the motion cannot reach; bounds
@@ -159,7 +159,7 @@ def bound_speeds(
         sampling.speed[m], sampling.top[m] = speed_bounds(
             data, at, sampling.q[m], MARGIN_OF_FEED * fastest, limits
         )
-    bound_derivatives(sampling)
+    bound_derivatives(sampling, limits)
     v = min(fastest, lowest_between(sampling.speed))
     return v, min(fastest, lowest_between(sampling.top))
 
@@ -241,7 +241,9 @@ def chunk_intervals(
         beside_from = entry.reach
         beside_to = whole - leave.reach
         fastest = feed[k]
-        if not line:
+        sampled = not line
+        if sampled:
+            # The samples of the whole piece stay in q.
             fastest = attainable_speed(pieces, k, whole, fastest, limits, q)
         start = 0.0
         step = whole
@@ -259,7 +261,9 @@ def chunk_intervals(
                 end = limit
             reliable = math.inf
             while True:
-                sample(pieces, k, start, end, q)
+                if not (sampled and start == 0.0 and end == whole):
+                    sample(pieces, k, start, end, q)
+                sampled = False
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
                 if line or end - start <= SHORTEST:
                     break
@@ -275,7 +279,7 @@ def chunk_intervals(
                 # The share accounts for the bend.
                 q[:, 2:] = 0.0
                 share = BENT_SHARE
-                bound_derivatives(sampling)
+                bound_derivatives(sampling, limits)
                 a, j = tangential_bounds(sampling, 0.0, limits)
                 v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
             if flat:

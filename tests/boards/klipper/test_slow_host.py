@@ -96,3 +96,23 @@ def test_delay_before_the_end_of_a_motion(spindle: bool) -> None:
             driver.execute(block, int(part.time_ns[-1]) + 1) if spindle else driver.finish()
         assert caught.value.diagnostic.code == "board-underrun"
         assert driver.position_steps.tolist() == place(known, simulator)
+
+
+def test_an_answer_is_awaited_through_a_standstill_of_the_process() -> None:
+    """The system stops the process for seconds before it reads the answer."""
+    known = machine()
+    with board(known) as (driver, simulator):
+        port = driver._supervisor.connection.port.port
+        read, stopped = port.read, []
+
+        def late(timeout: float) -> bytes:
+            if stopped:
+                return bytes(read(timeout))
+            stopped.append(simulator.now)
+            simulator.advance(simulator.now + 2.0)
+            return b""
+
+        port.read = late  # type: ignore[method-assign]
+        counts = driver._supervisor.read_positions()
+        assert simulator.now > stopped[0] + 2.0
+        assert driver._position.counts(counts) == place(known, simulator)

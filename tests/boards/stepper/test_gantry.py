@@ -55,8 +55,7 @@ class Bench:
     def felt(self, seconds: float, *, or_byte: bool = False) -> None:
         self._run(min(seconds, 5e-4), or_byte=or_byte)
         edges = self.simulator.edges()
-        for edge in edges[self.seen :]:
-            pin, level = int(edge["pin"]), int(edge["level"])
+        for _, pin, level, _ in edges[self.seen :].tolist():
             if pin in DIRECTION_PINS:
                 self.backward[DIRECTION_PINS.index(pin)] = level
             elif pin in STEP_PINS and level:

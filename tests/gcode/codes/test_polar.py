@@ -84,7 +84,7 @@ ERRORS = {
     "of a cycle with increments": ("polar-at-origin", "G91 G81 ¦@5 ^30 Z-1 R1 F60"),
     "twice": ("word-repeated", "G0 @5 ¦@6"),
     "without a number": ("number-missing", "G0 ¦@ ^5"),
-    "without a motion code": ("motion-missing", "G0\nG80\n¦@5"),
+    "without a motion code": ("motion-missing", "G2 I5 F60\nG80\n¦@5"),
 }
 
 

@@ -52,7 +52,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "G88 standing": ("spindle-stopped", "M5\n¦G88 X4 Z-1 R1 P1"),
     "two levels": ("modal-conflict", "G98 ¦G99"),
     "two cycles": ("modal-conflict", "G81 ¦G82 X4 Z-1 R1 P1"),
-    "axis words after G80": ("motion-missing", "G81 X4 Z-1 R1\nG80\n¦X5"),
+    "axis words after G80": ("motion-missing", "G2 I5\nG81 X4 Z-1 R1\nG80\n¦X5"),
 }
 
 

@@ -61,7 +61,7 @@ class Reader:
         rules = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
         self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None)
-        self.interpreter.motion.may_assume = False  # a motion code came before
+        self.interpreter.motion.assumed.end()  # a motion code came before
         self.on_arrays = (
             PlainLines(self.interpreter, LineMachine(self.interpreter)) if fast else None
         )

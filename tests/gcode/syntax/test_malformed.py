@@ -109,8 +109,8 @@ CASES: dict[str, tuple[str, str]] = {
     "one P, two users": ("word-wanted-twice", "G4 ¦P1 G2 I5 F60"),
     "path and dwell": ("word-wanted-twice", "G64 ¦P1 G4"),
     # axis words
-    "axis words after G80": ("motion-missing", "G0 X1\nG80\n¦X2 Y1"),
-    "axis words with G80": ("motion-missing", "G80 ¦X1"),
+    "axis words after G80": ("motion-missing", "G2 I5 F60\nG80\n¦X2 Y1"),
+    "axis words with G80": ("motion-missing", "G2 I5 F60\nG80 ¦X1"),
     "axis words with a dwell": ("axis-words-unused", "G0 X1\nG4 P1 ¦X2"),
     "axis words with G92.1": ("axis-words-unused", "G0 X1\nG92.1 ¦X2"),
     "two users of axis words": ("axis-words-wanted-twice", "G92 X1 ¦G0"),

@@ -19,7 +19,7 @@ from tests.support.session.runs import run_with
 
 SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
 STEPS_PER_MM = 100
-QUICK = Homing(seek=20.0, latch=2.0, pull_off=0.5)
+QUICK = Homing(seek=20.0, latch=6.0, pull_off=0.5)
 
 
 def axis(travel: tuple[float, float], homing: Homing | None = QUICK, **changes: object) -> Axis:
@@ -61,8 +61,7 @@ class Bench:
     def felt(self, seconds: float, *, or_byte: bool = False) -> None:
         self._run(min(seconds, 5e-4), or_byte=or_byte)
         edges = self.simulator.edges()
-        for edge in edges[self.seen :]:
-            pin, level = int(edge["pin"]), int(edge["level"])
+        for _, pin, level, _ in edges[self.seen :].tolist():
             if pin in DIRECTION_PINS:
                 self.backward[DIRECTION_PINS.index(pin)] = level
             elif pin in STEP_PINS and level:

@@ -24,6 +24,10 @@ STEP_PINS = (2, 3, 4, 12)
 DIRECTION_PINS = (5, 6, 7, 13)
 ONE_MOVE = 8
 """Cycles within which edges are those of one grid move: the fourth axis has another port."""
+USB_LATENCY_S = 0.0005
+"""Time from the first byte to the delivery of all bytes that came until then: half of the least
+that USB serial adapters take.
+"""
 EDGE = np.dtype(
     [("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)]
 )
@@ -80,8 +84,9 @@ class Simulator:
             library.simulator_new(str(folder / "stepper.elf").encode(), baud)
         )
         assert self._board
-        self._edges = np.empty(0, EDGE)
+        self._edges, self._count = np.empty(0, EDGE), 0
         self._buffer = np.empty(MOST_EDGES, EDGE)
+        self._target = self._buffer.ctypes.data_as(ctypes.c_void_p)
         self._bytes = ctypes.create_string_buffer(65536)
 
     def close(self) -> None:
@@ -140,11 +145,13 @@ class Simulator:
 
     def edges(self) -> NDArray[np.void]:
         """Return all edges of the output pins so far: cycle, pin, level."""
-        while count := self._library.simulator_edges(
-            self._board, self._buffer.ctypes.data_as(ctypes.c_void_p), len(self._buffer)
-        ):
-            self._edges = np.concatenate((self._edges, self._buffer[:count]))
-        return self._edges
+        while count := self._library.simulator_edges(self._board, self._target, MOST_EDGES):
+            end = self._count + count
+            if end > len(self._edges):
+                self._edges = np.concatenate((self._edges, np.empty(2 * end, EDGE)))
+            self._edges[self._count : end] = self._buffer[:count]
+            self._count = end
+        return self._edges[: self._count]
 
     def moves(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
         """Return the grid moves of the pins: cycles (n,) of the rising edges and steps (n, axes).
@@ -184,6 +191,9 @@ class SimulatorPort:
         if not data and timeout > 0:
             self.board.run(timeout, or_byte=True)
             data = self.board.received()
+            if data:
+                self.board.run(min(timeout, USB_LATENCY_S))
+                data += self.board.received()
         return data
 
     def write(self, data: bytes) -> None:

@@ -1,0 +1,87 @@
+"""Homing rehearsed on the loopback board: rotary axes, gantries, and --home."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cnc.api import RunOptions, home, run
+from cnc.boards.loopback_switches import SwitchedLoopback
+from cnc.boards.registry import open_board
+from cnc.executor.squaring import Squared
+from cnc.machine.kinematics import Delta
+from cnc.machine.models import Machine
+from cnc.machine.motors import Motor
+from cnc.model.diagnostics import BoardError, UsageError
+from tests.support.boards.gantry_board import QUICK, axis
+from tests.support.kinematics import machine_of
+
+
+def machine(offset: float = 0.3, **rotary) -> Machine:
+    motors = (Motor(offset=0.0), Motor(offset=offset))
+    axes = {
+        "x": axis((0.0, 8.0)),
+        "y": axis((-2.0, 6.0), motors=motors),
+        "z": axis((-5.0, 1.0)),
+        "a": axis((-20.0, 10.0), QUICK.model_copy(update={"end": "high", "position": 5.0})),
+        "c": axis((-30.0, 30.0)),
+    }
+    return Machine(axes=axes | rotary)
+
+
+def test_gantries_and_rotary_axes_home_at_the_places_of_the_machine_file() -> None:
+    known, squared = machine(), list[Squared]()
+    board = open_board(known, kind="loopback", homes=True)
+    assert isinstance(board, SwitchedLoopback)
+    found = home(known, board=board, on_squared=squared.append)
+    assert found == {"x": 0.0, "y": -2.0, "z": 1.0, "a": 5.0, "c": -30.0}
+    # Both motors end as far from their switches, which are 0.3 mm apart.
+    assert board.motor_steps[1] == pytest.approx([-200, -200], abs=1)
+    assert [each.letter for each in squared] == ["y"]
+    # The machine stood at zero: each axis went where it stands now.
+    moved = [steps[0] for column, steps in enumerate(board.motor_steps) if column != 1]
+    assert moved == pytest.approx([0, 100, 500, -3000], abs=1)
+
+
+def test_a_difference_beyond_the_limit_is_an_error() -> None:
+    known = machine(offset=QUICK.squaring_limit + 0.5)
+    board = open_board(known, kind="loopback", homes=True)
+    assert isinstance(board, SwitchedLoopback)
+    # The switch of the second motor is not where the file says.
+    towards, at = board.places[1, 1]
+    board.places[1, 1] = towards, at - 600
+    with pytest.raises(BoardError) as caught:
+        home(known, ["y"], board=board)
+    assert caught.value.diagnostic.code == "homing-square"
+
+
+def test_a_program_runs_from_the_homed_position(tmp_path: Path) -> None:
+    file = tmp_path / "part.ngc"
+    file.write_text("G21 G90\nG1 X5 Y3 A-4 C20 F600\nM2\n")
+    report = run(file, machine(), RunOptions(home=True), board="loopback")
+    assert report.ok, report.faults
+    assert report.steps == {"x": 500, "y": 500, "z": 0, "a": 900, "c": 5000}
+
+
+def test_each_joint_of_a_delta_homes(tmp_path: Path) -> None:
+    known = machine_of("delta")
+    assert isinstance(known.kinematics, Delta)
+    joint = known.joints["a"].model_copy(update={"travel": (0.0, 300.0), "homing": QUICK})
+    known = known.model_copy(update={"joints": dict.fromkeys(("a", "b", "c"), joint)})
+    found = home(known, board="loopback")
+    height = (known.kinematics.rod**2 - known.kinematics.radius**2) ** 0.5
+    assert found["x"] == pytest.approx(0.0, abs=1e-9)
+    assert found["z"] == pytest.approx(-height)
+
+
+def test_axes_without_a_travel_have_no_switch() -> None:
+    bare = axis((0.0, 8.0)).model_copy(update={"travel": None})
+    with pytest.raises(UsageError) as caught:
+        home(machine(x=bare), board="loopback")
+    assert caught.value.diagnostic.code == "no-switches"
+    known = machine(c=bare)
+    assert home(known, board="loopback")["c"] == 0.0, "its position is assumed"
+    with pytest.raises(UsageError) as caught:
+        home(known, ["c"], board="loopback")
+    assert caught.value.diagnostic.code == "no-switch"
