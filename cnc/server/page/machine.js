@@ -300,35 +300,38 @@ const seconds = value => {
     : `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 };
 
+/** Show a text: one that stands already costs no layout, ten times a second. */
+const write = (place, text) => { if (place.textContent !== String(text)) place.textContent = text; };
+
 function showState(event) {
   state = event;
   const badge = element("state"), text = event.held ? `${event.state}: ${event.held}` : event.state;
-  if (badge.textContent !== text) badge.textContent = text;
+  write(badge, text);
   badge.dataset.state = event.state;
   element("operate").dataset.connected = event.state !== "disconnected";
   for (const kind of ["work", "machine"]) for (const letter of Object.keys(machine.axes)) {
-    element(`${kind}-${letter}`).textContent = shown(event[kind][letter]);
+    write(element(`${kind}-${letter}`), shown(event[kind][letter]));
   }
-  element("system-name").textContent = event.system;
+  write(element("system-name"), event.system);
   if (document.activeElement !== element("system")) element("system").value = event.system;
-  element("feed").textContent = event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`;
-  element("spindle").textContent = event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`;
-  element("tool").textContent = event.tool ?? "–";
-  element("line").textContent = event.line ? `${event.line}: ${event.text}` : "–";
-  element("left").textContent = seconds(event.left);
-  element("buffer").textContent = event.buffered ?? "–";
-  element("connection").querySelector("button").textContent = event.state === "disconnected" ? "Connect" : "Disconnect";
+  write(element("feed"), event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`);
+  write(element("spindle"), event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`);
+  write(element("tool"), event.tool ?? "–");
+  write(element("line"), event.line ? `${event.line}: ${event.text}` : "–");
+  write(element("left"), seconds(event.left));
+  write(element("buffer"), event.buffered ?? "–");
+  write(element("connect"), event.state === "disconnected" ? "Connect" : "Disconnect");
   for (const name of ["feed", "spindle"]) if (document.activeElement !== element(`${name}-override`)) {
     element(`${name}-override`).value = event.overrides[name];
-    element(`${name}-percent`).textContent = `${Math.round(event.overrides[name])} %`;
+    write(element(`${name}-percent`), `${Math.round(event.overrides[name])} %`);
   }
   if (document.activeElement !== element("rapid-override")) element("rapid-override").value = event.overrides.rapid;
   const lamps = Object.entries({...event.inputs, ...Object.fromEntries(Object.entries(event.homed).map(([letter, is]) => [`${letter.toUpperCase()} homed`, is]))});
   const list = element("lamps");
   if (list.children.length !== lamps.length) list.replaceChildren(...lamps.map(() => document.createElement("li")));
   for (const [k, [name, active]] of lamps.entries()) {
-    const item = list.children[k], words = `${name}: ${active ? "on" : "off"}`;
-    if (item.textContent !== words) item.textContent = words;
+    const item = list.children[k];
+    write(item, `${name}: ${active ? "on" : "off"}`);
     item.classList.toggle("active", active && !name.endsWith("homed"));
   }
 }

@@ -1,12 +1,4 @@
-"""The ends of a simulated machine: limit switches, and hard stops where a driver finds the end.
-
-                     machine zero, where the simulator begins
-    switch                  |
-    ──┤◄── pull_off ──┤ position ├──────────── travel ────────────►
-
-Each motor has its own end. It lies ``pull_off`` beyond the homed position, and at least that far
-from machine zero, so that nothing is pressed when the simulator begins.
-"""
+"""The ends of a simulated machine: limit switches, and hard stops where a driver finds the end."""
 
 from __future__ import annotations
 
@@ -15,8 +7,9 @@ from collections.abc import Callable
 from cnc.boards.klipper.layout import InputObject, LayoutBuilder, MotorObject, section
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.stall import HardStop
+from cnc.boards.loopback_switches import switch_places
 from cnc.machine.klipper import KlipperAxis, Pin
-from cnc.machine.models import Axis, Homing, Machine, switch_end
+from cnc.machine.models import Machine
 
 
 def add_ends(simulator: KlipperSimulator, machine: Machine) -> None:
@@ -25,26 +18,17 @@ def add_ends(simulator: KlipperSimulator, machine: Machine) -> None:
     Those of axes that no motor moves alone (a CoreXY) stay open.
     """
     layout = LayoutBuilder(machine, simulator.firmware.dictionary).build()
-    moved = machine.kinematics.axes
-    for column, (letter, axis) in enumerate(machine.axes.items()):
+    places, moved = switch_places(machine), machine.kinematics.axes
+    for column, letter in enumerate(machine.axes):
         pins = section(machine).axis(letter)
-        if pins is None or pins.endstop is None or axis.travel is None or letter in moved:
+        if pins is None or pins.endstop is None or letter in moved:
             continue
         motors = [each for each in layout.motors if each.column == column]
         for switch in layout.limits(column):
-            level = _level(simulator, pins, motors[switch.motor], switch, _end(letter, axis))
-            simulator.set_pin(Pin.of(pins.endstop[switch.motor]).name, level)
-
-
-def _end(letter: str, axis: Axis) -> tuple[int, int]:
-    """Return the direction (1 or -1) and the place, in steps, of the end of an axis."""
-    assert axis.travel is not None
-    homing = axis.homing or Homing()
-    towards, beyond = switch_end(letter, homing), homing.pull_off
-    near = axis.travel[1] if towards > 0 else axis.travel[0]
-    rest = near if homing.position is None else homing.position
-    place = max(towards * rest + beyond, beyond)
-    return towards, towards * round(place * axis.steps_per_mm)
+            if (column, switch.motor) in places:
+                end = places[column, switch.motor]
+                level = _level(simulator, pins, motors[switch.motor], switch, end)
+                simulator.set_pin(Pin.of(pins.endstop[switch.motor]).name, level)
 
 
 def _level(
@@ -52,9 +36,17 @@ def _level(
     pins: KlipperAxis,
     motor: MotorObject,
     switch: InputObject,
-    end: tuple[int, int],
+    end: tuple[int, float],
 ) -> Callable[[], int]:
-    """Return a function that gives the level of the switch of a motor."""
+    """Return a function that gives the level of the switch of a motor.
+
+    Args:
+        simulator: The board.
+        pins: Pins of the axis.
+        motor: The motor.
+        switch: Its switch.
+        end: Direction and place of the end, steps of the axis.
+    """
     towards, place = end
     sign = 1 if motor.forward else -1
     step = Pin.of(pins.step[motor.number]).name
@@ -64,7 +56,7 @@ def _level(
             model = simulator.uarts[simulator.pin(Pin.of(driver.uart).name)].drivers[driver.address]
         else:
             model = simulator.spi[simulator.pin(Pin.of(str(driver.select)).name)]
-        return HardStop(simulator, model, step, (sign * towards, sign * place)).diag
+        return HardStop(simulator, model, step, (sign * towards, sign * round(place))).diag
     number = simulator.pin(step)
 
     def level() -> int:
