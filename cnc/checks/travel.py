@@ -92,9 +92,11 @@ class TravelCheck:
                 line = int(chunk.line[piece])
                 if (line, axis) not in self._reported:
                     self._reported.add((line, axis))
-                    yield self._fault(
-                        chunk, line, axis, float(lo[piece, axis]), float(hi[piece, axis])
-                    )
+                    # A move of joints consists of several pieces.
+                    whole = (chunk.line == line) & (not self._repeats[axis])
+                    whole[piece] = True
+                    lowest, highest = lo[whole, axis].min(), hi[whole, axis].max()
+                    yield self._fault(chunk, line, axis, float(lowest), float(highest))
 
     def between(self, block: Block) -> None:
         """Take a block between the moves into account."""

@@ -122,7 +122,8 @@ class StateView:
             found,
             feed=found.feed if machine is None or machine.feed is None else machine.feed,
             tool=progress.tool,
-            line=progress.line,
+            # As in the text: what the board plays, not what it has taken.
+            line=progress.at or progress.line,
             text=progress.text,
             run_time=progress.time - (ahead or 0.0),
             left=progress.left,

@@ -44,6 +44,8 @@ def accepted_plan(
     limits = path.limits
     while True:
         known = path.intervals(limits, start, goal)
+        if v_start == 0.0:
+            known = open_at_start(known)
         status, phases = plan_to_rest(start, known, v_start, limits)
         if status != PLANNED:
             return status, phases, known
@@ -54,6 +56,22 @@ def accepted_plan(
         if not any(finer):
             status, phases = plan_to_rest(start, known, v_start, limits, refined=False)
             return status, phases, known
+
+
+def open_at_start(known: Intervals) -> Intervals:
+    """Return intervals that a motion from rest can cross.
+
+    A motion that rested in a stretch of constant speed has to speed up there. It keeps below the
+    speed of the stretch, so it jumps by less at the junction.
+    """
+    level = known.flat & (known.speed > 0.0)
+    if not level[0]:
+        return known
+    lead = len(level) if level.all() else int(np.argmin(level))
+    flat, top = known.flat.copy(), known.top.copy()
+    flat[:lead] = False
+    top[:lead] = np.minimum(top[:lead], known.speed[:lead])
+    return known._replace(flat=flat, top=top)
 
 
 def exceeding_sections(path: KnownPath, phases: Phases, known: Intervals) -> list[Section]:

@@ -148,20 +148,22 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
         legal, phases, rest = shortest_ramp(phases, rest, near, slowing.arrays)
         return (phases, rest) if legal and not exceeding_sections(path, phases, near) else None
 
+    options = []
     for ramp in first_ramps(plan, here):
         shortest = searched(*ramp)
         if shortest is not None and (found := stopped(*shortest)) is not None:
-            return found
-    by_clock = ramp_by_clock(plan, here, near, slowing.arrays)
-    if by_clock is None or (near.flat & (near.end < by_clock[1])).any():
-        return None
-    if exceeding_sections(path, by_clock[0], near):
-        return None
-    found = stopped(*by_clock)
-    shortest = searched(*by_clock)
-    if shortest is not None and shortest[0]["duration"].sum() < by_clock[0]["duration"].sum():
-        return stopped(*shortest) or found
-    return found
+            if not (np.diff(found.phases["v"]) > 0.0).any():
+                return found
+            # A ramp that speeds up again may be far from the shortest one.
+            options.append(found)
+            break
+    slow = ramp_by_clock(plan, here, near, slowing.arrays)
+    if slow is not None and not (near.flat & (near.end < slow[1])).any():
+        for phases, rest in (slow, searched(*slow) or slow):
+            if not exceeding_sections(path, phases, near):
+                found = stopped(phases, rest)
+                options += [] if found is None else [found]
+    return min(options, key=lambda option: float(option.phases["duration"].sum()), default=None)
 
 
 class _Search:

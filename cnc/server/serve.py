@@ -9,6 +9,7 @@ import secrets
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -138,9 +139,15 @@ def _hold_when_suspended(session: RemoteSession) -> None:
     if suspends is None or signal.getsignal(suspends) is signal.SIG_IGN:
         return
 
-    def suspend(*_: object) -> None:
+    def hold() -> None:
         with suppress(CncError, TimeoutError):
             session.ask(OperatorSession.hold).result(HOLD_TIME)
+
+    def suspend(*_: object) -> None:
+        # In a thread: this one may be inside a lock of the session.
+        holding = threading.Thread(target=hold, daemon=True)
+        holding.start()
+        holding.join(HOLD_TIME)
         os.kill(os.getpid(), signal.SIGSTOP)
 
     signal.signal(suspends, suspend)

@@ -294,7 +294,7 @@ class RestartPoint:
         """Yield the blocks from the present position to the begin of line N; see the drawing."""
         target, z, top = state.position, self._z, self._top
         self.approach = [np.array(start, np.float64)]
-        steps = [f"from line {self.line}:"]
+        steps = [f"from line {self.line}, in machine coordinates:"]
         moved = bool(state.touched.any())
         sync = state.settings.pop(("SpindleSync", 0), None)
         if isinstance(sync, SpindleSync) and sync.pitch:

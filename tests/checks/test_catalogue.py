@@ -18,10 +18,11 @@ COMPUTED = {"probe-contact", "switch-contact"}
 
 @cache
 def nodes() -> list[ast.AST]:
-    """Return all syntax nodes of the source."""
+    """Return the calls, assignments and functions of the source."""
     files = (ROOT / "cnc").rglob("*.py")
     trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
-    return [node for tree in trees for node in ast.walk(tree)]
+    read = ast.Call | ast.Assign | ast.AnnAssign | ast.FunctionDef
+    return [node for tree in trees for node in ast.walk(tree) if isinstance(node, read)]
 
 
 @cache

@@ -10,6 +10,7 @@ from cnc.gcode.dialects.recognition import recognise
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, End, Orient, Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, points, run
+from tests.support.gcode.offset_tools import table
 
 
 def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
@@ -274,6 +275,32 @@ def test_a_move_after_g80_is_that_before_the_cycle(
     found = [each.code for each in warnings(program, dialect)]
     assert found == (["motion-assumed"] if dialect == "auto" else [])
     assert error_of(program, dialect="linuxcnc").code == "motion-missing"
+
+
+def test_an_h_word_waits_for_g43() -> None:
+    """H is modal: G43 uses the last one. H alone under an offset in effect would move the tool."""
+    for dialect in ("fanuc", "haas"):
+        for lines in ("T2 H2\nM6\nG43 G0 Z1.", "G43 H1\nG49\nH2\nG0 X1.\nG43 Z1."):
+            blocks = run(lines, dialect=dialect, tools=table())
+            last = [block for block in blocks if isinstance(block, Polyline)][-1]
+            assert last.points[-1, 2] == 101.0, lines
+        found = error_of("G43 H1\nT2 H2", dialect=dialect, tools=table())
+        assert found.code == "word-unused"
+    assert error_of("T2 H2", dialect="linuxcnc").code == "word-unused"
+
+
+def test_one_way_positioning_is_a_traverse_with_a_note() -> None:
+    program = "G0 X9.\nG60 X1.\nX2."
+    assert points(program, "fanuc") == points(program.replace("G60 ", ""), "fanuc")
+    assert [each.code for each in warnings(program, "fanuc")] == ["code-not-needed"]
+    assert error_of(program, dialect="auto").code == "code-not-supported"
+
+
+def test_haas_mirrors_about_the_work_zero() -> None:
+    program = "G10 L2 P1 X100.\nG101 X0\nG0 X5. Y1.\nG100 X0\nX5."
+    assert [point[:2] for point in points(program, "haas")] == [(95.0, 1.0), (105.0, 1.0)]
+    assert error_of("G101 X5.", dialect="haas").code == "code-not-supported"
+    assert error_of("G101", dialect="haas").code == "axis-words-missing"
 
 
 def test_a_move_after_g80_is_reported_once() -> None:

@@ -240,6 +240,18 @@ def test_travel_is_that_of_the_joints_on_a_bulge(tmp_path: Path) -> None:
     ]
 
 
+def test_the_farthest_place_of_a_move_is_named(tmp_path: Path) -> None:
+    machine = placed(five_axis_machine("xyzac"), tmp_path)
+    a = machine.axes["a"].model_copy(update={"travel": (-110.0, 30.0)})
+    machine = machine.model_copy(update={"axes": machine.axes | {"a": a}})
+    file = tmp_path / "part.nc"
+    file.write_text("G21 G90\nG43.4 H1\nG1 X0. Y5. A-150. F1000.\nM30\n")
+    report = check(file, machine, RunOptions(dialect="fanuc"))
+    found = [each.diagnostic for each in report.faults if "A" in each.diagnostic.message]
+    assert [each.line for each in found] == [3]
+    assert found[0].message.startswith("A would reach -150 degrees")
+
+
 def test_the_shipped_program_cuts_a_cone(tmp_path: Path) -> None:
     trace = tmp_path / "trace.npz"
     program = ROOT / "programs" / "five-axis" / "cone.nc"

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 
 from cnc.kernels.planner.phases import PHASE
+from cnc.model.blocks import PathMode
 from cnc.model.diagnostics import MotionLimitError
+from cnc.planner.acceptance import accepted_plan
 from cnc.planner.intervals import REFINED, intervals_of
+from cnc.planner.known_path import KnownPath
+from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length
 from tests.support.planner.hairpins import duration
+from tests.support.planner.motions import arc, lines, machine, path_of
 from tests.support.soak import share
 
 WRONG = 0.95
@@ -51,6 +56,24 @@ def test_a_plan_is_not_refined_where_no_intervals_are_finer(seed, request, monke
     request.getfixturevalue("wrong_samples")
     monkeypatch.setattr("cnc.planner.section.FINEST", 0.0)
     assert duration(seed) > 1.05 * usual
+
+
+def test_a_motion_that_rested_beside_a_junction_speeds_up_in_finite_time():
+    """Beside the junction of a line and an arc the speed has to be constant: no motion begins."""
+    blocks = [PathMode("", 1, "exact-path"), lines([[10.0, 0.0, 0.0]])]
+    blocks.append(arc((10.0, 0.0, 0.0), (10.0, 1.0), 0.5))
+    limits = Limits.of(machine(axis=(1000.0, 10_000.0)))
+    path = KnownPath(limits)
+    (chunk,) = path_of(blocks)
+    path.add(chunk, None, None)
+    known = path.intervals(limits, 0.0, float(chunk.length.sum()))
+    level = np.flatnonzero(known.flat & (known.speed > 0.0))
+    start = float(known.end[level[0]]) - 1e-6
+    goal, _ = path.goal(start)
+    _, phases, _ = accepted_plan(path, start, goal, 0.0)
+    seconds = float(phases["duration"].sum())
+    _, later, _ = accepted_plan(path, float(known.end[level[-1]]) + 1e-6, goal, 0.0)
+    assert seconds < 1.2 * float(later["duration"].sum())
 
 
 @pytest.mark.parametrize(("place", "before"), [(1.0, 1), (1.0 + 1e-13, 1), (1.0 - 1e-12, 1)])

@@ -73,6 +73,16 @@ CHROMIUM = [
 ]
 
 
+AXE_OF_DIALOG = """async id => {
+  const place = document.getElementById(id);
+  if (id !== "key-map") document.getElementById(`${id}-text`).textContent = "what the dialog asks";
+  place.showModal();
+  const {violations} = await axe.run(`#${id}`, {resultTypes: ["violations"]});
+  place.close();
+  return violations.map(({id, impact, nodes}) => [id, impact, nodes[0].failureSummary]);
+}"""
+
+
 @pytest.fixture(scope="module")
 def browser():
     program = shutil.which("chromium")
@@ -216,6 +226,18 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     expect(page.locator("#work-x")).to_have_text("0.000")
     expect(page.locator("#work-y")).to_have_text("0.000")
     assert page.inner_text("#machine-x") == machine_x
+    # A value: Enter sets it, Escape does not.
+    value = page.get_by_role("button", name="Set X to a value")
+    for key, number in (("Enter", "7.5"), ("Escape", "2")):
+        value.click()
+        page.fill("#entry-value", number)
+        page.press("#entry-value", key)
+        expect(value).to_be_focused()
+        expect(page.locator("#work-x")).to_have_text("7.500")
+    page.get_by_role("button", name="Halve X").click()
+    expect(page.locator("#work-x")).to_have_text("3.750")
+    page.click("#zero-all")
+    expect(page.locator("#work-x")).to_have_text("0.000")
     # Z by touch-off with a plate: the tool rests 2 mm above it.
     page.get_by_text("Probing", exact=True).click()
     cycle = page.locator("#cycles form").filter(has=page.get_by_text("Run probe_z"))
@@ -247,6 +269,9 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.click("#run")
     expect(page.locator("#question")).to_be_visible()
     expect(page.locator("#question-text")).to_contain_text("ball end mill")
+    # A key that was meant for a hold must not confirm.
+    page.keyboard.press(" ")
+    expect(page.locator("#question-text")).to_be_focused()
     page.click("#yes")
     expect(page.locator("#question")).not_to_be_visible()
     expect(page.locator("#state")).to_have_text("running")
@@ -277,6 +302,8 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     expect(rows).to_have_count(2)
     expect(rows.nth(0)).to_contain_text("done")
     expect(rows.nth(1)).to_contain_text("stopped")
+    page.get_by_role("button", name="Log of plate.nc").click()
+    expect(page.locator("#log")).to_contain_text("end: done")
 
 
 def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address, port):
@@ -298,12 +325,13 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")
-    # A question covers STOP, and its own button stops as well.
     upload(page, "tools.nc", "T2 M6\nG0 X1\n")
     expect(page.locator("#outcome")).to_contain_text("checked")
     page.click("#run")
     expect(phone.locator("#question-text")).to_contain_text("tool 2")
-    phone.locator("#no").tap()
+    # STOP, which the dialog covers, has its effect all the same.
+    place = phone.locator("#stop").bounding_box()
+    phone.mouse.click(place["x"] + 9, place["y"] + 9)
     expect(page.locator("#outcome")).to_contain_text("stopped")
     expect(phone.locator("#question")).not_to_be_visible()
     context.close()
@@ -347,5 +375,8 @@ def test_the_page_is_accessible(browser, address, width, theme, parts):
             found = opened.evaluate('axe.run({resultTypes: ["violations"]})')["violations"]
             grave = [each for each in found if each["impact"] in ("serious", "critical")]
             assert [(each["id"], each["nodes"][0]["failureSummary"]) for each in grave] == []
+        for dialog in ("question", "entry", "key-map"):
+            found = opened.evaluate(AXE_OF_DIALOG, dialog)
+            assert [each for each in found if each[1] in ("serious", "critical")] == []
         opened.click("#theme")
     context.close()

@@ -141,7 +141,7 @@ def test_an_interrupted_run_continues_at_its_checkpoint(
     made = simulator.moves()[1]
     assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
     assert (made[before, :2] == 0).all() and made[before, 2] == 1, "up before anything else"
-    assert reported[0] == f"from line {found['line']}:"
+    assert reported[0] == f"from line {found['line']}, in machine coordinates:"
     assert any("spindle cw" in line for line in reported)
     assert not Path(f"{program}.checkpoint").exists(), "it came to its end"
     assert not second.warnings

@@ -10,7 +10,7 @@ from cnc.boards.errors import board_error
 from cnc.boards.klipper.clock import BoardClock
 from cnc.boards.klipper.protocol.dictionary import IDENTIFY_RESPONSE_ID, Dictionary, Message, Value
 from cnc.boards.klipper.protocol.errors import LocalError, ProtocolError, RemoteError, WireError
-from cnc.boards.klipper.protocol.link import KlipperLink
+from cnc.boards.klipper.protocol.link import STANDSTILL_S, KlipperLink
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
 from cnc.model.diagnostics import BoardError
@@ -135,6 +135,8 @@ class Connection:
     ) -> Message:
         """Return the answer to a question; it is repeated while none comes.
 
+        Time in which this process stood still does not count: the answer may wait to be read.
+
         Args:
             command: The question.
             response: Name of its answer. An ``oid`` in the answer must be that of the question.
@@ -146,13 +148,16 @@ class Connection:
         """
         began = asked = self.clock.now()
         self.send(command, **values)
+        now = began
         while True:
             for message in pump(POLL_S):
                 if message.name == response and (
                     "oid" not in values or message.values.get("oid") == values["oid"]
                 ):
                     return message
-            now = self.clock.now()
+            before, now = now, self.clock.now()
+            if now - before > STANDSTILL_S:
+                began += now - before
             if now - began > ANSWER_TIMEOUT_S:
                 raise self.silent()
             if now - asked > ANSWER_S and self.link.idle:

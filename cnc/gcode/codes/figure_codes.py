@@ -157,6 +157,9 @@ class FigureCodes:
         if on and not values:
             message = f"{at.written} needs axis words"
             raise fault("axis-words-missing", message, at, "such as G51.1 X0")
+        if on and "51" not in at.written and any(values.values()):
+            message = f"{at.written} mirrors about the work zero, so its numbers are 0"
+            raise fault("code-not-supported", message, at, "use G51.1 for another line")
         factors, fixed = list(figure.factors), list(figure.fixed)
         for index in values or range(len(factors)):
             factors[index] = -1.0 if on else 1.0

@@ -47,6 +47,7 @@ class ToolCodes:
         self._zero_reported = False
         self.turret_offset = 0
         self._last_h = 0
+        self._length_on = False
         self.state = state
         self.motion = motion
         self._coordinates = motion.coordinates
@@ -67,6 +68,7 @@ class ToolCodes:
     def tool_length(self, words: LineWords, code: Code) -> None:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.number
+        self._length_on = number != G.G49
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
         if self.motion.compensated:
@@ -99,6 +101,15 @@ class ToolCodes:
         stays = G.G43_4 not in self._dialect.g and self._tip.active
         on = stays or number in (G.G43_4, G.G43_5)
         self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
+
+    def keep_length(self, words: LineWords) -> None:
+        """Keep the H of a line without G43 or G44 for a later one, as FANUC does.
+
+        An H while an offset is in effect is left in the line: the tool would move by it.
+        """
+        keeps = self._dialect.offset_memory and not self._dialect.lathe and not self._length_on
+        if keeps and "H" in words.rest:
+            self._last_h = whole(words.rest.pop("H"), "the offset number", 0, MAX_TOOL)
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":

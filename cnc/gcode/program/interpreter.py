@@ -301,6 +301,7 @@ class Interpreter:
             self._in_order(words, codes)
         if words.rest:
             self.compensation_codes.keep_offset(words)
+            self.tool_codes.keep_length(words)
         if words.rest and not (self.dialect.lenient and take_idle(words, self.modal, self.here)):
             raise unused(words, self.modal)
         if extra:

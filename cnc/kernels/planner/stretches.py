@@ -110,13 +110,28 @@ def ramp_beside(phases: Phases, i: int, direction: int) -> float:
 
 
 @njit
+def slows_again(rows: Phases, r: int, last: int) -> float:
+    """Return the duration, s, of the ramp that begins to slow behind row ``r``; 0 without one.
+
+    Row ``r`` ends a deceleration.
+    """
+    behind = r + 1
+    while behind < last and rows[behind]["j"] == 0.0 and rows[behind]["a"] == 0.0:
+        behind += 1
+    if behind < last and rows[behind]["a"] == 0.0 and rows[behind]["j"] < 0.0:
+        return float(rows[behind]["duration"])
+    return 0.0
+
+
+@njit
 def possible_gain(
     rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits
 ) -> float:
     """Return an estimate of the time that refinement can save on the rows [first, last), s.
 
     A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is below
-    the limits that would hold on a straight path.
+    the limits that would hold on a straight path. So can one that ends its deceleration below the
+    speed bounds, where the motion decelerates again behind it.
     """
     end, top, samples = known.end, known.top, known.samples
     axes = samples.shape[3]
@@ -140,6 +155,11 @@ def possible_gain(
             k += 1
         if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or (j > 0.0 and v > 0.0 and r > first)):
             total += row["duration"] * (1.0 - v / lowest)
+        if a < 0.0 < j:
+            reached = v + row["duration"] * 0.5 * a
+            if reached < FASTEST * lowest:
+                both = min(row["duration"], slows_again(rows, r, last))
+                total += both * (1.0 - reached / lowest)
         if j != 0.0 and abs(j) < STEEPEST * highest:
             total += row["duration"] * (1.0 - (abs(j) / highest) ** (1.0 / 3.0))
         if j == 0.0 and a != 0.0 and abs(a) < STEEPEST * highest:

@@ -1,13 +1,15 @@
 // Jobs: library, upload, check with findings, program text, run.
 
 import {attempt, get, on, post, put, remove} from "./api.js";
+import {askYes} from "./asking.js";
 import * as heights from "./heights.js";
-import {say} from "./machine.js";
+import {say, worded} from "./machine.js";
 import * as picture from "./picture.js";
 
 const element = id => document.getElementById(id);
 const WINDOW = 500;  // lines that are fetched at a time
 const ROW = 19;      // px, height of a line of text
+const TALLEST = 8e6; // px; browsers end an element of more than 17 million
 
 let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
 
@@ -24,7 +26,8 @@ export async function begin() {
   on("job-cut", event => { if (event.name === job) attempt(() => showCut(event)); });
   element("run").addEventListener("click", run);
   element("remove").addEventListener("click", () => {
-    if (job !== null && confirm(`Remove ${job} from the library?`)) attempt(() => remove(path()));
+    const mine = job;
+    if (mine !== null) askYes(`Remove ${mine} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
   });
   element("text").addEventListener("scroll", showText);
   on("jobs", () => attempt(list));
@@ -77,7 +80,7 @@ async function open(name) {
     if (about.check !== null) await showCheck(about.check);
     else await check();
   });
-  element("lines").style.height = `${total * ROW}px`;
+  element("lines").style.height = `${Math.min(total * ROW, TALLEST)}px`;
   element("text").scrollTop = 0;
   showText();
 }
@@ -137,7 +140,7 @@ function showFindings(findings) {
     go.type = "button";
     go.className = finding.severity;
     go.textContent = `${finding.line ? `line ${finding.line}: ` : ""}${finding.severity} ${finding.code}: ${finding.message}`;
-    go.title = finding.hint ?? "";
+    go.title = worded(finding.hint ?? "");
     go.addEventListener("click", () => { if (finding.line) follow(finding.line); });
     if (finding.line) found.set(finding.line, finding);
     item.append(go);
@@ -190,10 +193,16 @@ function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line
   say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done"});
 }
 
+/** Return px of the whole text for each px of the scroll bar: more than 1 for a text that is taller than an element can be. */
+function pace() {
+  const view = element("text").clientHeight;
+  return Math.max((total * ROW - view) / (Math.min(total * ROW, TALLEST) - view), 1) || 1;
+}
+
 /** Scroll to a line. */
 function follow(line) {
-  const place = element("text"), top = (line - 1) * ROW;
-  if (top < place.scrollTop || top > place.scrollTop + place.clientHeight - 2 * ROW) place.scrollTop = top - place.clientHeight / 3;
+  const place = element("text"), top = (line - 1) * ROW, above = place.scrollTop * pace();
+  if (top < above || top > above + place.clientHeight - 2 * ROW) place.scrollTop = (top - place.clientHeight / 3) / pace();
 }
 
 function showText() {
@@ -201,11 +210,11 @@ function showText() {
     element("lines").replaceChildren();
     return;
   }
-  const place = element("text"), first = Math.max(Math.floor(place.scrollTop / ROW) - 5, 0), last = Math.min(first + Math.ceil(place.clientHeight / ROW) + 10, total);
+  const place = element("text"), above = place.scrollTop * pace(), first = Math.max(Math.floor(above / ROW) - 5, 0), last = Math.min(first + Math.ceil(place.clientHeight / ROW) + 10, total);
   const rows = [];
   for (let index = first; index < last; index++) {
     const text = line(index), row = document.createElement("li");
-    row.style.top = `${index * ROW}px`;
+    row.style.top = `${place.scrollTop + index * ROW - above}px`;
     row.textContent = `${String(index + 1).padStart(6)}  ${text ?? ""}`;
     if (index + 1 === now) {
       row.className = "now";

@@ -1,6 +1,7 @@
 // The machine: position, connection, jog, zero, overrides, hold and stop, dialogs.
 
 import {attempt, get, giveControl, inControl, on, post, takeControl, tell} from "./api.js";
+import {askNumber} from "./asking.js";
 
 const element = id => document.getElementById(id);
 const STEPS = [["continuous", 0], ["0.01", 0.01], ["0.1", 0.1], ["1", 1], ["10", 10], ["50", 50]];
@@ -24,8 +25,13 @@ export function say(text, {isNote = false} = {}) {
   const place = element("message");
   place.hidden = !text;
   place.className = isNote ? "note" : "";
-  place.textContent = text;
+  place.textContent = worded(text);
 }
+
+/** Return a text of the server in the words of the page instead of the command line's. */
+export const worded = text => text.replace(/--from-line (\d+)/g, "\u201cFrom line\u201d $1").replace(/--trust-position/g, "\u201ctrust the position\u201d")
+  .replace(/--home(?= |,|$)/gm, "\u201chome first\u201d").replace(/, or cncrun home\b/g, "").replace(/, cncrun home alone\b/g, ", the button Home alone")
+  .replace(/--height-map\b/g, "a height map").replace(/--stock /g, "the stock ");
 
 export async function begin() {
   machine = await get("machine");
@@ -78,8 +84,7 @@ function makeReadout() {
       button("0", `Zero ${letter.toUpperCase()} here`, () => zero({[letter]: 0})),
       button("½", `Halve ${letter.toUpperCase()}`, () => zero({[letter]: 0}, true)),
       button("=", `Set ${letter.toUpperCase()} to a value`, () => {
-        const value = Number(prompt(`Work position of ${letter.toUpperCase()} here, ${unit}`, "0"));
-        if (Number.isFinite(value)) zero({[letter]: value});
+        askNumber(`Work position of ${letter.toUpperCase()} here`, unit).then(value => { if (value !== null) zero({[letter]: value}); });
       }),
     );
   }
@@ -176,7 +181,8 @@ function makeKeys() {
     row.append(head);
     row.insertCell().textContent = text;
   }
-  const typing = target => target.closest("input, select, textarea, button, summary, [tabindex], dialog") !== null;
+  const typing = target => target.closest("input, select, textarea, [tabindex], dialog") !== null;
+  const pressed = target => target.closest("button, summary, a") !== null;  // The space bar is theirs.
   addEventListener("keydown", event => {
     if (event.key === "Escape" && !document.querySelector("dialog[open]")) {
       tell({stop: true});
@@ -188,7 +194,7 @@ function makeKeys() {
     if (found) {
       event.preventDefault();
       if (!event.repeat) press(found[1], event.shiftKey ? 1e6 : 1);
-    } else if (event.key === " ") {
+    } else if (event.key === " " && !pressed(event.target)) {
       event.preventDefault();
       attempt(() => post("hold"));
     } else if (event.key === "?") element("key-map").showModal();
@@ -199,23 +205,28 @@ function makeKeys() {
   addEventListener("gamepadconnected", () => requestAnimationFrame(readPad));
 }
 
-let padActive = false;
+let padActive = "";  // the directions of the jog of the gamepad
 
 /** Read the gamepad. A shoulder button must be held; its release ends the jog. */
 function readPad() {
   const pad = [...navigator.getGamepads()].find(Boolean);
   if (!pad) {
     if (padActive) release();
-    padActive = false;
+    padActive = "";
     return;
   }
   const held = pad.buttons[4]?.pressed || pad.buttons[5]?.pressed, dead = 0.25;
   const [x, y, z] = [pad.axes[0] ?? 0, -(pad.axes[1] ?? 0), -(pad.axes[3] ?? 0)].map(each => Math.abs(each) > dead ? each : 0);
   const directions = Object.fromEntries([["x", x], ["y", y], ["z", z]].filter(([letter, value]) => value && letter in machine.axes));
-  const moves = held && Object.keys(directions).length > 0;
-  if (moves && !padActive) press(directions);
-  else if (!moves && padActive) release();
-  padActive = moves;
+  const signs = held ? Object.entries(directions).map(([letter, value]) => letter + Math.sign(value)).join() : "";
+  // Another direction begins when the machine is at rest: it never goes where the stick no longer points.
+  if (padActive && signs !== padActive) {
+    release();
+    padActive = "";
+  } else if (signs && !padActive && jog === null && state.state !== "jogging") {
+    press(directions);
+    padActive = signs;
+  }
   requestAnimationFrame(readPad);
 }
 
@@ -244,6 +255,16 @@ function buttons() {
   // The dialog covers STOP, and a client that watches may stop, too.
   element("no").addEventListener("click", stop);
   element("question").addEventListener("cancel", event => event.preventDefault());
+  // A dialog covers the button, not its effect: a press where STOP stands stops.
+  for (const place of document.querySelectorAll("dialog")) place.addEventListener("pointerdown", event => {
+    const {left, right, top, bottom} = element("stop").getBoundingClientRect();
+    if (event.target === place && event.clientX >= left && event.clientX <= right && event.clientY >= top && event.clientY <= bottom) stop();
+  });
+  element("question").addEventListener("keydown", event => {
+    if (event.key !== "Escape") return;
+    event.preventDefault();
+    stop();
+  });
 }
 
 function stop() {
@@ -255,9 +276,15 @@ function stop() {
 function ask(dialog) {
   const place = element("question");
   place.dataset.id = dialog.id;
-  element("question-text").textContent = dialog.text;
-  element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: each})));
+  place.dataset.kind = dialog.kind;
+  element("question-text").textContent = worded(dialog.text);
+  element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(each)})));
+  // The text has the focus: a key that was meant for something else must not confirm.
   if (!place.open) place.showModal();
+  // The moves to the line are drawn: the picture is to be seen beside the question.
+  if (dialog.kind !== "restart") return;
+  document.querySelector('nav button[data-part="picture"]').click();
+  element("space").scrollIntoView({block: "start"});
 }
 
 function showHolder(holder) {
@@ -273,34 +300,38 @@ const seconds = value => {
     : `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 };
 
+/** Show a text: one that stands already costs no layout, ten times a second. */
+const write = (place, text) => { if (place.textContent !== String(text)) place.textContent = text; };
+
 function showState(event) {
   state = event;
   const badge = element("state"), text = event.held ? `${event.state}: ${event.held}` : event.state;
-  if (badge.textContent !== text) badge.textContent = text;
+  write(badge, text);
   badge.dataset.state = event.state;
+  element("operate").dataset.connected = event.state !== "disconnected";
   for (const kind of ["work", "machine"]) for (const letter of Object.keys(machine.axes)) {
-    element(`${kind}-${letter}`).textContent = shown(event[kind][letter]);
+    write(element(`${kind}-${letter}`), shown(event[kind][letter]));
   }
-  element("system-name").textContent = event.system;
+  write(element("system-name"), event.system);
   if (document.activeElement !== element("system")) element("system").value = event.system;
-  element("feed").textContent = event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`;
-  element("spindle").textContent = event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`;
-  element("tool").textContent = event.tool ?? "–";
-  element("line").textContent = event.line ? `${event.line}: ${event.text}` : "–";
-  element("left").textContent = seconds(event.left);
-  element("buffer").textContent = event.buffered ?? "–";
-  element("connection").querySelector("button").textContent = event.state === "disconnected" ? "Connect" : "Disconnect";
+  write(element("feed"), event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`);
+  write(element("spindle"), event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`);
+  write(element("tool"), event.tool ?? "–");
+  write(element("line"), event.line ? `${event.line}: ${event.text}` : "–");
+  write(element("left"), seconds(event.left));
+  write(element("buffer"), event.buffered ?? "–");
+  write(element("connect"), event.state === "disconnected" ? "Connect" : "Disconnect");
   for (const name of ["feed", "spindle"]) if (document.activeElement !== element(`${name}-override`)) {
     element(`${name}-override`).value = event.overrides[name];
-    element(`${name}-percent`).textContent = `${Math.round(event.overrides[name])} %`;
+    write(element(`${name}-percent`), `${Math.round(event.overrides[name])} %`);
   }
   if (document.activeElement !== element("rapid-override")) element("rapid-override").value = event.overrides.rapid;
   const lamps = Object.entries({...event.inputs, ...Object.fromEntries(Object.entries(event.homed).map(([letter, is]) => [`${letter.toUpperCase()} homed`, is]))});
   const list = element("lamps");
   if (list.children.length !== lamps.length) list.replaceChildren(...lamps.map(() => document.createElement("li")));
   for (const [k, [name, active]] of lamps.entries()) {
-    const item = list.children[k], words = `${name}: ${active ? "on" : "off"}`;
-    if (item.textContent !== words) item.textContent = words;
+    const item = list.children[k];
+    write(item, `${name}: ${active ? "on" : "off"}`);
     item.classList.toggle("active", active && !name.endsWith("homed"));
   }
 }

@@ -1,6 +1,7 @@
 // MDI, console, probing, macros, settings of the board, history.
 
 import {attempt, get, on, post, put} from "./api.js";
+import {say} from "./machine.js";
 
 const element = id => document.getElementById(id);
 const KEPT = 2000;  // lines of the console
@@ -91,16 +92,29 @@ async function showSettings() {
   body.replaceChildren();
   for (const {number, value, name, unit, machine_file: wanted} of settings) {
     const row = body.insertRow(), field = Object.assign(document.createElement("input"), {value, size: 9});
+    const implied = document.createElement("td"), written = document.createElement("td");
+    written.setAttribute("role", "status");
     field.setAttribute("aria-label", `$${number} ${name}`);
     field.addEventListener("change", async () => {
-      const done = await attempt(() => put(`settings/${number}`, {value: field.value}));
-      if (done === null) showSettings();
+      written.textContent = "";
+      if (!/^-?\d{1,10}(\.\d{1,6})?$/.test(field.value.trim())) {
+        say(`${field.value} is no value of a setting\ngive a number, such as 250 or 0.010`);
+        return;
+      }
+      const done = await attempt(() => put(`settings/${number}`, {value: field.value.trim()}));
+      // The server has read the setting back from the board; it is shown as the board has it.
+      const now = await attempt(() => get("settings")), mine = now?.find(each => each.number === number);
+      if (!mine) return;
+      field.value = mine.value;
+      implied.textContent = mine.machine_file ?? "";
+      written.textContent = done === null ? "refused" : "verified";
     });
     row.insertCell().textContent = `$${number}`;
     row.insertCell().textContent = name;
     row.insertCell().append(field);
     row.insertCell().textContent = unit;
-    row.insertCell().textContent = wanted ?? "";
+    implied.textContent = wanted ?? "";
+    row.append(implied, written);
   }
 }
 
@@ -108,10 +122,24 @@ async function showHistory() {
   if (!element("history-part").open) return;
   const runs = await attempt(() => get("history"));
   if (runs === null) return;
-  const body = element("history").tBodies[0];
+  const body = element("history").tBodies[0], logged = new Set();
   body.replaceChildren();
-  for (const {job, began, outcome, seconds} of runs) {
+  for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
     for (const text of [when.toLocaleString(), job, outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
+    row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
+    const cell = row.insertCell();
+    // The library keeps the log of the last run of each job.
+    if (logged.has(job)) continue;
+    logged.add(job);
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Log"});
+    made.setAttribute("aria-label", `Log of ${job}`);
+    made.addEventListener("click", () => attempt(async () => {
+      const {text} = await get(`jobs/${encodeURIComponent(job)}/log`);
+      element("log").hidden = false;
+      element("log").textContent = text;
+      element("log").focus();
+    }));
+    cell.append(made);
   }
 }

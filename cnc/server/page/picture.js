@@ -15,6 +15,7 @@ const MOST_REPORTS = 20000;
 const LEFT = 46, BOTTOM = 16, TOP = 6;
 
 let whole = false;  // whether the picture is that of the plan
+let unseen = true;  // whether the view is still to be fitted: a hidden canvas has no size
 let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [];
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -75,7 +76,7 @@ export async function show(found, name, {isWhole = true} = {}) {
   scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
   if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
   else element("picture-note").textContent = about.facts;
-  scene.look("3d");
+  unseen = true;
   redraw();
 }
 
@@ -86,7 +87,7 @@ export async function showPart(found, name) {
   scene.shown = [...edges(model.about.travel, model.strokes.origin, "travel"), ...edges(found.box, model.strokes.origin, "stock")];
   scene.prepare();
   part = new Part(scene.gl, surface);
-  scene.look("3d");
+  unseen = true;
   redraw();
 }
 
@@ -126,6 +127,8 @@ const visible = () => JSON.stringify([state?.machine, runs() && state.run_time])
 
 function draw() {
   if (!scene?.gl || !element("space").clientWidth) return;
+  if (unseen) scene.look("3d");
+  unseen = false;
   const {origin} = model.strokes, dark = document.documentElement.dataset.theme === "dark";
   const at = state?.machine ?? {}, place = ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]);
   scene.choose(place.some(Number.isNaN) ? null : tool(place));

@@ -123,3 +123,23 @@ def test_shutdown_while_the_position_is_read(reason: str, answers: int) -> None:
         assert "the machine is at" in fault.diagnostic.message
         assert driver.known_steps == (None, None, None)
         assert simulator.reason == ""
+
+
+def test_an_answer_is_awaited_through_a_standstill_of_the_process() -> None:
+    """The system stops the process for seconds before it reads the answer."""
+    known = machine()
+    with board(known) as (driver, simulator):
+        port = driver._supervisor.connection.port.port
+        read, stopped = port.read, []
+
+        def late(timeout: float) -> bytes:
+            if stopped:
+                return bytes(read(timeout))
+            stopped.append(simulator.now)
+            simulator.advance(simulator.now + 2.0)
+            return b""
+
+        port.read = late  # type: ignore[method-assign]
+        counts = driver._supervisor.read_positions()
+        assert simulator.now > stopped[0] + 2.0
+        assert driver._position.counts(counts) == place(known, simulator)

@@ -7,7 +7,7 @@ geometry is random. All programs are our own.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from tests.support.corpus import hobby, industrial, shops
 
@@ -19,8 +19,8 @@ EXPECTED: dict[str, str] = industrial.EXPECTED | hobby.EXPECTED | shops.EXPECTED
 """The dialect in which each style must be read."""
 
 
-def programs(each: int) -> Iterator[tuple[str, int, str]]:
-    """Yield style, seed and text of ``each`` programs of every style."""
-    for style, make in STYLES.items():
+def programs(each: int, styles: Iterable[str] = STYLES) -> Iterator[tuple[str, int, str]]:
+    """Yield style, seed and text of ``each`` programs of every style, or of some styles."""
+    for style in styles:
         for seed in range(each):
-            yield style, seed, make(random.Random(f"{style} {seed}"))
+            yield style, seed, STYLES[style](random.Random(f"{style} {seed}"))

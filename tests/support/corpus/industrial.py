@@ -133,7 +133,7 @@ def fanuc_figures(rng: random.Random) -> str:
     """A hand-written program with rotation, mirroring, scaling, polar holes and subprograms."""
     angle = rng.randint(10, 80)
     return f"""%
-O{rng.randint(100, 999)}
+O{rng.randint(300, 999)}
 G21 G90 G17 G40 G49 G80 G69 G50 G15
 T2 M6
 S1500 M3

@@ -7,6 +7,7 @@ import os
 import sys
 
 from cnc.boards.klipper.simulator.board import simulator_for, with_pins
+from cnc.boards.klipper.simulator.ends import add_ends
 from cnc.boards.klipper.simulator.firmware import FIRMWARES
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.pty_server import PtyServer
@@ -28,7 +29,9 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.mcu is not None:
         simulator = KlipperSimulator(FIRMWARES[chosen.mcu])
     else:
-        simulator = simulator_for(with_pins(load_machine(chosen.machine)))
+        machine = with_pins(load_machine(chosen.machine))
+        simulator = simulator_for(machine)
+        add_ends(simulator, machine)
     with PtyServer(simulator) as server:
         sys.stdout.write(f"{server.name}\n")
         sys.stdout.flush()

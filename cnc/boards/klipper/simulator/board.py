@@ -10,6 +10,7 @@ from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.layout import LayoutBuilder, section
 from cnc.boards.klipper.profile import firmware_of
 from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
+from cnc.boards.klipper.simulator.ends import add_ends
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import NAME, KlipperSimulatorPort, RealTimePort
 from cnc.boards.protocols import BoardTraits
@@ -39,6 +40,7 @@ class KlipperSimulatorBoard(Klipper):
     ) -> KlipperSimulatorBoard:
         machine = with_pins(machine)
         simulator = simulator_for(machine)
+        add_ends(simulator, machine)
         port = port_type(simulator)
         board = cls(port, machine, NAME, clock=port, background=background)
         board.simulator = simulator

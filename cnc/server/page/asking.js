@@ -1,0 +1,25 @@
+// Questions of the page itself: a number, or a yes. A browser's own would stop the signs of life of a jog.
+
+const element = id => document.getElementById(id);
+
+function ask(text, verb, field) {
+  const place = element("entry"), value = element("entry-value");
+  element("entry-text").textContent = text;
+  element("entry-field").hidden = value.disabled = field === null;
+  element("entry-yes").textContent = verb;
+  element("entry-unit").textContent = field?.unit ?? "";
+  value.value = field?.value ?? "";
+  place.returnValue = "";
+  place.showModal();
+  if (field) value.select();
+  return new Promise(answer => place.addEventListener("close", () => answer(place.returnValue === "yes"), {once: true}));
+}
+
+/** Ask for a number; return null where none is given. */
+export async function askNumber(text, unit) {
+  const yes = await ask(text, "Set", {value: "0", unit}), value = element("entry-value").valueAsNumber;
+  return yes && Number.isFinite(value) ? value : null;
+}
+
+/** Return whether the operator agrees. */
+export const askYes = (text, verb) => ask(text, verb, null);

@@ -1,0 +1,21 @@
+"""What the operator sees of a run."""
+
+import pytest
+
+from cnc.executor.run import Progress
+from cnc.machine.load import load_machine
+from cnc.model.operator_control import Control
+from cnc.operate.machines import Readings
+from cnc.operate.state_view import StateView
+
+
+@pytest.mark.parametrize(
+    ("taken", "played", "shown"), [(20, 7, 7), (3, 0, 3)], ids=["ahead", "not known"]
+)
+def test_the_line_is_the_one_that_the_board_plays(taken, played, shown):
+    """A board takes lines ahead of its motion: GRBL some 16."""
+    view = StateView(load_machine(None))
+    view.board = "grbl"
+    view.begin("part.nc")
+    view.progress(Progress(1.0, taken, taken, at=played), Readings())
+    assert view.state("program", Control()).line == shown
