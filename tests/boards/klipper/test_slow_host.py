@@ -109,7 +109,7 @@ def test_shutdown_while_the_position_is_read(reason: str, answers: int) -> None:
 
         def respond(name: str, **values: int | bytes) -> None:
             send(name, **values)
-            if driver._board._stopping and name in ("config", "stepper_position"):
+            if driver._supervisor._stopping and name in ("config", "stepper_position"):
                 if left[0] == 0:
                     simulator.shut_down(reason)
                 left[0] -= 1
@@ -130,7 +130,8 @@ def test_an_answer_is_awaited_through_a_standstill_of_the_process() -> None:
     known = machine()
     with board(known) as (driver, simulator):
         port = driver._supervisor.connection.port.port
-        read, stopped = port.read, []
+        read = port.read
+        stopped: list[float] = []
 
         def late(timeout: float) -> bytes:
             if stopped:
