@@ -103,8 +103,11 @@ class SerialLink:
         """
         try:
             if self._file is not None:
-                with contextlib.suppress(BlockingIOError):
-                    data = data[os.write(self._file, data) :]
+                try:
+                    written = os.write(self._file, data)
+                except BlockingIOError:
+                    written = 0
+                data = data[written:]
             if data:
                 self._serial.write(data)
         except OSError as error:

@@ -48,6 +48,8 @@ MOST_MARKS = 4096
 FEEDS = (0.1, 0.5, 1.0, 2.0)
 RAPIDS = (0.25, 0.5, 1.0)
 """Overrides for which times are kept: GRBL allows 10 to 200 %, and 25, 50 and 100 %."""
+NO_OVERRIDE = 100.0
+"""In per cent."""
 STRAIGHT = 0.999999
 """Cosine above which two directions are the same or opposite."""
 NO_LIMIT = 1e12
@@ -151,6 +153,8 @@ class BoardTime:
             )
         left = np.maximum(self._total - (done if lines < self._lines else self._total), 0.0)
         normal = float(left[FEEDS.index(1.0)])
+        if feed_override == rapid_override == NO_OVERRIDE:
+            return normal
         slower = 1.0 / np.array(FEEDS)[::-1]
         by_feed = float(
             np.interp(100.0 / max(feed_override, 1.0), slower, left[: len(FEEDS)][::-1])

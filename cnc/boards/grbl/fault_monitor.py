@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import (
     Alarmed,
-    Confirmed,
     Event,
     Lost,
     Rejected,
@@ -122,13 +121,18 @@ class FaultMonitor:
         feed, rapid, _ = status.overrides or (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
         return self.tracker.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
 
+    def confirmed(self, count: int, now: float) -> None:
+        """Note lines that the board has accepted, ``count`` answers read together."""
+        self._busy_at = now
+        self.liveness.answered(now, count)
+
     def fault_in(self, event: Event, now: float) -> BoardError | None:
-        """Return the fault that an event of the board shows; None without one."""
+        """Return the fault that an event shows; None without one.
+
+        Lines that the board has accepted are noted by :meth:`confirmed`.
+        """
         line = self._protocol.confirmed_line
         match event:
-            case Confirmed():
-                self._busy_at = now
-                self.liveness.answered(now)
             case Reported(status):
                 self.liveness.reported(status, now)
                 return self._fault_in_status(status, now)

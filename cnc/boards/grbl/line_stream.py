@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.events import Event, Reported, Started
+from cnc.boards.grbl.events import Confirmed, Event, Reported, Started
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
 from cnc.boards.grbl.line_kinds import Kind, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
@@ -27,7 +27,7 @@ WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
 POLL_AT_REST = 0.05
 """Seconds between two ``?`` while the machine comes to rest."""
-GATHERING = 0.45
+GATHERING = 0.5
 """Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
 of the answers to this computer, and its late wake-ups. One line may wait for space.
 """
@@ -220,13 +220,23 @@ class LineStream:
             self.state = "stopped"
             raise self.at_confirmed(error) from error
         now = link.now()
+        confirmed = 0
         for event in events:
+            # At the wire's full rate nearly all are answers, which cost least together.
+            if type(event) is Confirmed:
+                confirmed += 1
+                continue
+            if confirmed:
+                self.monitor.confirmed(confirmed, now)
+                confirmed = 0
             self.receive(event, now)
+        if confirmed:
+            self.monitor.confirmed(confirmed, now)
         self._check_liveness(now)
         self._serve_operator()
 
     def receive(self, event: Event, now: float) -> None:
-        """Take in an event of the board; BoardError for a fault.
+        """Take in an event of the board other than Confirmed; BoardError for a fault.
 
         Args:
             event: The event.

@@ -72,12 +72,12 @@ class LivenessMonitor:
         self._gap, self._read = 0.0, 0
         self._answered_at = self._quiet_since = self._moved_at = now
 
-    def answered(self, now: float) -> None:
-        """Note an answer; those that were read together have the same time."""
+    def answered(self, now: float, count: int = 1) -> None:
+        """Note ``count`` answers; those that were read together have the same time."""
         if now > self._answered_at or not self._read:
             self._before = self._interval, self._lasting
             self._gap, self._read = min(now - self._answered_at, AHEAD), 0
-        self._read += 1
+        self._read += count
         each, (short, long) = self._gap / self._read, self._before
         self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
         self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from cnc.boards.errors import board_error
 from cnc.boards.klipper.layout import EMERGENCY, EXPIRED, LIMIT
+from cnc.model.diagnostics import BoardError
 
 RELEASE = "release it when it is safe, then home the machine"
 DEAD_STOP = "the motors stopped without a ramp and may have lost steps: home the machine"
@@ -36,3 +38,10 @@ def alarm_of(reason: int, letter: Callable[[int], str]) -> Alarm:
         return Alarm("board-silence", "the board heard nothing from this computer", DEAD_STOP)
     message = f"the board stopped the motors for an unknown reason, {reason}"
     return Alarm("board-alarm", message, DEAD_STOP)
+
+
+def reset_error(name: str) -> BoardError:
+    """Return the fault of a board on a port that was reset during a run."""
+    message = f"the board on {name} was reset; its position is lost"
+    hint = "check its supply and its reset line; home the machine before the next run"
+    return board_error("board-reset", message, hint=hint)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import BY_HOST, EXPIRED, InputObject, Layout
+from cnc.boards.klipper.protocol.dictionary import Message
 
 SAMPLE_S, SAMPLES, REST_S = 10e-6, 4, 150e-6
 """Time between samples that confirm a closed switch, their number, and time between others.
@@ -133,3 +134,13 @@ class Guards:
     def trigger(self) -> None:
         """Stop all motors at once."""
         self._connection.send("trsync_trigger", oid=self._layout.trigger, reason=BY_HOST)
+
+    def end(self, pump: Callable[[float], list[Message]]) -> int:
+        """End the watch of the motors, and return the reason of its trigger."""
+        state = None
+        # A report from before the command may come first.
+        while state is None or state["can_trigger"]:
+            state = self._connection.ask(
+                "trsync_trigger", "trsync_state", pump, oid=self._layout.trigger, reason=BY_HOST
+            )
+        return state["trigger_reason"]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of
+from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of, reset_error
 from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
 from cnc.boards.klipper.layout import BY_HOST, InputObject, LayoutBuilder, section
@@ -21,6 +22,7 @@ from cnc.boards.klipper.protocol.dictionary import Message
 from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import Sender
 from cnc.boards.klipper.setup import shutdown_reason
+from cnc.boards.klipper.stopped import Stop
 from cnc.boards.klipper.trinamic.drivers import CHECK, motor_drivers
 from cnc.boards.klipper.trinamic.watch import DriverWatch
 from cnc.boards.loopback import Loopback
@@ -61,6 +63,7 @@ class Supervisor(PulseSupervisor):
         self.least_ns = 1e9 / machine.board.max_step_rate
         super().__init__(Loopback(axes, self.least_ns))
         self._stopping = False
+        self._stop = Stop()
         self.connection = Connection(port, clock, name, reopen)
         self.connection.open()
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
@@ -116,14 +119,7 @@ class Supervisor(PulseSupervisor):
         self._keeper.write(self.position, moving=moving)
 
     def pump(self, seconds: float) -> list[Message]:
-        """Send what is due and what waits, receive bytes and check the messages.
-
-        Args:
-            seconds: Longest wait for bytes.
-
-        Raises:
-            BoardError: Any fault of the board or the connection.
-        """
+        """Send what waits, receive bytes for at most some seconds, and raise all faults."""
         if self.active and not self._stopping:
             self.outputs.repeat()
             if self.sender.running:
@@ -140,11 +136,13 @@ class Supervisor(PulseSupervisor):
         return messages
 
     def _check(self, message: Message) -> None:
+        if self._stopping:
+            self._stop.take(message)
         match message.name:
             case "shutdown" | "is_shutdown" if not self._stopping:
                 raise self._shut_down(message["static_string_id"])
             case "starting" if not self._stopping:
-                raise self._reset()
+                raise self._lost(reset_error(self.connection.name))
             case "tmcuart_response" | "spi_transfer_response":
                 self._driver_fault(self.drivers.take(message))
             case "trsync_state" if not message["can_trigger"] and self.sender.running:
@@ -187,7 +185,10 @@ class Supervisor(PulseSupervisor):
 
     def take_position(self) -> NDArray[np.int64]:
         """Take over the position that the board counts; return its grid point (axes,)."""
-        point = self.position.of(self.read_positions())
+        positions = self.read_positions
+        if self._stopping:
+            positions = partial(self._stop.ask, self.connection, self.outputs, positions, self.pump)
+        point = self.position.of(positions())
         self.stopped_short = not np.array_equal(point, self.checks.position_steps)
         self.sender.position = point
         return point
@@ -198,14 +199,7 @@ class Supervisor(PulseSupervisor):
         self.outputs.set(state, soon if clock is None else max(clock, soon))
 
     def rest(self, time_ns: int) -> None:
-        """Wait until the board has played the whole motion, and compare the positions.
-
-        Args:
-            time_ns: End of the motion, ns.
-
-        Raises:
-            BoardError: ``board-position``, or another fault.
-        """
+        """Wait until the board has played the motion up to a time, ns; compare the positions."""
         sender = self.sender
         was_running = sender.running or not sender.is_empty
         try:
@@ -237,22 +231,17 @@ class Supervisor(PulseSupervisor):
     def _disarm(self) -> None:
         """End the watch; a trigger that was not reported is a fault."""
         self.guards.disarm()
-        self._stopping = True
-        state = None
+        self._begin_stop()
         try:
-            # A report from before the command may come first.
-            while state is None or state["can_trigger"]:
-                state = self.connection.ask(
-                    "trsync_trigger",
-                    "trsync_state",
-                    self.pump,
-                    oid=self.layout.trigger,
-                    reason=BY_HOST,
-                )
+            reason = self.guards.end(self.pump)
+        except BoardError:
+            if not self._stop.shutdown:
+                raise
+            raise self._shut_down(self._stop.shutdown) from None
         finally:
             self._stopping = False
-        if state["trigger_reason"] != BY_HOST:
-            raise self._alarm(state["trigger_reason"])
+        if reason != BY_HOST:
+            raise self._alarm(reason)
 
     def end_cut(self) -> NDArray[np.int64]:
         """End a motion that an armed input has ended; return the grid point (axes,) there."""
@@ -264,7 +253,8 @@ class Supervisor(PulseSupervisor):
     def halt(self) -> None:
         """Come to rest on the path, and take over the position."""
         sender = self.sender
-        self._stopping = True
+        self._begin_stop()
+        known = False
         try:
             with suppress(BoardError):
                 self.connection.flush(self.pump)
@@ -281,14 +271,21 @@ class Supervisor(PulseSupervisor):
                 self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
+                known = not (moving and self._stop.dead)
         finally:
             self._stopping = False
+            if not known:
+                self.position.forget()
             sender.stop()
         self.store(moving=False)
 
+    def _begin_stop(self) -> None:
+        """Begin a stop, during which messages raise no fault."""
+        self._stopping, self._stop = True, Stop()
+
     def _underrun(self) -> None:
         """Come to rest on the path, because no more motion comes."""
-        self._stopping = True
+        self._begin_stop()
         try:
             self.sender.ramp()
             self.sender.rest(self.sender.until_ns)
@@ -299,8 +296,13 @@ class Supervisor(PulseSupervisor):
             point = self.take_position()
         except TooLate:
             raise self.too_late() from None
+        except BoardError as error:
+            raise self._lost(error) from error
         finally:
             self._stopping = False
+        if self._stop.dead:
+            shutdown, trigger = self._stop.shutdown, self._stop.trigger
+            raise self._shut_down(shutdown) if shutdown else self._alarm(trigger)
         message = (
             "moves came too late; the board came to rest on the path; "
             f"the machine is at {self.position.text(point)}"
@@ -322,7 +324,7 @@ class Supervisor(PulseSupervisor):
 
     def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
         """Stop the motors, and read the position, which is not to be trusted."""
-        self._stopping = True
+        self._begin_stop()
         try:
             self.connection.link.drop_waiting()
             self.guards.disarm()
@@ -337,7 +339,7 @@ class Supervisor(PulseSupervisor):
     def _shut_down(self, number: int) -> BoardError:
         """End the use of the board after a shutdown; its counts are read after its end."""
         reason = shutdown_reason(self.connection, number)
-        self._stopping = True
+        self._begin_stop()
         try:
             self.connection.link.drop_waiting()
             text, line = self._after_stop()
@@ -355,9 +357,6 @@ class Supervisor(PulseSupervisor):
         """
         tracker = self.sender.tracker
         try:
-            if self.connection.ask("get_config", "config", self.pump)["is_shutdown"]:
-                self.connection.send("clear_shutdown")
-                self.outputs.forget()
             point = self.take_position()
         except BoardError:
             known = tracker.played(self.sender.now)
@@ -366,11 +365,6 @@ class Supervisor(PulseSupervisor):
             return "", tracker.line
         text = f"; the machine is at {self.position.text(point)}, which may be wrong"
         return text, tracker.line_at(point) or tracker.line
-
-    def _reset(self) -> BoardError:
-        message = f"the board on {self.connection.name} was reset; its position is lost"
-        hint = "check its supply and its reset line; home the machine before the next run"
-        return self._lost(board_error("board-reset", message, hint=hint))
 
     def _lost(self, error: BoardError) -> BoardError:
         """End the use of a board that cannot be asked any more."""

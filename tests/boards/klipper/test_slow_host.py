@@ -98,12 +98,40 @@ def test_delay_before_the_end_of_a_motion(spindle: bool) -> None:
         assert driver.position_steps.tolist() == place(known, simulator)
 
 
+@pytest.mark.parametrize("reason", ["Timer too close", "Missed scheduling of next hard pwm event"])
+@pytest.mark.parametrize("answers", [0, 1, 2])
+def test_shutdown_while_the_position_is_read(reason: str, answers: int) -> None:
+    """A board that shuts down in the middle of a stop answers no question until that is ended."""
+    known = machine()
+    motion = eased(ROWS, GAP_NS)
+    with board(known) as (driver, simulator):
+        send, left = simulator.respond, [answers]
+
+        def respond(name: str, **values: int | bytes) -> None:
+            send(name, **values)
+            if driver._supervisor._stopping and name in ("config", "stepper_position"):
+                if left[0] == 0:
+                    simulator.shut_down(reason)
+                left[0] -= 1
+
+        simulator.respond = respond  # type: ignore[method-assign]
+        fault = delayed(driver, simulator, motion, 0.5, 1.5, alive=True)
+        assert left[0] < 0
+        made = place(known, simulator)
+        assert fault is not None
+        assert driver.position_steps.tolist() == made
+        assert "the machine is at" in fault.diagnostic.message
+        assert driver.known_steps == (None, None, None)
+        assert simulator.reason == ""
+
+
 def test_an_answer_is_awaited_through_a_standstill_of_the_process() -> None:
     """The system stops the process for seconds before it reads the answer."""
     known = machine()
     with board(known) as (driver, simulator):
         port = driver._supervisor.connection.port.port
-        read, stopped = port.read, []
+        read = port.read
+        stopped: list[float] = []
 
         def late(timeout: float) -> bytes:
             if stopped:
