@@ -26,11 +26,13 @@ class Stop:
         shutdown: Number of the reason of a shutdown, 0 for none.
         trigger: Reason of a trigger that was not the host's, 0 for none.
         reading: Whether a shutdown raises ShutDownAgain.
+        ramp: Whether the motors still follow their ramp to rest.
     """
 
     shutdown: int = 0
     trigger: int = 0
     reading: bool = False
+    ramp: bool = False
 
     @property
     def dead(self) -> bool:

@@ -120,13 +120,15 @@ class Supervisor(PulseSupervisor):
 
     def pump(self, seconds: float) -> list[Message]:
         """Send what waits, receive bytes for at most some seconds, and raise all faults."""
-        if self.active and not self._stopping:
+        watching = self.active and not self._stopping
+        if watching or self._stop.ramp:
             self.outputs.repeat()
             if self.sender.running:
                 self.guards.renew()
-                self._driver_fault(self.drivers.ask())
-            if self.sender.watch():
-                self._underrun()
+        if watching and self.sender.running:
+            self._driver_fault(self.drivers.ask())
+        if watching and self.sender.watch():
+            self._underrun()
         try:
             messages = self.connection.pump(seconds)
         except BoardError as error:
@@ -252,22 +254,15 @@ class Supervisor(PulseSupervisor):
 
     def halt(self) -> None:
         """Come to rest on the path, and take over the position."""
-        sender = self.sender
         self._begin_stop()
         known = False
         try:
             with suppress(BoardError):
                 self.connection.flush(self.pump)
-                moving = sender.running
+                moving = self.sender.running
                 if moving:
-                    try:
-                        sender.ramp()
-                        sender.rest(sender.until_ns)
-                    except TooLate:
-                        self.guards.trigger()
-                        self.position.forget()
-                    self.guards.disarm()
-                    self.guards.trigger()
+                    with suppress(TooLate):
+                        self._ramp()
                 self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
@@ -276,8 +271,22 @@ class Supervisor(PulseSupervisor):
             self._stopping = False
             if not known:
                 self.position.forget()
-            sender.stop()
+            self.sender.stop()
         self.store(moving=False)
+
+    def _ramp(self) -> None:
+        """Play the ramp to rest; the board stops at once without signs of this computer."""
+        self._stop.ramp = True
+        try:
+            self.sender.ramp()
+            self.sender.rest(self.sender.until_ns)
+        except TooLate:
+            self.position.forget()
+            raise
+        finally:
+            self._stop.ramp = False
+            self.guards.disarm()
+            self.guards.trigger()
 
     def _begin_stop(self) -> None:
         """Begin a stop, during which messages raise no fault."""
@@ -287,10 +296,7 @@ class Supervisor(PulseSupervisor):
         """Come to rest on the path, because no more motion comes."""
         self._begin_stop()
         try:
-            self.sender.ramp()
-            self.sender.rest(self.sender.until_ns)
-            self.guards.disarm()
-            self.guards.trigger()
+            self._ramp()
             self.set_outputs(self.outputs.state.off())
             self.connection.flush(self.pump)
             point = self.take_position()

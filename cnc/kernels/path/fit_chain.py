@@ -202,8 +202,8 @@ def place_of(ascending: Ints, value: int) -> int:
 def points_of(chain: Chain, knots: Knots, p: Floats) -> None:
     """Write the points of the polyline at the knots into p (K, n).
 
-    Behind vertices that do not count, such a point lies on the move of the last of them: a line from
-    the first would cut off the others.
+    Behind vertices that do not count, such a point lies on the move of the last of them: a line
+    from the first would cut off the others.
     """
     x, along, _, _ = chain
     for k in range(knots.shape[0]):

@@ -11,7 +11,7 @@ from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.klipper_rig import board, machine, place, steps_of
-from tests.support.boards.stepper_rig import chunks, eased
+from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share
 
 ROWS, GAP_NS = 12_000, 100_000
@@ -144,3 +144,19 @@ def test_an_answer_is_awaited_through_a_standstill_of_the_process() -> None:
         counts = driver._supervisor.read_positions()
         assert simulator.now > stopped[0] + 2.0
         assert driver._position.counts(counts) == place(known, simulator)
+
+
+def test_an_abort_plays_a_ramp_as_long_as_the_timeout_of_the_board() -> None:
+    """The board waits 0.4 s for a sign of the host, also while the host waits for the ramp."""
+    known = machine()
+    time_ns, step = line(20_000, 400_000)
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns, step, 50):
+            driver.send(part)
+            if part.line[-1] >= 1000:
+                break
+        driver.abort()
+        assert driver.known_steps == tuple(place(known, simulator))
+        points = np.cumsum(step, axis=0, dtype=np.int64)
+        assert (points == driver.position_steps).all(axis=1).any()
