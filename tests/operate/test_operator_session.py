@@ -141,6 +141,14 @@ def test_no_state_comes_after_a_newer_one():
     assert seen == ["none", "program"]
 
 
+def test_the_modes_before_a_line_give_no_warnings(any_operator):
+    assert ended(any_operator, "G1 X1 F600").outcome == "done"
+    kept = ended(any_operator, "G0 X2")
+    assert (kept.outcome, kept.findings) == ("done", ())
+    own = ended(any_operator, "G0 X3 F500")
+    assert [(each.code, each.line) for each in own.findings] == [("word-without-effect", 1)]
+
+
 def test_a_stop_ends_a_jog_and_the_next_activity_begins(any_operator):
     jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
     any_operator.stop()
