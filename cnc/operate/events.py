@@ -17,7 +17,9 @@ from typing import Any, ClassVar, Literal
 
 from cnc.model.diagnostics import Diagnostic, Severity
 
-Activity = Literal["none", "home", "jog", "mdi", "program", "probe", "zero"]
+Activity = Literal[
+    "none", "connect", "home", "jog", "mdi", "program", "probe", "settings", "unlock", "zero"
+]
 """What occupies the machine."""
 MachineState = Literal[
     "disconnected",
@@ -270,3 +272,8 @@ class EventStream:
         with self._lock:
             for listener in self._listeners:
                 listener(event)
+
+    def emit_present(self, present: Callable[[], Event]) -> None:
+        """Pass on what is so now: no thread passes on an older state after it."""
+        with self._lock:
+            self.emit(present())

@@ -138,11 +138,11 @@ class OperatorSession(ProgramSession):
             self._view.connected(name, machine)
             self._offsets_changed()
 
-        return self._begin("none", connect, needs_board=False)
+        return self._begin("connect", connect, needs_board=False)
 
     def disconnect(self) -> Future[None]:
         """Release the board."""
-        return self._begin("none", self._drop, needs_board=False)
+        return self._begin("connect", self._drop, needs_board=False)
 
     # Activities
 
@@ -162,7 +162,7 @@ class OperatorSession(ProgramSession):
             self._machine.unlock()
             self._view.read(self._machine)
 
-        return self._begin("none", unlock)
+        return self._begin("unlock", unlock)
 
     def jog_step(
         self, distances: Mapping[str, float], feed: float | None = None, *, unhomed: bool = False
@@ -247,7 +247,7 @@ class OperatorSession(ProgramSession):
 
     def settings(self) -> Future[list[BoardSetting]]:
         """Return the settings of a GRBL board. UsageError ``no-settings``."""
-        return self._begin("none", lambda: read_settings(self._machine.board, self.machine))
+        return self._begin("settings", lambda: read_settings(self._machine.board, self.machine))
 
     def change_setting(self, number: int, value: str) -> Future[None]:
         """Write a setting of a GRBL board, and read it back."""
@@ -258,7 +258,7 @@ class OperatorSession(ProgramSession):
             self._operated = operated(self._machine.board, self.machine)
             self._offsets_changed()
 
-        return self._begin("none", change)
+        return self._begin("settings", change)
 
     # Parts of activities
 

@@ -185,7 +185,9 @@ def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
     """
     stopped = report.stopped_at_line is not None
     outcome: Outcome = "failed" if report.faults else "stopped" if stopped else "done"
-    found = [fault.diagnostic for fault in report.faults] + report.warnings
+    # Warnings of the modes that stand before the operator's text are none of the operator's.
+    own = [each for each in report.warnings if each.file != MDI_NAME or each.line > skipped]
+    found = [fault.diagnostic for fault in report.faults] + own
     return JobEnded(
         program=program,
         outcome=outcome,

@@ -89,7 +89,7 @@ class StateView:
     def state(self, activity: Activity, overrides: Control) -> State:
         """Return the state."""
         if not self.board:
-            return State()
+            return State(activity=activity)
         readings, progress = self.readings, self._progress
         machine = None if progress is None else progress.machine
         reported = readings.overrides

@@ -214,7 +214,7 @@ class Worker:
                 raise UsageError(Diagnostic("machine-busy", message, hint=hint))
             self._busy, self._activity = True, activity
             self._control = control or self._new_control()
-        self.events.emit(self.state)
+        self.events.emit_present(lambda: self.state)
 
         def work() -> None:
             try:
@@ -248,7 +248,7 @@ class Worker:
         self._dialogs.close()
         with self._lock:
             self._busy, self._activity = False, "none"
-        self.events.emit(self.state)
+        self.events.emit_present(lambda: self.state)
 
     def _work(self) -> None:
         while not self._closed.is_set():
@@ -281,7 +281,7 @@ class Worker:
         due = time.monotonic()
         while not self._closed.wait(max(due - time.monotonic(), 0.0)):
             due = max(due + STATE_PERIOD, time.monotonic())
-            self.events.emit(self.state)
+            self.events.emit_present(lambda: self.state)
 
     def _drop(self) -> None:
         machine, self._operated = self._operated, None

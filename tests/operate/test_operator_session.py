@@ -11,7 +11,7 @@ import pytest
 from cnc.boards.errors import board_error
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
-from cnc.operate.events import DialogClosed, JobEnded, OffsetsChanged, State, as_object
+from cnc.operate.events import DialogClosed, EventStream, JobEnded, OffsetsChanged, State, as_object
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.worker import KEEP_ALIVE
 from tests.support.paths import ROOT
@@ -93,6 +93,60 @@ def test_a_second_activity_is_refused(any_operator):
         any_operator.mdi("G0 X1")
     jog.release()
     jog.ended.result(PATIENCE)
+
+
+@pytest.mark.parametrize(
+    ("begin", "name"),
+    [
+        (OperatorSession.settings, "settings"),
+        (OperatorSession.unlock, "unlock"),
+        (OperatorSession.disconnect, "connect"),
+    ],
+)
+def test_the_state_names_whatever_refuses_another_activity(any_operator, begin, name):
+    refused = []
+
+    def try_another(event):
+        if isinstance(event, State) and event.activity == name and not refused:
+            with pytest.raises(UsageError, match="machine-busy") as caught:
+                any_operator.mdi("G0 X1")
+            refused.append(caught.value.diagnostic.message)
+
+    end = any_operator.listen(try_another)
+    begin(any_operator).exception(PATIENCE)
+    end()
+    assert refused == [f"the machine is busy: {name}"]
+    assert any_operator.state.activity == "none"
+
+
+def test_no_state_comes_after_a_newer_one():
+    stream, seen = EventStream(), []
+    stream.listen(lambda event: seen.append(event.activity))
+    begun, overtaken = threading.Event(), threading.Event()
+
+    def older():
+        begun.set()
+        overtaken.wait(0.1)
+        return State(activity="none")
+
+    def newer():
+        stream.emit_present(lambda: State(activity="program"))
+        overtaken.set()
+
+    first = threading.Thread(target=stream.emit_present, args=(older,))
+    first.start()
+    begun.wait(PATIENCE)
+    newer()
+    first.join()
+    assert seen == ["none", "program"]
+
+
+def test_the_modes_before_a_line_give_no_warnings(any_operator):
+    assert ended(any_operator, "G1 X1 F600").outcome == "done"
+    kept = ended(any_operator, "G0 X2")
+    assert (kept.outcome, kept.findings) == ("done", ())
+    own = ended(any_operator, "G0 X3 F500")
+    assert [(each.code, each.line) for each in own.findings] == [("word-without-effect", 1)]
 
 
 def test_a_stop_ends_a_jog_and_the_next_activity_begins(any_operator):
