@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, End, Orient, Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic
-from tests.support.gcode.gcode_cases import error_of, points, run
+from tests.support.gcode.gcode_cases import error_of, points, run, warnings
 from tests.support.gcode.offset_tools import table
-
-
-def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
-    run(source, dialect=dialects.load(dialect, lenient=lenient), warn=found.append)
-    return found
 
 
 @pytest.mark.parametrize("dialect", ["fanuc", "haas", "grbl"])
@@ -222,17 +215,6 @@ def test_p_of_fanucs_orientation_is_unknown() -> None:
     assert error_of("M19 P1", dialect="fanuc").code == "word-unused"
 
 
-@pytest.mark.parametrize("dialect", ["fanuc", "auto"])
-@pytest.mark.parametrize("before", ["", "G80\n", "G17 G40 G80\n"])
-def test_a_first_move_without_a_motion_code_is_a_traverse_with_a_warning(
-    dialect: str, before: str
-) -> None:
-    program = f"{before}Z5.\nX1."
-    assert points(program, dialect) == [(0.0, 0.0, 5.0), (1.0, 0.0, 5.0)]
-    assert [found.code for found in warnings(program, dialect)] == ["motion-assumed"]
-    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
-
-
 @pytest.mark.parametrize("dialect", ["auto", "haas"])
 def test_a_main_program_that_m99_repeats_ends_there_under_auto(dialect: str) -> None:
     program = "%\nO5\nG0 X1.\nM3 S100\nM99\nG0 X2.\n%"
@@ -254,27 +236,6 @@ def test_both_coolants_in_a_line(line: str) -> None:
     assert error_of(line, dialect="linuxcnc").code == "modal-conflict"
     assert error_of(f"{line} M9", dialect="auto").code == "modal-conflict"
     assert error_of("M7 M9", dialect="auto").code == "modal-conflict"
-
-
-HOLES = "G99 G81 X1. Y1. Z-1. R1. F100.\nX2.\nX3."
-GO_ON = ["{move}\n{holes}", "{holes}\n{move}\nG81 X4. Z-2. R1. F100.\nX5."]
-
-
-@pytest.mark.parametrize("lines", GO_ON)
-@pytest.mark.parametrize("after", ["G80\nX7.\nX8.", "G80 X7.\nX8.", "G80 G98\n\nG80\nX7.\nX8."])
-@pytest.mark.parametrize("move", ["G0 X5. Z3.", "G1 X5. Z3. F240."])
-@pytest.mark.parametrize("dialect", ["auto", "fanuc", "haas"])
-def test_a_move_after_g80_is_that_before_the_cycle(
-    lines: str, after: str, move: str, dialect: str
-) -> None:
-    """Compiled code executes holes and moves; the motion before the cycle is known all the same."""
-    program = "G0 X9.\n" + lines.format(move=move, holes=HOLES) + f"\n{after}"
-    last = [block for block in run(program, dialect=dialect) if isinstance(block, Polyline)][-1]
-    assert last.points[-2:, 0].tolist() == [7.0, 8.0]
-    assert np.isnan(last.feeds[-2:]).tolist() == [move.startswith("G0")] * 2
-    found = [each.code for each in warnings(program, dialect)]
-    assert found == (["motion-assumed"] if dialect == "auto" else [])
-    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
 
 
 def test_an_h_word_waits_for_g43() -> None:
@@ -301,25 +262,6 @@ def test_haas_mirrors_about_the_work_zero() -> None:
     assert [point[:2] for point in points(program, "haas")] == [(95.0, 1.0), (105.0, 1.0)]
     assert error_of("G101 X5.", dialect="haas").code == "code-not-supported"
     assert error_of("G101", dialect="haas").code == "axis-words-missing"
-
-
-def test_a_move_after_g80_is_reported_once() -> None:
-    program = f"G0 X9\n{HOLES}\nG80\nX7\n{HOLES}\nG80\nX8\nG1 X9\n{HOLES}\nG80 X7"
-    (found,) = warnings(program, "auto")
-    assert (found.code, found.line) == ("motion-assumed", 6)
-    last = [block for block in run(program, dialect="auto") if isinstance(block, Polyline)][-1]
-    assert last.feeds[-1] == 100.0 / 60.0
-
-
-def test_what_is_no_straight_motion_before_g80_is_not_assumed() -> None:
-    for lines in ("G31 Z-5 F60", f"G0 X9\nG2 X2 Y2 R9 F60\n{HOLES}\nG80", f"{HOLES}\nG80"):
-        assert error_of(f"{lines}\nX2", dialect="auto").code == "motion-missing"
-
-
-def test_g80_beside_g28_returns_to_the_motion_before_the_cycle() -> None:
-    program = f"G0 X9.\n{HOLES}\nG80 G28 Z0.\nX7."
-    assert points(program, "fanuc")[-1][0] == 7.0
-    assert error_of(program, dialect="linuxcnc").code == "motion-missing"
 
 
 @pytest.mark.parametrize(

@@ -186,3 +186,10 @@ def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[fl
         if isinstance(block, Polyline)
         for row in block.points.tolist()
     ]
+
+
+def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
+    """The warnings and notes of a program."""
+    found: list[Diagnostic] = []
+    run(source, dialect=dialects.load(dialect, lenient=lenient), warn=found.append)
+    return found
