@@ -80,7 +80,8 @@ def test_random_programs_keep_within_the_tolerance(family, seed):
     moves, tolerance = case(family, seed)
     chunks = built(moves, tolerance)
     assert_sound(chunks)
-    assert_near(chunks, moves, tolerance)
+    # An exact helix of several turns is one piece.
+    assert_near(chunks, moves, tolerance, step=5.0 * tolerance)
 
 
 @pytest.mark.parametrize("kind", ["path", "axis"])
