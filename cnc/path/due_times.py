@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from cnc.path.records import Floats, Ints
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.path.records import Floats
 
 Place = tuple[str, int]
 """File and line of a block."""
@@ -24,7 +27,7 @@ class DueTimes:
         """Forget all blocks."""
         self._blocks.clear()
 
-    def add(self, file: str, lines: Ints, seconds: Floats) -> None:
+    def add(self, file: str, lines: NDArray[np.int32], seconds: Floats) -> None:
         """Add moves: the source line and the time of each (m,), s; NaN for a traverse."""
         for line, each in zip(lines.tolist(), seconds.tolist(), strict=True):
             self._blocks.append(((file, line), each))
@@ -38,7 +41,7 @@ class DueTimes:
         return self._taken(lambda found: found != place)
 
     def at(self, place: Place) -> float:
-        """Take the next moves if they are those of a place, and return the sum of their times, s."""
+        """Take the next moves while they are of a place, and return the sum of their times, s."""
         return self._taken(lambda found: found == place)
 
     def _taken(self, wanted: Callable[[Place], bool]) -> float:
