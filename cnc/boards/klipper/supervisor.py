@@ -126,6 +126,7 @@ class Supervisor(PulseSupervisor):
             if self.sender.running:
                 self.guards.renew()
         if watching and self.sender.running:
+            self.outputs.release(self.sender.clock_of)
             self._driver_fault(self.drivers.ask())
         if watching and self.sender.watch():
             self._underrun()
@@ -195,10 +196,10 @@ class Supervisor(PulseSupervisor):
         self.sender.position = point
         return point
 
-    def set_outputs(self, state: OutputState, clock: int | None = None) -> None:
-        """Set the outputs at a clock, else as soon as possible."""
-        soon = self.sender.now + round(AHEAD_S * self.connection.board_clock.frequency)
-        self.outputs.set(state, soon if clock is None else max(clock, soon))
+    def set_outputs(self, state: OutputState) -> None:
+        """Set the outputs as soon as possible."""
+        soon = round(AHEAD_S * self.connection.board_clock.frequency)
+        self.outputs.set(state, self.sender.now + soon)
 
     def rest(self, time_ns: int) -> None:
         """Wait until the board has played the motion up to a time, ns; compare the positions."""
