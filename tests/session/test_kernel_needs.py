@@ -161,7 +161,7 @@ from cnc.cli import exit_code
 
 assert exit_code(["check", "programs/trident.nc"]) == 0
 unneeded = {
-    "numba", "rich", "scipy", "cnc.checks.baseline", "cnc.executor.homing",
+    "numba", "lark", "rich", "scipy", "cnc.checks.baseline", "cnc.executor.homing",
     "cnc.gcode.cycles.turning_cycles", "cnc.grbl_lines.translator", "cnc.session.line_pass",
 }
 found = unneeded & set(sys.modules)

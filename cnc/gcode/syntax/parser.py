@@ -147,6 +147,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         )
     if not text or text.isspace():
         return Statement()
+    if text.strip(" \t") == "%":
+        # Most programs have this line, and many need the grammar for no other one.
+        return Statement(percent=True)
     if syntax.flavour == "siemens":
         return _siemens_line(text, syntax)
     if text.lstrip(" \t").startswith("$"):

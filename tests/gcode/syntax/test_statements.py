@@ -183,6 +183,8 @@ def test_block_delete() -> None:
 def test_percent() -> None:
     assert parse_line("% (a)").percent
     assert parse_line(" %", MACRO).percent
+    for syntax in (NGC, MACRO, GRBL):  # with a comment, the grammar reads the line
+        assert parse_line("%", syntax) == parse_line(" %\t", syntax) == parse_line("%(a)", syntax)
 
 
 def test_siemens_words() -> None:
