@@ -19,7 +19,7 @@ from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share
 from tests.support.work import at_most
 
-AMOUNT = share(10_000, 75)
+AMOUNT = share(10_000, 40)
 LIMITS = Limits(repeated_lines=share(20_000, 4_000), depth=20)
 WORK = 100 * LIMITS.repeated_lines
 """Calls of functions that a program may need: a hundred for each line that is executed."""
