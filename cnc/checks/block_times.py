@@ -1,7 +1,8 @@
 """Times of blocks under inverse time feed (G93): 1/F minutes, unless a limit forbids it.
 
-The length of a block at its feed is its time. The planner never exceeds the feed. So a block that
-has to speed up, to slow down or to keep a limit takes longer.
+The planner never exceeds the feed at which the programmed length of a block takes its time. So a
+block that has to speed up, to slow down or to keep a limit takes longer. One whose path a blend or
+a fit makes shorter may take less.
 """
 
 from __future__ import annotations
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic
+from cnc.path.due_times import DueTimes, Place
 from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
+
+LATE = "the machine has to speed up and slow down, or keeps a limit: give a smaller F"
+EARLY = "a blend or a fit (G64) shortens the path of the block: use a smaller tolerance, or G61"
 
 HALVINGS = 50
 """Halvings of a phase when a time is searched: more than the digits of a float."""
@@ -24,48 +29,51 @@ HALVINGS = 50
 class BlockTimes:
     """Compares the times of blocks in a plan with those of their F words.
 
+    A fit may make one piece of several blocks; they count as one block at the first line. A blend
+    between two blocks counts as part of the one whose line the plan gives it.
+
     Args:
+        due: the times of the F words, in the order of the plan.
         period: difference that is not reported, s.
     """
 
-    def __init__(self, period: float) -> None:
-        self._period = period
-        self._place = ("", 0)
+    def __init__(self, due: DueTimes, period: float) -> None:
+        self._due, self._period = due, period
+        self._place: Place | None = None
         self._wanted = self._taken = 0.0
 
     def add(self, item: PlanChunk | Block) -> Iterator[Diagnostic]:
-        """Yield a note for each block that ends in an item and takes another time."""
+        """Yield a note for each block that has ended before an item, and takes another time."""
         if not isinstance(item, PlanChunk) or not item.path.timed:
-            yield from self.end()
             return
         at = np.clip(item.piece_s, item.phase_s[0], item.phase_s[-1])
-        taken, length = np.diff(times_at(item, at)), np.diff(at)
-        wanted = length / item.path.feed
+        taken = np.diff(times_at(item, at))
         file, lines = item.path.file, item.path.line
         begins = np.flatnonzero(np.diff(lines, prepend=lines[0] - 1))
-        sums = zip(
-            lines[begins].tolist(),
-            np.add.reduceat(wanted, begins).tolist(),
-            np.add.reduceat(taken, begins).tolist(),
-            strict=True,
-        )
-        for line, due, actual in sums:
+        sums = zip(lines[begins].tolist(), np.add.reduceat(taken, begins).tolist(), strict=True)
+        for line, actual in sums:
             if (file, line) != self._place:
-                yield from self.end()
-                self._place = file, line
-            # A traverse has no feed: its time is not a number, and it is not reported.
-            self._wanted += due
+                yield from self._ended((file, line))
+            self._wanted += self._due.at((file, line))
             self._taken += actual
 
     def end(self) -> Iterator[Diagnostic]:
         """Yield the note of the last block."""
-        late = self._taken - self._wanted
-        if abs(late) > self._period:
-            message = f"the block takes {self._taken:.4f} s; F is {self._wanted:.4f} s"
-            hint = "the machine has to speed up and slow down, or keeps a limit: give a smaller F"
+        yield from self._ended(None)
+
+    def _ended(self, following: Place | None) -> Iterator[Diagnostic]:
+        """Yield the note of the present block, when another one begins."""
+        between = self._due.before(following)
+        late = self._taken - self._wanted - between
+        # A traverse has no feed: its time is not a number, and it is not reported.
+        if self._place is not None and abs(late) > self._period:
+            wanted = self._wanted + between
+            message = f"the block takes {self._taken:.4f} s; F is {wanted:.4f} s"
+            hint = LATE if late > 0.0 else EARLY
             yield Diagnostic("block-time", message, *self._place, severity="note", hint=hint)
-        self._place = ("", 0)
-        self._wanted = self._taken = 0.0
+        # Blocks without a piece at the start of the plan count as part of the first one.
+        self._wanted = between if self._place is None else 0.0
+        self._place, self._taken = following, 0.0
 
 
 def times_at(plan: PlanChunk, s: Floats) -> Floats:

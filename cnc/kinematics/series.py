@@ -73,10 +73,10 @@ class Series:
     def __truediv__(self, other: Series | float) -> Series:
         if not isinstance(other, Series):
             return self * (1.0 / other)
-        found: list[Term] = [self.terms[0] / other.terms[0]]
+        found: list[Term] = [_quotient(self.terms[0], other.terms[0])]
         for k in range(1, len(self.terms)):
             rest = self.terms[k] - _convolved(other.terms, found, 1, k, k)
-            found.append(rest / other.terms[0])
+            found.append(_quotient(rest, other.terms[0]))
         return Series(found)
 
     def square(self) -> Series:
@@ -99,7 +99,7 @@ def sqrt(value: Series) -> Series:
             rest = value.terms[k]
             if k > 1:
                 rest = rest - _convolved(found, found, 1, k - 1, k)
-            found.append(rest / (found[0] * 2.0))
+            found.append(_quotient(rest, found[0] * 2.0))
     return Series(found)
 
 
@@ -157,6 +157,11 @@ def _convolved(a: Sequence[Term], b: Sequence[Term], first: int, last: int, k: i
         if not (_is_none(x) or _is_none(y)):
             total = x * y if _is_none(total) else total + x * y
     return total
+
+
+def _quotient(term: Term, divisor: Term) -> Term:
+    """Return a quotient; that of the number 0, which stands for a constant, is 0 again."""
+    return term if isinstance(divisor, Interval) and _is_none(term) else term / divisor
 
 
 def _is_none(term: Term) -> bool:

@@ -38,6 +38,7 @@ from cnc.model.motion_commands import (
 )
 from cnc.path.block_pieces import Frame, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
+from cnc.path.due_times import DueTimes
 from cnc.path.fit import LEAST_TOLERANCE, Fitter
 from cnc.path.fit_curves import arc_of, nurbs_chords
 from cnc.path.fit_pieces import Pieces
@@ -61,6 +62,7 @@ def build(
     start: Floats,
     accuracy: float = 1e-12,
     tolerance: float = 0.0,
+    due_times: DueTimes | None = None,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
 
@@ -70,11 +72,12 @@ def build(
         start: (n,): position before the first block, mm.
         accuracy: largest error of arc length and its inverse, mm.
         tolerance: that of G64 without P, mm.
+        due_times: receives the times of the blocks under G93; None for no record.
 
     Raises:
         GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    builder = _Builder(axes, start, accuracy, tolerance)
+    builder = _Builder(axes, start, accuracy, tolerance, due_times)
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
@@ -84,10 +87,15 @@ class _Builder:
     """Builds a path block by block; see :func:`build`."""
 
     def __init__(
-        self, axes: tuple[str, ...], start: Floats, accuracy: float, tolerance: float
+        self,
+        axes: tuple[str, ...],
+        start: Floats,
+        accuracy: float,
+        tolerance: float,
+        due_times: DueTimes | None,
     ) -> None:
         self._frame = Frame(axes, axis_classes(axes), accuracy)
-        self._tolerance = tolerance
+        self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
         self._gatherer = Gatherer(axes)
         self._fitter: Fitter | None = None
@@ -113,6 +121,8 @@ class _Builder:
                 for part in apart((block,)):
                     yield from self.add(part)
                 return
+            if block.timed:
+                self._record_times(block)
             fitted = self._fitted(block) if fits else None
             if fitted is not None:
                 yield from self._gather(fitted)
@@ -198,6 +208,15 @@ class _Builder:
                 lines = np.full(len(points), block.line, np.int32)
                 yield from fitter.add(points, feeds, lines, curved=True)
 
+    def _record_times(self, block: Polyline | ArcFeed | NurbsFeed) -> None:
+        """Record the times that the moves of a block are to take."""
+        if self._due_times is None:
+            return
+        for records, feeds, lines, _, _ in pieces_of(
+            block, self._position.copy(), self._frame, exact_stop=False
+        ):
+            self._due_times.add(block.file, lines, records.length / feeds)
+
     def _set_mode(self, block: PathMode) -> Iterator[PathChunk | Block]:
         """Take over a path mode. A new tolerance ends the chain."""
         self._exact_stop = block.control == "exact-stop"
@@ -212,7 +231,7 @@ class _Builder:
         """Yield a probe and its move; the path goes on from the point of contact."""
         yield from self.rest()
         yield block
-        self._gatherer.file = block.file
+        self._gatherer.file, self._gatherer.timed = block.file, False
         for records, feeds, lines, stops, _ in pieces_of(
             _probing(block), self._position, self._frame, exact_stop=True
         ):

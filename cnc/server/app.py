@@ -119,7 +119,7 @@ def _invalid(_: Request, error: Exception) -> JSONResponse:
 async def _events(websocket: WebSocket) -> None:
     """Send the events to one client, and take its signs of life."""
     console: Console = websocket.app.state.console
-    client = console.hub.join()
+    client = console.hub.join((websocket.scope.get("client") or ("",))[0])
     if client is None:
         release(websocket.scope.get("client"), at_once=False)
         await websocket.close(1013)

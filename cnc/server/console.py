@@ -36,10 +36,11 @@ MOST_TEXTS = 8
 
 @dataclass(slots=True)
 class _Run:
-    """A run under way."""
+    """A run under way, and whether its end is in the history."""
 
     job: str
     began: float
+    recorded: bool = False
     log: deque[str] = field(default_factory=lambda: deque(maxlen=MOST_LOG_LINES))
 
     def note(self, text: str) -> None:
@@ -219,7 +220,8 @@ class Console:
         self.hub.publish_object(event | {"findings": findings})
 
     def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
-        self._run = self._asked = None
+        if run.recorded:
+            return
         error = done.exception()
         if error is None:
             ended = done.result()
@@ -227,6 +229,12 @@ class Console:
             ended = failed(error, run.job)
         else:
             ended = JobEnded(program=run.job, outcome="failed")
+        self._record(run, ended)
+
+    def _record(self, run: _Run, ended: JobEnded) -> None:
+        """Write the end of a run to the history."""
+        run.recorded = True
+        self._run = self._asked = None
         findings = as_object(ended)["findings"]
         for each in findings:
             run.note(f"{each['severity']}: {each['code']}: {each['message']}")
@@ -289,4 +297,7 @@ class Console:
             elif event.event in ("dialog", "dialog-closed", "alarm", "notice"):
                 found = getattr(event, "finding", None)
                 run.note(event.event if found is None else f"{event.event}: {found.message}")
+        if run is not None and isinstance(event, JobEnded) and event.program == run.job:
+            # Before any client learns of the end: it may ask for the history at once.
+            self._record(run, event)
         self.hub.publish(event)

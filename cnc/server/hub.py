@@ -25,6 +25,8 @@ MOST_BATCHES = 64
 """Batches that wait for a client."""
 MOST_CLIENTS = 64
 """Connections for events."""
+MOST_OF_ADDRESS = 16
+"""Connections for events of one address."""
 DIGITS = 4
 """Decimals of the positions."""
 
@@ -34,12 +36,13 @@ class Client:
 
     Attributes:
         number: Number of the connection.
+        address: Where it comes from.
         lost: Whether the client read too slowly.
         dropped: Set when it is lost.
     """
 
-    def __init__(self, number: int) -> None:
-        self.number, self.lost = number, False
+    def __init__(self, number: int, address: str) -> None:
+        self.number, self.address, self.lost = number, address, False
         self.dropped = asyncio.Event()
         self._queue: asyncio.Queue[str] = asyncio.Queue(MOST_BATCHES)
 
@@ -99,12 +102,13 @@ class Hub:
             with contextlib.suppress(RuntimeError):  # The loop may be closed by now.
                 loop.call_soon_threadsafe(loop.call_later, BATCH_PERIOD, self._send)
 
-    def join(self) -> Client | None:
-        """Return a new client, None if there are too many."""
-        if len(self._clients) >= MOST_CLIENTS:
+    def join(self, address: str) -> Client | None:
+        """Return a new client; None if there are too many, or too many of its address."""
+        of_address = sum(each.address == address for each in self._clients.values())
+        if len(self._clients) >= MOST_CLIENTS or of_address >= MOST_OF_ADDRESS:
             return None
         self._numbers += 1
-        client = Client(self._numbers)
+        client = Client(self._numbers, address)
         self._clients[client.number] = client
         return client
 

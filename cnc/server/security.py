@@ -12,11 +12,13 @@ tokens); RFC 6265bis, section 5.6.7 (``SameSite``); CSP level 3.
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import json
 import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
@@ -37,6 +39,8 @@ SHORT_BODY = 1 << 16
 """Bytes of a body whose unread rest does not end the connection."""
 MOST_UPLOAD = 256 << 20
 """Bytes of an upload."""
+LINGER = 2.0
+"""Time for which the rest of a body that was refused is read, s."""
 RATE, BURST = 200.0, 400.0
 """Requests per second of one address, and at once."""
 MOST_ADDRESSES = 1024
@@ -145,7 +149,7 @@ class Guard:
                 await send({"type": "websocket.close", "code": 1008, "reason": refusal.code})
             return
         if refusal is not None:
-            await _refuse(send, refusal)
+            await _refuse(send, refusal, receive if _has_long_body(headers) else None)
             return
         query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
         if "token" in query and scope["path"] == "/" and self._access.token is not None:
@@ -171,9 +175,13 @@ class Guard:
                 own = {name for name, _ in message.get("headers", ())}
                 added = [each for each in HEADERS if each[0] not in own]
                 if is_long and not is_complete:
-                    # The rest of a body that was refused is not even read.
+                    # The rest of a body that was refused is of no use.
                     added.append((b"connection", b"close"))
                 message = {**message, "headers": [*message.get("headers", ()), *added]}
+            elif is_long and not is_complete and not message.get("more_body", False):
+                await send({**message, "more_body": True})
+                await _linger(receive)
+                message = {"type": "http.response.body"}
             await send(message)
 
         await self._app(scope, limited, with_headers)
@@ -262,8 +270,26 @@ def _headers(scope: Scope) -> dict[str, str]:
     return found
 
 
-async def _refuse(send: Send, refusal: Refusal) -> None:
-    """Answer with a refusal, and close the connection."""
+async def _linger(receive: Receive) -> None:
+    """Read the rest of a body that was refused, for a while, until its client closes.
+
+    A connection that is closed with unread data is reset, and the client loses the answer.
+    """
+    with suppress(asyncio.TimeoutError):
+        async with asyncio.timeout(LINGER):
+            message = await receive()
+            while message["type"] == "http.request" and message.get("more_body", False):
+                message = await receive()
+
+
+async def _refuse(send: Send, refusal: Refusal, receive: Receive | None = None) -> None:
+    """Answer with a refusal, and close the connection.
+
+    Args:
+        send: Takes the answer.
+        refusal: The answer.
+        receive: Source of a long body, whose rest is read; None without one.
+    """
     body = json.dumps(finding(refusal)).encode()
     headers = [
         (b"content-type", b"application/json"),
@@ -272,7 +298,10 @@ async def _refuse(send: Send, refusal: Refusal) -> None:
         *HEADERS,
     ]
     await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+    await send({"type": "http.response.body", "body": body, "more_body": receive is not None})
+    if receive is not None:
+        await _linger(receive)
+        await send({"type": "http.response.body"})
 
 
 async def _set_cookie(send: Send, token: str) -> None:

@@ -23,7 +23,7 @@ from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
 from cnc.operate.remote_session import RemoteSession
 from cnc.server.app import create_app
-from cnc.server.connections import LimitedProtocol
+from cnc.server.connections import BACKLOG, LimitedProtocol
 from cnc.server.console import Console
 from cnc.server.library import OWN, Library
 from cnc.server.security import Access, link
@@ -32,7 +32,6 @@ TOKEN_BYTES = 18
 TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 PING = 5.0
 """Time between two pings of a WebSocket, and for its answer, s."""
-BACKLOG = 128
 HOLD_TIME = 1.0
 """Longest time until the machine has taken a hold, s."""
 SWITCH_S = 0.0005
@@ -113,6 +112,7 @@ def serve(
         config = uvicorn.Config(
             create_app(console, address.access),
             http=LimitedProtocol,
+            backlog=BACKLOG,
             ws="websockets-sansio",
             ws_ping_interval=PING,
             ws_ping_timeout=PING,

@@ -98,6 +98,8 @@ class CheckPass:
                 capacity = -1 if self.depends_on_answers else capacity - 16
             if capacity < 0:
                 kept = None
+                if reader.due_times is not None:
+                    reader.due_times.clear()  # the next reading records them again
             if kept is not None:
                 kept.append(item)
         report.path_length_mm = survey.length

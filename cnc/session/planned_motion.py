@@ -111,8 +111,8 @@ class PlannedMotion:
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )
         clock = RunClock()
-        # With a board the operator's override changes the times.
-        times = BlockTimes(self._machine.path.period) if report.board is None else None
+        due = reader.due_times
+        times = None if due is None else BlockTimes(due, self._machine.path.period)
         for item in planned:
             clock.add(item)
             if times is not None:

@@ -33,6 +33,7 @@ from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.due_times import DueTimes
 from cnc.planner.joints import Joints, ToolTipOf
 from cnc.session.call_lines import line_of_call
 from cnc.session.resume import RestartPoint
@@ -94,6 +95,7 @@ class ProgramReader:
         state: Parameters and tools as the latest reading leaves them.
         units: Whether the first lines have a code of the units; None before the first reading.
         functions: Functions in the first lines that controllers compute differently.
+        due_times: Receives the times of the blocks under G93 in each path; None for no record.
     """
 
     name: str
@@ -114,6 +116,7 @@ class ProgramReader:
     state: InterpreterState | None = None
     units: bool | None = None
     functions: tuple[str, ...] = ()
+    due_times: DueTimes | None = None
 
     def blocks(
         self,
@@ -216,11 +219,14 @@ class ProgramReader:
 
         Behind the columns of the axes are those of the joints, where the joints are not the axes.
         """
+        if self.due_times is not None:
+            self.due_times.clear()
         path = build(
             blocks,
             axes=self.machine.axis_names,
             start=self.start,
             tolerance=self.machine.path.tolerance,
+            due_times=self.due_times,
         )
         return Joints(self.machine).path(path, self.start)
 

@@ -19,6 +19,7 @@ from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
 from cnc.outputs.targets import BytesTarget, TextTarget
+from cnc.path.due_times import DueTimes
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Cut, Extremes, Report
 from cnc.session.board_choices import (
@@ -151,6 +152,8 @@ class Session:
             return report
         if board is None:
             adopt_kept_offsets(context)
+            # With a board the operator's override changes the times.
+            reader.due_times = DueTimes()
         elif not isinstance(board, LineSink):
             refuse_overrides(context.observer.control)
         try:

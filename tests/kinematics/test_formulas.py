@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mpmath
@@ -116,19 +117,20 @@ def test_derivatives_equal_those_of_high_precision(name: str) -> None:
                 assert abs(float(np.asarray(term)[0]) - float(value)) < 1e-9 * scale, (k, value)
 
 
+@pytest.mark.parametrize("moving", list(itertools.product([False, True], repeat=3)))
 @pytest.mark.parametrize("name", NAMES)
-def test_bounds_hold_every_term_on_the_path(name: str) -> None:
+def test_bounds_hold_every_term_on_the_path(name: str, moving: tuple[bool, bool, bool]) -> None:
     rng, joints = np.random.default_rng(), joints_of(name)
-    start, rate = tips(name, 1, 20.0)[0], rng.uniform(-1.0, 1.0, 3)
+    start, rate = tips(name, 1, 20.0)[0], np.where(moving, rng.uniform(-1.0, 1.0, 3), 0.0)
     width = 4.0
     ends = start + width * rate
-    zeros = [np.zeros(1)] * (ORDER - 1)
+    # A term that is 0 everywhere is the number 0, as in the series of a path.
     whole = [
         Series(
             [
                 Interval(np.array([min(a, b)]), np.array([max(a, b)])),
-                np.array([r]),
-                *zeros,
+                Interval(np.array([r]), np.array([r])) if r else 0.0,
+                *[0.0] * (ORDER - 1),
             ]
         )
         for a, b, r in zip(start, ends, rate, strict=True)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 import threading
+from collections import deque
 
 import httpx
 import pytest
 import uvicorn
 
 from cnc.boards.paced_loopback import PacedLoopback
-from cnc.server import connections, hub
+from cnc.server import connections, hub, security
 from cnc.server.app import REQUEST_THREADS, create_app
-from cnc.server.connections import LimitedProtocol
+from cnc.server.connections import BACKLOG, LimitedProtocol
 from cnc.server.library import Library
 from cnc.server.security import Access, Rates
+from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
 PROGRAM = (
@@ -32,13 +35,14 @@ class RealServer:
     """A server at a free port, in a thread."""
 
     def __init__(self, console, rates=None):
-        self.socket = socket.create_server(("127.0.0.1", 0), backlog=256)
+        self.socket = socket.create_server(("127.0.0.1", 0), backlog=BACKLOG)
         self.port = self.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}"
         access = Access(frozenset({f"127.0.0.1:{self.port}"}))
         config = uvicorn.Config(
             create_app(console, access, rates),
             http=LimitedProtocol,
+            backlog=BACKLOG,
             ws="websockets-sansio",
             log_config=None,
             ws_ping_interval=0.5,
@@ -92,6 +96,61 @@ def test_connections_beyond_the_limit_are_closed(server, monkeypatch):
     assert server.get("/api/state").status_code == 200
 
 
+CROWD = share(10_000, 700)
+POST = b" HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\n"
+STOP = b"POST /api/stop" + POST + b"Content-Length: 2\r\n\r\n{}"
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"POST /api/mdi" + POST + b"Content-Length: 9\r\n\r\n{",
+    ],
+    ids=["silent", "half a body"],
+)
+def test_a_stop_comes_through_a_crowd(server, data):
+    """A crowd of the same address takes all places, and goes on to connect."""
+    assert CROWD > connections.MOST_CONNECTIONS
+    host = f"127.0.0.1:{server.port}"
+    crowd, ended = deque(), threading.Event()
+
+    def connect():
+        while not ended.is_set():
+            crowd.append(server.connect())
+            if len(crowd) > CROWD:
+                crowd.popleft().close()
+            with contextlib.suppress(OSError):
+                crowd[-1].sendall(data.replace(b"{}", host.encode()))
+
+    thread = threading.Thread(target=connect)
+    thread.start()
+    wait_until(lambda: len(crowd) >= CROWD)
+    try:
+        for _ in range(share(50, 5)):
+            with server.connect() as connection:
+                connection.settimeout(HANG)
+                connection.sendall(STOP.replace(b"{}", host.encode(), 1))
+                assert connection.recv(12) == b"HTTP/1.1 200"
+    finally:
+        ended.set()
+        thread.join()
+        for each in crowd:
+            each.close()
+
+
+def test_the_largest_crowd_makes_a_place(server, monkeypatch):
+    """The connection of another address stays, although it is silent for longer."""
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 10)
+    other = socket.create_connection(("127.0.0.1", server.port), source_address=("127.0.0.2", 0))
+    crowd = [server.connect() for _ in range(30)]
+    wait_until(lambda: sum(is_closed(each) for each in crowd) == 21)
+    assert not is_closed(other)
+    assert all(is_closed(each) for each in crowd[:21])
+    for each in (other, *crowd):
+        each.close()
+
+
 @pytest.mark.parametrize("data", [b"", b"GET /api/state HTT", b"GET / HTTP/1.1\r\nHost: x\r\n"])
 def test_a_connection_without_a_whole_request_is_closed(server, monkeypatch, data):
     monkeypatch.setattr(connections, "HEAD_TIME", 0.2)
@@ -101,7 +160,31 @@ def test_a_connection_without_a_whole_request_is_closed(server, monkeypatch, dat
     connection.close()
 
 
-def test_the_rest_of_a_refused_upload_is_not_read(server):
+@pytest.mark.parametrize("refused", ["too long", "of another type"])
+def test_the_client_of_a_long_upload_gets_its_refusal(server, monkeypatch, refused):
+    """A client that first sends all would get a reset instead of the answer."""
+    monkeypatch.setattr(security, "MOST_UPLOAD", 100_000)
+    kind = "application/json" if refused == "too long" else "text/plain"
+    piece = b"10000\r\n" + b"x" * 0x10000 + b"\r\n"
+    with server.connect() as connection:
+        connection.settimeout(HANG)
+        connection.sendall(
+            f"PUT /api/jobs/a.nc HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
+            f"Content-Type: {kind}\r\nTransfer-Encoding: chunked\r\n\r\n".encode()
+            + b'a\r\n{"text": "\r\n'
+        )
+        for _ in range(200):
+            connection.sendall(piece)
+        connection.sendall(b"0\r\n\r\n")
+        answer = b""
+        while data := connection.recv(4096):
+            answer += data
+    assert answer.startswith(b"HTTP/1.1 413" if refused == "too long" else b"HTTP/1.1 415")
+    assert b"connection: close" in answer
+
+
+def test_the_rest_of_a_refused_upload_is_not_waited_for(server, monkeypatch):
+    monkeypatch.setattr(security, "LINGER", 0.1)
     with server.connect() as connection:
         connection.settimeout(HANG)
         connection.sendall(
@@ -118,14 +201,20 @@ def test_the_rest_of_a_refused_upload_is_not_read(server):
 
 def handshake(server):
     """Return a connection that has become a WebSocket, and reads nothing."""
-    connection = server.connect()
+    connection = handshake_from(server, "127.0.0.1")
+    assert connection.recv(12) == b"HTTP/1.1 101"
+    return connection
+
+
+def handshake_from(server, address):
+    """Return a connection from an address that has asked to become a WebSocket."""
+    connection = socket.create_connection(("127.0.0.1", server.port), source_address=(address, 0))
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     connection.sendall(
         f"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
         "Sec-WebSocket-Version: 13\r\n\r\n".encode()
     )
-    assert connection.recv(12) == b"HTTP/1.1 101"
     return connection
 
 
@@ -166,13 +255,21 @@ def test_event_connections_are_limited(server, console, monkeypatch):
     monkeypatch.setattr(hub, "MOST_CLIENTS", 2)
     first, second = handshake(server), handshake(server)
     wait_until(lambda: len(console.hub._clients) == 2)
-    third = server.connect()
-    third.sendall(
-        f"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
-        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
-    )
+    third = handshake_from(server, "127.0.0.1")
     assert b"403" in third.recv(1000)
+    for each in (first, second, third):
+        each.close()
+    wait_until(lambda: not console.hub._clients)
+
+
+def test_event_connections_of_one_address_leave_room_for_others(server, console, monkeypatch):
+    monkeypatch.setattr(hub, "MOST_OF_ADDRESS", 1)
+    first = handshake(server)
+    wait_until(lambda: len(console.hub._clients) == 1)
+    second = handshake_from(server, "127.0.0.1")
+    assert b"403" in second.recv(1000)
+    third = handshake_from(server, "127.0.0.2")
+    assert third.recv(12) == b"HTTP/1.1 101"
     for each in (first, second, third):
         each.close()
     wait_until(lambda: not console.hub._clients)

@@ -134,6 +134,25 @@ def test_a_job_from_its_upload_to_its_history(controller, console, library):
     assert controller("GET", "/api/jobs/part.nc").status_code == 404
 
 
+def test_a_run_is_in_the_history_before_its_end_is_told(controller, console, library, monkeypatch):
+    """A client that learns of the end asks for the history at once."""
+    (library.folder / "short.nc").write_text("G21 G90\nG0 X1\nM2\n")
+    seen, before, publish = [], len(library.history()), console.hub.publish
+
+    def published(event):
+        if event.event == "job-ended":
+            seen.append(library.history()[0]["job"] if len(library.history()) > before else None)
+        publish(event)
+
+    monkeypatch.setattr(console.hub, "publish", published)
+    assert controller("POST", "/api/jobs/short.nc/run").status_code == 200
+    wait_until(lambda: seen)
+    wait_until(lambda: not console.session._busy)
+    assert seen == ["short.nc"]
+    assert len(library.history()) == before + 1
+    library.remove("short.nc")
+
+
 def test_a_check_finds_errors_at_their_lines(client, console, library):
     from cnc.server.checking import CheckOrder, check_job
 

@@ -27,7 +27,9 @@ CHUNK = 40
 MOST_DICTIONARY = 1 << 20
 """Bytes after which a dictionary without end is refused."""
 IDENTIFY_S = 3.0
-"""Timeout of the first answer: the opening of the port may have reset the board."""
+"""Timeout of each part of the dictionary: the opening of the port may have reset the board, and a
+long answer is seldom whole after a bad cable.
+"""
 ANSWER_S = 0.1
 """Time after which a question is asked again, because answers are not repeated."""
 ANSWER_TIMEOUT_S = 1.0
@@ -224,20 +226,20 @@ class Connection:
 
     def _identify(self, timeout: float) -> Dictionary:
         data = bytearray()
-        began = heard = self.clock.now()
+        heard = self.clock.now()
         first = Dictionary()
         asked = -1.0
         while True:
             now = self.clock.now()
-            if now - heard > (timeout if not data else ANSWER_TIMEOUT_S):
-                raise self._nothing_answers(began)
+            if now - heard > timeout:
+                raise self._not_identified(len(data))
             if self.link.idle and now - asked > ANSWER_S:
                 asked = now
                 self.link.send(first.encode("identify", offset=len(data), count=CHUNK))
             try:
                 out = self.link.outgoing(now)
             except WireError:
-                raise self._nothing_answers(began) from None
+                raise self._not_identified(len(data)) from None
             if out:
                 self.port.write(out)
             received = self.port.read(POLL_S)
@@ -278,7 +280,11 @@ class Connection:
             "board-silent", f"the board on {self.name} does not answer any more", hint=hint
         )
 
-    def _nothing_answers(self, began: float) -> BoardError:
+    def _not_identified(self, received: int) -> BoardError:
+        """Return the fault of a device without a dictionary, of which some bytes were received."""
+        if received:
+            message = f"the board on {self.name} does not answer any more"
+            return board_error("board-silent", message, hint="check the cable and its shield")
         if self.link.damaged:
             hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise)"
             message = f"the device on {self.name} is not a Klipper board"

@@ -203,14 +203,19 @@ class Klipper(PulseBoard):
         seconds = block.seconds if isinstance(block, Dwell) else 0.0
         if after == before and not seconds:
             return
-        if not (isinstance(block, Spindle) and block.with_motion):
+        with_motion = isinstance(block, Spindle) and block.with_motion
+        if not with_motion:
             self._flush()  # The motion rests at such a block.
         if after != before:
-            supervisor.set_outputs(after, sender.clock_of(time_ns) if sender.running else None)
+            if sender.running or with_motion or supervisor.outputs.waits:
+                supervisor.outputs.set_in_motion(after, time_ns)
+            else:
+                supervisor.set_outputs(after)
             supervisor.pump(0.0)
         if sender.running:
             sender.until_ns = max(sender.until_ns, time_ns + round(seconds * 1e9))
         elif seconds:
+            supervisor.set_outputs(after)
             supervisor.wait(seconds + AHEAD_S)
 
     def _end(self) -> None:

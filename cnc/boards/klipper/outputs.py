@@ -1,11 +1,14 @@
 """Outputs of a Klipper board: spindle, coolant, motor drivers; repeated while they are on.
 
 The board switches an output off by itself when it hears nothing of it for MAX_DURATION_S. So each
-output that is on is repeated, and a computer that dies leaves no spindle running.
+output that is on is repeated, and a computer that dies leaves no spindle running. For the same
+reason nothing is sent more than AHEAD_S before its time: a change that belongs to later motion is
+kept back until that motion is played.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 from cnc.boards.klipper.connection import Connection
@@ -59,7 +62,7 @@ class Outputs:
         on_entry: Called with the clock of each entry in the board's queue.
 
     Attributes:
-        state: State after everything scheduled.
+        state: State after everything that was set.
     """
 
     def __init__(
@@ -71,10 +74,37 @@ class Outputs:
         self._on_entry = on_entry
         self._values: dict[int, int | None] = {each.oid: None for each in layout.outputs}
         self._at: dict[int, int] = dict.fromkeys(self._values, 0)
+        self._later: deque[tuple[int, OutputState]] = deque()
+
+    @property
+    def waits(self) -> bool:
+        """Whether a state waits for its motion."""
+        return bool(self._later)
 
     def set(self, state: OutputState, clock: int) -> None:
-        """Schedule a state at a clock."""
+        """Schedule a state at a clock, and discard those that wait."""
+        self._later.clear()
         self.state = state
+        self._schedule_all(state, clock)
+
+    def set_in_motion(self, state: OutputState, time_ns: int) -> None:
+        """Set a state when the board plays the motion at a time of the program, ns."""
+        self.state = state
+        self._later.append((time_ns, state))
+
+    def release(self, clock_of: Callable[[int], int]) -> None:
+        """Schedule the states whose motion is played soon; ``clock_of``: clock of a time, ns."""
+        ticks = self._connection.board_clock
+        now = ticks.at(self._connection.clock.now())
+        while self._later:
+            time_ns, state = self._later[0]
+            clock = clock_of(time_ns)
+            if clock > now + round(AHEAD_S * ticks.frequency):
+                return
+            self._later.popleft()
+            self._schedule_all(state, max(clock, now + round(LEAST_AHEAD_S * ticks.frequency)))
+
+    def _schedule_all(self, state: OutputState, clock: int) -> None:
         for output in self._outputs:
             value = output.value(share_of(state, output))
             if value != self._values[output.oid]:
@@ -83,6 +113,7 @@ class Outputs:
 
     def forget(self) -> None:
         """Forget the values, because the board has set its outputs itself."""
+        self._later.clear()
         self.state = OutputState()
         for oid in self._values:
             self._values[oid] = None

@@ -147,3 +147,27 @@ def test_profiles_have_the_commands_of_real_firmware() -> None:
         other = replace(firmware, forgets_by="config_reset").dictionary.command_names
         assert "config_reset" in other
         assert "reset" not in other
+
+
+@pytest.mark.parametrize(("seconds", "connects"), [(1.5, True), (5.0, False)])
+def test_parts_of_the_dictionary_that_arrive_late(seconds: float, connects: bool) -> None:
+    """On a bad cable the long answers are damaged, while acknowledgements pass."""
+    known = machine()
+    simulator = simulator_for(known)
+    up, parts = simulator.cable.up, []
+
+    def damaged(data: bytes, now: float) -> None:
+        if len(data) > 40:
+            parts.append(now)
+            if parts[10:] and now < parts[10] + seconds:
+                return
+        up(data, now)
+
+    simulator.cable.up = damaged  # type: ignore[method-assign]
+    if connects:
+        connected(known, simulator).close()
+        return
+    with pytest.raises(BoardError) as caught:
+        connected(known, simulator)
+    assert caught.value.diagnostic.code == "board-silent"
+    assert "cable" in caught.value.diagnostic.hint
