@@ -79,7 +79,7 @@ class Loopback:
         from cnc.boards.loopback_switches import SwitchedLoopback, switch_places
 
         places = switch_places(machine)
-        return SwitchedLoopback(machine, places) if places else cls.from_machine(machine)
+        return SwitchedLoopback(machine, places) if places else cls.from_machine(machine.of_joints)
 
     @property
     def capabilities(self) -> Capabilities:

@@ -386,7 +386,7 @@ class SimulatesSwitches(Protocol):
     """A driver class of a simulated board that has limit switches where homing is rehearsed."""
 
     def with_switches(self, machine: Machine) -> PulseSink:
-        """Open the board with limit switches at the axes of the machine."""
+        """Open the board of a machine, with limit switches at its axes or joints."""
 
 
 @runtime_checkable

@@ -121,7 +121,6 @@ def open_board(
         hint = "leave [kinematics] and [joints] out of the machine file of such a board"
         message = f"the board {name!r} has its kinematics in its firmware"
         raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
-    machine = machine.of_joints
     if port is not None:
         if not factory.traits.has_port:
             hint = "leave --port out, or name a board that has one: --board grbl"
@@ -133,4 +132,4 @@ def open_board(
         )
     if homes and isinstance(factory, SimulatesSwitches):
         return factory.with_switches(machine)
-    return factory.from_machine(machine, target)
+    return factory.from_machine(machine.of_joints, target)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cnc.api import RunOptions, home, run
 from cnc.boards.loopback_switches import SwitchedLoopback
 from cnc.boards.registry import open_board
 from cnc.executor.squaring import Squared
-from cnc.machine.kinematics import Delta
+from cnc.machine.kinematics import CoreXY, CoreXZ, Delta
 from cnc.machine.models import Machine
 from cnc.machine.motors import Motor
 from cnc.model.diagnostics import BoardError, UsageError
@@ -85,3 +86,49 @@ def test_axes_without_a_travel_have_no_switch() -> None:
     with pytest.raises(UsageError) as caught:
         home(known, ["c"], board="loopback")
     assert caught.value.diagnostic.code == "no-switch"
+
+
+@pytest.mark.parametrize(
+    ("kind", "found"),
+    [
+        (CoreXY(type="corexy"), {"x": 0.0, "y": -2.0, "z": 1.0}),
+        (CoreXZ(type="corexz"), {"x": 0.0, "y": -2.0, "z": 1.0}),
+    ],
+)
+def test_belts_move_one_axis_at_a_time_to_its_switch(kind, found) -> None:
+    axes = {"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
+    joints = {"a": axis((-99.0, 99.0)), "b": axis((-99.0, 99.0))}
+    known = Machine(kinematics=kind, axes=axes, joints=joints)
+    board = open_board(known, kind="loopback", homes=True)
+    assert isinstance(board, SwitchedLoopback)
+    moves: list[np.ndarray] = []
+    real = board.send
+
+    def send(chunk) -> None:
+        before = board.position_steps
+        real(chunk)
+        moves.append(board.position_steps - before)
+
+    board.send = send  # type: ignore[method-assign]
+    assert home(known, board=board) == found
+    letters = list(known.of_joints.axes)
+    a, b = np.sum(moves, axis=0)[[letters.index("a"), letters.index("b")]] / 100.0
+    first, second = kind.axes
+    # The machine stood at zero.
+    assert (a + b) / 2 == pytest.approx(found[first], abs=0.02)
+    assert (a - b) / 2 == pytest.approx(found[second], abs=0.02)
+    for move in moves:
+        a, b = move[letters.index("a")], move[letters.index("b")]
+        assert abs(a) == pytest.approx(abs(b), abs=2), "one axis moves"
+
+
+def test_belts_need_the_switch_of_their_axis(tmp_path: Path) -> None:
+    axes = {"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
+    joints = {"a": axis((-99.0, 99.0)), "b": axis((-99.0, 99.0))}
+    known = Machine(kinematics=CoreXY(type="corexy"), axes=axes, joints=joints)
+    board = open_board(known, kind="loopback", homes=True)
+    assert isinstance(board, SwitchedLoopback)
+    board.places[1, 0] = board.places[1, 0][0], -1e6
+    with pytest.raises(BoardError) as caught:
+        home(known, ["y"], board=board)
+    assert caught.value.diagnostic.code == "homing-switch"

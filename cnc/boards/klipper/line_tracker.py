@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 @dataclass(slots=True)
 class _Part:
-    """Clock (n,), grid point after (n, axes) and source line (n,) of each move."""
+    """Some moves.
+
+    Attributes:
+        clock: Clock of each move (n,).
+        points: Grid point after each move (n, axes).
+        lines: Source line of each move (n,).
+    """
 
     clock: NDArray[np.int64]
     points: NDArray[np.int64]
@@ -29,12 +35,31 @@ class LineTracker:
         self.line = 0
         self._parts: deque[_Part] = deque()
         self._point: NDArray[np.int64] | None = None
+        self._runs: deque[tuple[int, int, int, int]] = deque()
+        self._received = np.empty(0, np.int64)
+        self._received_line = 0
 
     def add(
         self, clock: NDArray[np.int64], points: NDArray[np.int64], lines: NDArray[np.int32]
     ) -> None:
         """Add moves: their clocks (n,), grid points (n, axes) and source lines (n,)."""
         self._parts.append(_Part(clock, points, lines))
+
+    def add_run(self, command: int, column: int, steps: int, line: int) -> None:
+        """Add steps of an axis, which a command with this number has sent."""
+        self._runs.append((command, column, steps, line))
+
+    def acknowledge(self, command: int) -> None:
+        """Note the number of the last command that the board has acknowledged."""
+        while self._runs and self._runs[0][0] <= command:
+            _, column, steps, self._received_line = self._runs.popleft()
+            self._received[column] += steps
+
+    def end_of_queue(self, acknowledged: int) -> NDArray[np.int64]:
+        """Return the grid point after all steps that the board has; the line becomes that there."""
+        self.acknowledge(acknowledged)
+        self.line = self._received_line or self.line
+        return self._received.copy()
 
     def played(self, clock: int) -> NDArray[np.int64] | None:
         """Drop what has been played at a clock; return the grid point there if it is known."""
@@ -52,7 +77,8 @@ class LineTracker:
     def clear(self, point: NDArray[np.int64]) -> None:
         """Drop everything: the board stands at a grid point (axes,)."""
         self._parts.clear()
-        self._point = point
+        self._runs.clear()
+        self._point, self._received = point, point.copy()
 
     def line_at(self, point: NDArray[np.int64]) -> int:
         """Return the source line of the last move to a grid point, 0 if it is not known."""

@@ -141,6 +141,11 @@ class Sender:
             return 0.0
         return max(self.clock_of(max(self._sent_ns, self.until_ns)) - self.now, 0) / self._frequency
 
+    @property
+    def end_of_queue(self) -> NDArray[np.int64]:
+        """Grid point where a board rests that hears nothing any more: it plays what it has."""
+        return self.tracker.end_of_queue(self._connection.link.acknowledged)
+
     def begin(self, position: NDArray[np.int64]) -> None:
         """Begin a program at a grid point (axes,), at time 0."""
         self.position = position
@@ -330,9 +335,8 @@ class Sender:
         points: NDArray[np.int64],
     ) -> None:
         """Encode and send moves in the order of their clocks."""
-        clocks = self._base_clock + np.rint(
-            (time_ns - self._base_ns) * (1e-9 * self._frequency)
-        ).astype(np.int64)
+        ticks = np.rint((time_ns - self._base_ns) * (1e-9 * self._frequency))
+        clocks = self._base_clock + ticks.astype(np.int64)
         found: list[tuple[int, int, int, Runs]] = []
         for column in range(self._axes):
             rows = np.flatnonzero(step[:, column])
@@ -343,11 +347,15 @@ class Sender:
             runs = self._encoders[column].encode(due, step[rows, column])
             found += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
         found.sort(key=lambda each: each[:3])
+        link = self._connection.link
         self.tracker.add(clocks, points, line)
+        self.tracker.acknowledge(link.acknowledged)
         for begin, column, k, runs in found:
             self._queue(begin, column, k, runs)
             if self.cut:
                 return
+            steps = int(runs.sign[k]) * int(runs.length[k])
+            self.tracker.add_run(link.appended, column, steps, int(line[0]))
         self.position = points[-1]
         self._guard.pump(0.0)
 

@@ -133,7 +133,7 @@ class Supervisor(PulseSupervisor):
         try:
             messages = self.connection.pump(seconds)
         except BoardError as error:
-            raise self._lost(error) from error
+            raise self._lost(error, self.sender.end_of_queue) from error
         for message in messages:
             self._check(message)
         return messages
@@ -145,7 +145,8 @@ class Supervisor(PulseSupervisor):
             case "shutdown" | "is_shutdown" if not self._stopping:
                 raise self._shut_down(message["static_string_id"])
             case "starting" if not self._stopping:
-                raise self._lost(reset_error(self.connection.name))
+                point = self.sender.tracker.played(self.sender.now)
+                raise self._lost(reset_error(self.connection.name), point)
             case "tmcuart_response" | "spi_transfer_response":
                 self._driver_fault(self.drivers.take(message))
             case "trsync_state" if not message["can_trigger"] and self.sender.running:
@@ -304,7 +305,7 @@ class Supervisor(PulseSupervisor):
         except TooLate:
             raise self.too_late() from None
         except BoardError as error:
-            raise self._lost(error) from error
+            raise self._lost(error, self.sender.end_of_queue) from error
         finally:
             self._stopping = False
         if self._stop.dead:
@@ -373,13 +374,11 @@ class Supervisor(PulseSupervisor):
         text = f"; the machine is at {self.position.text(point)}, which may be wrong"
         return text, tracker.line_at(point) or tracker.line
 
-    def _lost(self, error: BoardError) -> BoardError:
-        """End the use of a board that cannot be asked any more."""
-        if self.active:
-            point = self.sender.tracker.played(self.sender.now)
-            if point is not None:
-                self.sender.position = point
-                self.stopped_short = True
+    def _lost(self, error: BoardError, point: NDArray[np.int64] | None) -> BoardError:
+        """End the use of a board that cannot be asked any more, and that stops at about a point."""
+        if self.active and point is not None:
+            self.sender.position = point
+            self.stopped_short = True
         self.position.forget()
         known = error.diagnostic
         if not known.line:

@@ -30,6 +30,8 @@ ATTEMPTS = 12
 """A busy computer may end a run with an underrun before it is killed; then the next kill comes in
 half of the motion that this run made.
 """
+IN_FLIGHT = 250
+"""Steps that the commands on a full wire make, at most."""
 COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
 
 
@@ -151,11 +153,16 @@ def test_pulled_cable(moment: float, mcu: str, tmp_path: Path) -> None:
     simulator.advance = pulled  # type: ignore[method-assign]
     with board(known, simulator) as (driver, _):
         report = run_with(tmp_path / "p.ngc", known, board=driver)
+        arrived = driver._supervisor.connection.link.idle
     assert [fault.diagnostic.code for fault in report.faults] == ["port-lost"]
     advance(simulator.now + 1.0)
     rested = place(known, simulator)
     advance(simulator.now + 2.0)
     assert place(known, simulator) == rested
+    ended = zip(report.end_position.values(), known.steps_per_mm, strict=True)
+    told = np.array([round(mm * scale) for mm, scale in ended])
+    # What was on the wire when the cable was pulled is not known to have arrived.
+    assert np.abs(told - rested).max() <= (0 if arrived else IN_FLIGHT)
     assert not any(motor.active for motor in simulator.motors)
     simulator.advance = advance  # type: ignore[method-assign]
     simulator.cable.plugged = True

@@ -10,7 +10,7 @@ from cnc.boards.klipper.driver import BACKGROUND_S, Klipper
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.klipper_rig import board, machine, place, steps_of
+from tests.support.boards.klipper_rig import board, count, machine, place, steps_of
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share
 
@@ -160,3 +160,29 @@ def test_an_abort_plays_a_ramp_as_long_as_the_timeout_of_the_board() -> None:
         assert driver.known_steps == tuple(place(known, simulator))
         points = np.cumsum(step, axis=0, dtype=np.int64)
         assert (points == driver.position_steps).all(axis=1).any()
+
+
+def test_board_that_receives_nothing_more_ends_where_its_queue_ends() -> None:
+    """Nothing arrives any more: what was sent after that has moved nothing."""
+    known = machine()
+    motion = eased(ROWS, GAP_NS)
+    with board(known) as (driver, simulator):
+        down, up = simulator.cable.down, simulator.cable.up
+
+        def cut() -> bool:
+            return count(known, simulator, "x") > ROWS // 4
+
+        simulator.cable.down = (  # type: ignore[method-assign]
+            lambda data, now: [] if cut() else down(data, now)
+        )
+        simulator.cable.up = (  # type: ignore[method-assign]
+            lambda data, now: None if cut() else up(data, now)
+        )
+        fault = delayed(driver, simulator, motion, 2.0, 0.0, alive=True)
+        assert fault is not None
+        assert fault.diagnostic.code == "board-silent"
+        made = place(known, simulator)
+        assert made[0] > ROWS // 4
+        assert driver.position_steps.tolist() == made
+        assert 0 < fault.diagnostic.line <= made[0]
+        assert driver.known_steps == (None, None, None)

@@ -49,9 +49,17 @@ STANDSTILL_S = 0.1
 
 @dataclass(slots=True)
 class _Sent:
-    """A block without acknowledgement: its bytes, the time when it was first sent, repetitions."""
+    """A block without acknowledgement.
+
+    Attributes:
+        data: Its bytes.
+        last: Number of its last command.
+        at: Time when it was first sent, s.
+        repeated: Whether it was sent again.
+    """
 
     data: bytes
+    last: int
     at: float
     repeated: bool = False
 
@@ -85,6 +93,8 @@ class KlipperLink:
         window: Most bytes without acknowledgement.
         byte_s: Time of a byte on the wire, s.
         round_trip: Estimate of the round trip.
+        appended: Number of commands so far.
+        acknowledged: Number of the last command that the board has acknowledged.
         resent: Number of blocks that were sent again.
         synchronised: Whether the board has told the sequence number that it expects.
         settled: Whether this number is certain. Before, bytes from earlier may tell an old one.
@@ -93,7 +103,7 @@ class KlipperLink:
     def __init__(self) -> None:
         self.window = DEFAULT_WINDOW
         self.round_trip = RoundTrip()
-        self.resent = 0
+        self.appended = self.acknowledged = self.resent = 0
         self.synchronised = self.settled = False
         self._reader = BlockReader()
         self._base = 0
@@ -134,6 +144,7 @@ class KlipperLink:
         if len(command) > MAX_CONTENTS:
             raise LocalError(f"a command of {len(command)} bytes does not fit into a block")
         self._waiting.append(command)
+        self.appended += 1
 
     def drop_waiting(self) -> None:
         """Discard the commands that were not sent yet."""
@@ -178,7 +189,7 @@ class KlipperLink:
                 break
             if not self._sent:
                 self._progress_at = now
-            self._sent.append(_Sent(block, now))
+            self._sent.append(_Sent(block, self.appended - len(self._waiting), now))
             self._flying += len(block)
             self._sent_at = now
             parts.append(block)
@@ -211,6 +222,7 @@ class KlipperLink:
         for _ in range(done):
             first = self._sent.popleft()
             self._flying -= len(first.data)
+            self.acknowledged = first.last
             if not first.repeated:
                 self.round_trip.add(max(now - first.at, 1e-6))
                 self._clean += 1
