@@ -165,6 +165,8 @@ class PlainLines:
             return
         self._printed = now
         known = dict(rows(sent, self._control, total))
-        words = [known["state"], "line " + known["line"].partition("  ")[0]]
+        words = [known["state"]]
+        if sent.at or sent.line:  # Homing has no lines.
+            words.append("line " + known["line"].partition("  ")[0])
         words += [" ".join(known[label].split()) for label in ("machine", "time") if label in known]
         print("; ".join(words), file=sys.stderr, flush=True)

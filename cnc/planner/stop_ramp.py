@@ -29,7 +29,7 @@ EVEN = 0.98
 shorter one.
 """
 
-LATER = (0.1, 0.2, 0.3, 0.45)
+LATER = (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4, 2.0)
 """A search begins too with the plan for these parts of the time of a ramp, and the ramp behind it:
 a motion at the limits of jerk may only slow where the axes leave it some.
 """

@@ -145,7 +145,7 @@ def action(shop, name: str, **inputs: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_action_annotates(shop):
     (shop.folder / "parts" / "bad.nc").write_text(BAD)
-    done = action(shop, "Check")
+    done = action(shop, "Check", arguments="--jobs 1")
     assert done.returncode == 1
     assert done.stdout.startswith(
         "::error file=parts/bad.nc,line=3,endLine=3,col=11,endColumn=13,title=arc-radius-mismatch::"

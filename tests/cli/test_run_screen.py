@@ -1,5 +1,6 @@
 """The screen while a program runs, and the plain lines in its place."""
 
+import dataclasses
 import io
 import os
 import re
@@ -113,6 +114,9 @@ def test_plain_lines_come_at_intervals(
         lines.update(SENT, 60)
     expected = "Run; line 10 of 60; X 1.000 Y -20.500 Z 300.250; 1:15 left 7 lines in the buffer\n"
     assert capsys.readouterr().err == 2 * expected
+    now[0] = 140.0
+    lines.update(dataclasses.replace(SENT, line=0, at=0), None)
+    assert capsys.readouterr().err.startswith("Run; X 1.000"), "homing has no lines"
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.api import check
 from cnc.boards.klipper.layout import Layout, LayoutBuilder
 from cnc.boards.klipper.simulator.firmware import FIRMWARES
 from cnc.machine.klipper import Pin
@@ -95,6 +96,44 @@ def test_errors_name_their_lines(
     assert old in GOOD
     text = GOOD.replace(old, new, 1)
     found = fault(tmp_path, text)
+    assert message in found.message
+    lines = text.splitlines()
+    assert found.line == 1 + next(k for k, each in enumerate(lines) if each.startswith(place))
+    assert found.file == str(tmp_path / "m.toml")
+
+
+SPI = 'driver = { kind = "tmc5160", select = "PC0", run_current = 1.0, spi_bus = "spi" }'
+
+
+@pytest.mark.parametrize(
+    ("mcu", "change", "place", "message"),
+    [
+        ("atmega328p", ('step = "PA0"', 'step = "PZ9"'), "step = ", "the board has no pin PZ9"),
+        ("", ('step = "PA0"', 'step = "PZ9"'), "", ""),
+        ("atmega328p", ('endstop = "^!PA3"', SPI), "", ""),
+        ("atmega328p", ('endstop = "^!PA3"', SPI.replace('"spi"', '"spi1"')), "driver", "spi1"),
+        (
+            "atmega328p",
+            ('endstop = "^!PA3"', f'endstop = "^!PB4"\n{SPI}'),
+            "endstop",
+            "the pin PB4 belongs to the SPI bus spi",
+        ),
+    ],
+)
+def test_pins_are_compared_with_the_named_microcontroller(
+    mcu: str, change: tuple[str, str], place: str, message: str, tmp_path: Path
+) -> None:
+    """The check without a board knows the pins, if the machine file names a microcontroller."""
+    text = GOOD.replace(*change, 1)
+    if mcu:
+        text += f'[board.klipper]\nmcu = "{mcu}"\n'
+    (tmp_path / "m.toml").write_text(text)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X0.1 F300\nM2\n")
+    report = check(tmp_path / "p.ngc", load_machine(tmp_path / "m.toml"))
+    if not message:
+        assert report.ok, report.faults
+        return
+    found = report.faults[0].diagnostic
     assert message in found.message
     lines = text.splitlines()
     assert found.line == 1 + next(k for k, each in enumerate(lines) if each.startswith(place))

@@ -13,9 +13,14 @@ import numpy as np
 import pytest
 
 from cnc.api import check
+from cnc.kernels.path.bspline import TINY
 from cnc.machine.board import Board
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import NurbsFeed, PathMode
+from cnc.planner.lookahead import LookAhead
 from tests.support.planner.legality import Findings, examine
+from tests.support.planner.motions import machine as mill_of
+from tests.support.planner.motions import path_of
 from tests.support.soak import share
 
 LONGEST = 300.0
@@ -320,3 +325,28 @@ def test_years_of_motion_are_planned_without_delay(machine, tmp_path):
     length = (10.0 + 4.0 * math.pi) * scale
     # The turn between line and arc is rounded within the tolerance.
     assert report.duration_s == pytest.approx(length / speed, abs=0.005 / speed)
+
+
+def test_a_part_below_a_tenth_of_a_nanometre_is_straight():
+    """Weights up to 40 000 apart put a hairpin into a part of 7e-8 mm; its bends went unseen."""
+    points = np.array(
+        [[0, 0], [23, 9], [37, 33], [106, 107], [200, 163], [147, 146], [148, 78], [130, 87.0]]
+    )
+    block = NurbsFeed(
+        "t.nc",
+        1,
+        2,
+        np.array([0, 0, 0, 1, 2, 3, 4, 5, 6, 6, 6.0]),
+        np.column_stack((points * 1e-5, np.zeros(8))),
+        np.array([0.536561, 0.00982055, 5.80254, 0.0199827, 796.405, 0.100949, 0.764758, 0.884855]),
+        1.0 / 60.0,
+    )
+    slow = mill_of(
+        axis=(865.4356, 28489.99), tangential=50.36842, normal=119.245, jerk=1691.85, max_feed=359.0
+    )
+    ahead = LookAhead(slow)
+    path = list(path_of([PathMode("t.nc", 1, "exact-path"), block]))
+    assert min(float(chunk.length.min()) for chunk in path) < TINY
+    end = list(ahead.plan(path))[-1]
+    assert not ahead.audit.violations
+    assert end.phase_s[-1] == pytest.approx(sum(float(chunk.length.sum()) for chunk in path))

@@ -18,10 +18,10 @@ from cnc.boards.klipper.alarms import RELEASE
 from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput, TooLate
-from cnc.boards.klipper.layout import InputObject, section
+from cnc.boards.klipper.layout import InputObject, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import JOG, RUN
 from cnc.boards.klipper.outputs import AHEAD_S, actions
-from cnc.boards.klipper.profile import profile_of
+from cnc.boards.klipper.profile import firmware_of, profile_of
 from cnc.boards.klipper.ramp import ramp_seconds
 from cnc.boards.klipper.sender import PIECE_S
 from cnc.boards.klipper.supervisor import Supervisor
@@ -117,7 +117,14 @@ class Klipper(PulseBoard):
 
     @classmethod
     def expected_feasibility_check(cls, machine: Machine) -> KlipperFeasibility:
-        """Return a check for a board with the microcontroller of the machine file."""
+        """Return a check for a board with the microcontroller of the machine file.
+
+        Raises:
+            MachineFileError: The machine file names a microcontroller that lacks one of its pins.
+        """
+        known = machine.board.klipper
+        if known is not None and "mcu" in known.model_fields_set:
+            LayoutBuilder(machine, firmware_of(machine).dictionary).build()
         return KlipperFeasibility(machine, profile_of(machine))
 
     @property

@@ -176,6 +176,8 @@ class LayoutBuilder:
         self._known = section(machine)
         self._ticks = dictionary.constant("CLOCK_FREQ")
         self._uarts: dict[int, int] = {}
+        self._buses: set[str] = set()
+        self._used: dict[str, tuple[str, ...]] = {}
         self.layout = Layout(scales=tuple(machine.steps_per_mm.tolist()))
 
     def build(self) -> Layout:
@@ -222,6 +224,7 @@ class LayoutBuilder:
             pin = getattr(known, name)
             if pin is not None:
                 self._digital((name,), name, pin)
+        self._check_buses()
         return layout
 
     def pin(self, key: tuple[str, ...], text: str) -> int:
@@ -233,7 +236,17 @@ class LayoutBuilder:
             hint = f"its pins are {pin_ranges(pins)}"
             message = f"the board has no pin {name}"
             raise error_in(self._machine, ("board", "klipper", *key), message, hint)
+        self._used[name] = key
         return number
+
+    def _check_buses(self) -> None:
+        """Check that nothing else uses the pins of an SPI bus, if the firmware names them."""
+        for bus in sorted(self._buses):
+            for name in str(self._dictionary.constants.get(f"BUS_PINS_{bus}", "")).split(","):
+                if name in self._used:
+                    path = ("board", "klipper", *self._used[name])
+                    message = f"the pin {name} belongs to the SPI bus {bus}"
+                    raise error_in(self._machine, path, message, "give each pin one use")
 
     def encode(self, command: str, **values: Value) -> None:
         """Append a command to the configuration."""
@@ -302,6 +315,7 @@ class LayoutBuilder:
         elif driver.select is not None:
             buses = self._dictionary.enumerations.get("spi_bus", {})
             bus = buses.get(driver.spi_bus, min(buses.values(), default=0))
+            self._buses |= {name for name, number in buses.items() if number == bus}
             if driver.spi_bus and driver.spi_bus not in buses:
                 message = f"the board has no SPI bus {driver.spi_bus}"
                 hint = f"its buses are {', '.join(buses) or 'none'}"

@@ -37,6 +37,7 @@ from cnc.kernels.path.curve import (
 )
 from cnc.kernels.path.span_shape import (
     MAX_CUTS,
+    NEGLIGIBLE,
     metric_axes,
     sharp_points,
     span_speed,
@@ -46,6 +47,10 @@ from cnc.kernels.path.span_shape import (
 MAX_DEGREE = 9
 CUSP = 1e-7
 """Parts of the mean |dr/du|."""
+TINY = 1e-7
+"""mm. A part in which no axis moves by more becomes straight. Its bends may be smaller than the
+shortest interval that the planner examines, and positions are not exact enough to show them.
+"""
 NUMBERS_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
 RECORD_NUMBERS = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
 """The longest span record of n axes has RECORD_NUMBERS + n NUMBERS_PER_AXIS numbers."""
@@ -189,6 +194,27 @@ def _measure_from_start(curve: Nurbs, k: int, p: int, work: Work) -> None:
 
 
 @njit
+def _straighten_tiny(part: Floats, p: int, n: int) -> None:
+    """Make a part of a span straight where all ``n`` axes move by less than TINY in it.
+
+    Parts that end where they begin stay as they are.
+    """
+    reach = 0.0
+    moved = 0.0
+    for c in range(1, n + 1):
+        for i in range(1, p + 1):
+            reach = max(reach, abs(part[c * STRIDE + i] / part[i]))
+        moved = max(moved, abs(part[c * STRIDE + p] / part[p]))
+    if reach < TINY and moved > NEGLIGIBLE:
+        for c in range(1, n + 1):
+            end = part[c * STRIDE + p] / part[p]
+            for i in range(p + 1):
+                part[c * STRIDE + i] = end * i / p
+        for i in range(p + 1):
+            part[i] = 1.0
+
+
+@njit
 def _write_part(
     span: Span,
     cut: int,
@@ -241,6 +267,7 @@ def _write_part(
         else:
             position[c] = end[c]
         data[at + START + n + c] = position[c]
+    _straighten_tiny(part, p, n)
     for c in range(n + 1):
         for i in range(p + 1):
             data[to] = part[c * STRIDE + i]

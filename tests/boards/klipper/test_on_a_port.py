@@ -1,7 +1,7 @@
 """The driver on a real board or simulator, by hand: ``CNC_KLIPPER_PORT`` names the port.
 
 ``CNC_KLIPPER_MACHINE`` names the machine file with the pins of the board. The supply of the motors
-must be off. Without a port, the simulator serves a pseudo-terminal in real time.
+must be off. Without a port, the simulator serves a pseudo-terminal.
 """
 
 from __future__ import annotations
@@ -11,22 +11,27 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.simulator import pty_server
 from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.pty_server import PtyServer
+from cnc.boards.port import SystemClock
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.klipper_rig import machine
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.session.runs import run_with
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
 ATTEMPTS = 8
+SLOWER = 3.0
+"""On the simulator a second takes so many real ones, so that a busy computer is seldom late."""
 PORT, FILE = os.environ.get("CNC_KLIPPER_PORT"), os.environ.get("CNC_KLIPPER_MACHINE")
 
 
@@ -35,13 +40,21 @@ def known() -> Machine:
     return machine() if PORT is None else load_machine(FILE)
 
 
+def slow_time() -> float:
+    return time.monotonic() / SLOWER
+
+
 @pytest.fixture(scope="module")
 def port(known: Machine) -> Iterator[str]:
     if PORT is not None:
         yield PORT
         return
-    with PtyServer(simulator_for(known)) as server:
-        yield server.name
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SystemClock, "now", staticmethod(slow_time))
+        patch.setattr(SystemClock, "sleep", lambda _, seconds: time.sleep(SLOWER * seconds))
+        patch.setattr(pty_server, "time", SimpleNamespace(monotonic=slow_time))
+        with pty_server.PtyServer(simulator_for(known)) as server:
+            yield server.name
 
 
 @pytest.fixture(autouse=True)
@@ -49,16 +62,21 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
-@pytest.fixture
-def board(known: Machine, port: str) -> Iterator[Klipper]:
-    driver = Klipper.from_machine(known, Path(port))
-    yield driver
-    driver.close()
-
-
-def test_program(known: Machine, board: Klipper, tmp_path: Path) -> None:
+def test_program(known: Machine, port: str, tmp_path: Path) -> None:
+    """A busy computer may be too late for a move; then the board rests, and has another attempt."""
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X3 Y2 F900\nG3 X0 Y0 I-1.5 J-1\nG4 P0.2\nM2\n")
-    report = run_with(tmp_path / "p.ngc", known, board=board)
+    for _ in range(ATTEMPTS):
+        board = Klipper.from_machine(known, Path(port))
+        try:
+            report = run_with(tmp_path / "p.ngc", known, board=board)
+        finally:
+            board.close()
+        if report.ok:
+            break
+        (fault,) = report.faults
+        # Without time for a ramp the motors stop at once, and the position is not known.
+        assert (fault.diagnostic.code == "board-underrun") == (None not in board.known_steps)
+        assert fault.diagnostic.code in ("board-underrun", "klipper-shutdown")
     assert report.ok, report.faults
     assert board.known_steps == (0, 0, 0)
 
@@ -78,21 +96,37 @@ def test_position_is_known_to_the_next_program(known: Machine, port: str) -> Non
         again.close()
 
 
-def test_host_that_stops_to_send_comes_to_rest(board: Klipper) -> None:
-    """The background thread makes the ramp while the program computes."""
-    board.start(np.zeros(3, np.int64))
+def stopped_sending(known: Machine, port: str) -> tuple[str, Klipper]:
+    """Return the fault of a host that sends no more rows, and its driver."""
+    board = Klipper.from_machine(known, Path(port))
     time_ns, step = line(20_000, 400_000)
-    for part in chunks(time_ns, step, 50):
-        board.send(part)
-        if part.line[-1] >= 2000:
-            break
-    deadline = time.monotonic() + 20.0
-    while board._supervisor.fault is None and time.monotonic() < deadline:
-        time.sleep(0.01)
-    with pytest.raises(BoardError) as caught:
+    try:
+        board.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns, step, 50):
+            board.send(part)
+            if part.line[-1] >= 2000:
+                break
+        wait_until(lambda: board._supervisor.fault is not None)
         board.send(next(chunks(time_ns[3000:], step[3000:], 50)))
-    assert caught.value.diagnostic.code == "board-underrun"
-    points = np.cumsum(step, axis=0, dtype=np.int64)
+    except BoardError as fault:
+        return fault.diagnostic.code, board
+    finally:
+        board.close()
+    return "", board
+
+
+def test_host_that_stops_to_send_comes_to_rest(known: Machine, port: str) -> None:
+    """The background thread makes the ramp while the program computes.
+
+    A busy computer may be too late for a ramp; then the position is not known.
+    """
+    for _ in range(ATTEMPTS):
+        code, board = stopped_sending(known, port)
+        assert code
+        if None not in board.known_steps:
+            break
+    assert code == "board-underrun"
+    points = np.cumsum(line(20_000, 400_000)[1], axis=0, dtype=np.int64)
     assert (points == board.position_steps).all(axis=1).any()
 
 

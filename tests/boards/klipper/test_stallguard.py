@@ -24,8 +24,8 @@ from tests.support.soak import share
 
 KEYS = {
     "tmc2209": {"uart": "gpio26"},
-    "tmc2130": {"select": "gpio27"},
-    "tmc5160": {"select": "gpio27"},
+    "tmc2130": {"select": "gpio27", "spi_bus": "spi0c"},
+    "tmc5160": {"select": "gpio27", "spi_bus": "spi0c"},
 }
 RIGHT = {"tmc2209": 60, "tmc2130": 5, "tmc5160": 5}
 STOP = -300

@@ -71,7 +71,11 @@ def test_bits_survive(data: bytes) -> None:
 
 def driver(kind: str, **keys: object) -> TrinamicDriver:
     keys = {"uart": "gpio26", **keys} if kind in ("tmc2208", "tmc2209") else keys
-    connection = {"uart": "gpio26"} if kind in ("tmc2208", "tmc2209") else {"select": "gpio27"}
+    connection = (
+        {"uart": "gpio26"}
+        if kind in ("tmc2208", "tmc2209")
+        else {"select": "gpio27", "spi_bus": "spi0c"}
+    )
     return TrinamicDriver.model_validate({"kind": kind, "run_current": 0.8, **connection, **keys})
 
 

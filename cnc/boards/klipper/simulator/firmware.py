@@ -105,6 +105,7 @@ class Firmware:
         baud: Speed of its serial line, bits/s; 0 for USB.
         event_ticks: Time that an edge of a step pin takes, ticks.
         ports: First names of the pins, and number of pins of each.
+        buses: SPI buses in the order of their numbers, each with its pins MISO, MOSI, SCK.
         window: Bytes that it can receive ahead; 0 for USB.
         pwm_max: Value of a PWM output that is always on.
         short_pulse: Longest step pulse whose end is no event of its own, ticks.
@@ -118,6 +119,7 @@ class Firmware:
     baud: int
     event_ticks: int
     ports: tuple[tuple[str, int], ...]
+    buses: tuple[tuple[str, str], ...]
     window: int
     pwm_max: int = 255
     short_pulse: int = 0
@@ -142,6 +144,7 @@ class Firmware:
             "PWM_MAX": self.pwm_max,
             "STATS_SUMSQ_BASE": 256,
         }
+        constants |= {f"BUS_PINS_{name}": pins for name, pins in self.buses}
         if self.baud:
             constants |= {"SERIAL_BAUD": self.baud, "RECEIVE_WINDOW": self.window}
         commands = [text for text in COMMANDS if text not in FORGET or text == self.forgets_by]
@@ -154,7 +157,7 @@ class Firmware:
             "config": constants,
             "enumerations": {
                 "pin": pins,
-                "spi_bus": {"spi": 0, "spi1": 1},
+                "spi_bus": {name: number for number, (name, _) in enumerate(self.buses)},
                 "static_string_id": {text: 2 + k for k, text in enumerate(REASONS)},
             },
         }
@@ -178,6 +181,26 @@ def _ports(letters: str, pins: int) -> tuple[tuple[str, int], ...]:
     return tuple((f"P{letter}0", pins) for letter in letters)
 
 
+RP2040_BUSES = (
+    ("spi0a", "gpio0,gpio3,gpio2"),
+    ("spi0b", "gpio4,gpio7,gpio6"),
+    ("spi0c", "gpio16,gpio19,gpio18"),
+    ("spi0d", "gpio20,gpio23,gpio22"),
+    ("spi0e", "gpio4,gpio3,gpio2"),
+    ("spi1a", "gpio8,gpio11,gpio10"),
+    ("spi1b", "gpio12,gpio15,gpio14"),
+    ("spi1c", "gpio24,gpio27,gpio26"),
+)
+SPI1_SPI2 = ("spi2", "PB14,PB15,PB13"), ("spi1", "PA6,PA7,PA5"), ("spi1a", "PB4,PB5,PB3")
+STM32F1_BUSES = (*SPI1_SPI2, ("spi3", "PB4,PB5,PB3"))
+STM32F4_BUSES = (
+    *SPI1_SPI2,
+    ("spi2a", "PC2,PC3,PB10"),
+    ("spi3", "PB4,PB5,PB3"),
+    ("spi3a", "PC11,PC12,PC10"),
+    ("spi4", "PE13,PE14,PE12"),
+)
+"""Names and pins of the SPI buses, as the dictionaries of the firmware have them."""
 AVR_PULSE = 40
 """Step pulse up to which an AVR makes both edges in one event, ticks."""
 FIRMWARES = {
@@ -188,6 +211,7 @@ FIRMWARES = {
         250_000,
         161,
         _ports("ABCD", 8),
+        (("spi", "PB4,PB3,PB5"),),
         window=192,
         short_pulse=AVR_PULSE,
     ),
@@ -198,13 +222,16 @@ FIRMWARES = {
         250_000,
         161,
         _ports("ABCDEFGHIJKL", 8),
+        (("spi", "PB3,PB2,PB1"),),
         window=192,
         short_pulse=AVR_PULSE,
     ),
-    "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), window=0),
-    "stm32f103": Firmware("stm32f103xe", 72_000_000, 1024, 0, 88, _ports("ABCDE", 16), window=0),
+    "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), RP2040_BUSES, window=0),
+    "stm32f103": Firmware(
+        "stm32f103xe", 72_000_000, 1024, 0, 88, _ports("ABCDE", 16), STM32F1_BUSES, window=0
+    ),
     "stm32f446": Firmware(
-        "stm32f446xx", 180_000_000, 1024, 0, 110, _ports("ABCDEFGH", 16), window=0
+        "stm32f446xx", 180_000_000, 1024, 0, 110, _ports("ABCDEFGH", 16), STM32F4_BUSES, window=0
     ),
 }
 """Profiles by the name of the microcontroller."""
