@@ -88,7 +88,8 @@ def home(
         from cnc.report.number_format import position
 
         known = {axis.upper(): value for axis, value in positions.items() if value is not None}
-        print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
+        if known:
+            print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
         lost = [axis.upper() for axis, value in positions.items() if value is None]
         if lost:
             print("not known:", *lost)

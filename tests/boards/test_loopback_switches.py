@@ -10,6 +10,7 @@ import pytest
 from cnc.api import RunOptions, home, run
 from cnc.boards.loopback_switches import SwitchedLoopback
 from cnc.boards.registry import open_board
+from cnc.cli import exit_code
 from cnc.executor.squaring import Squared
 from cnc.machine.kinematics import CoreXY, CoreXZ, Delta
 from cnc.machine.models import Machine
@@ -132,3 +133,23 @@ def test_belts_need_the_switch_of_their_axis(tmp_path: Path) -> None:
     with pytest.raises(BoardError) as caught:
         home(known, ["y"], board=board)
     assert caught.value.diagnostic.code == "homing-switch"
+
+
+@pytest.mark.parametrize(
+    ("axes", "shown"),
+    [(["x"], ["not known: X Y"]), (["x", "y"], ["the machine stands at X0 Y-2"])],
+)
+def test_the_axes_of_two_belts_are_known_together(
+    axes: list[str], shown: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motor = "steps_per_mm = 100\nmax_velocity = 40\nmax_acceleration = 400\nmax_jerk = 15000\n"
+    homing = "homing = { seek = 40, latch = 5, pull_off = 0.5 }\n"
+    file = tmp_path / "belts.toml"
+    file.write_text(
+        '[kinematics]\ntype = "corexy"\n'
+        + f"[axes.x]\n{homing}travel = [0, 8]\n[axes.y]\n{homing}travel = [-2, 6]\n"
+        + f"[joints.a]\n{motor}[joints.b]\n{motor}"
+    )
+    assert exit_code(["home", "--machine", str(file), "--board", "loopback", *axes]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[len(axes) :] == shown

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks import cam_programs
 from benchmarks.chains import chain, distance, duration, moves, path, sampled, smooth
-from cnc.model.blocks import NurbsFeed
+from cnc.api import parse
+from cnc.kernels.path.curve import START
+from cnc.model.blocks import ArcFeed, NurbsFeed, PathMode, Polyline
 from tests.support.path.fitted import assert_sound
+from tests.support.planner.motions import path_of
 from tests.support.soak import share
 
 SEEDS = range(500, 500 + share(400, 10))
@@ -46,3 +50,16 @@ def test_a_window_goes_on_from_the_one_before():
     some = sampled(chunks[:8], 24)
     off = np.abs(np.hypot(some[:, 0], some[:, 1]) - radius * (1.0 - 0.5 * (step / 2.0) ** 2 / 2.0))
     assert off.max() <= 1.5 * tolerance
+
+
+def test_pieces_of_a_cam_program_join_exactly(tmp_path):
+    """The last control point of a fitted chain was the vertex but for 9e-16 mm."""
+    file = tmp_path / "p.nc"
+    cam_programs.write(file, "fusion", 560, 72)
+    moves = [block for block in parse(file) if isinstance(block, Polyline | ArcFeed)]
+    ends = []
+    for chunk in path_of([PathMode("p.nc", 1, "blend", 0.01), *moves]):
+        n = len(chunk.axes)
+        ends.append(chunk.data[chunk.at[:, None] + START + np.arange(2 * n)])
+    start, end = np.split(np.concatenate(ends), 2, axis=1)
+    np.testing.assert_array_equal(start[1:], end[:-1])

@@ -41,9 +41,11 @@ def test_the_published_path_is_legal(period: float, tmp_path: Path) -> None:
     assert np.load(trace)["tool"].shape[1] == 5
 
 
-@pytest.mark.skipif(not share(True, False), reason="the optimum takes a minute")
-def test_the_published_path_is_near_the_fastest() -> None:
-    start, blocks = flank_blocks(COUNT, 50.0, 0.005)
+@pytest.mark.skipif(not share(True, False), reason="the optimum takes many seconds")
+@pytest.mark.parametrize(("count", "tolerance"), [(COUNT, 0.005), (201, 0.02)])
+def test_the_published_path_is_near_the_fastest(count: int, tolerance: float) -> None:
+    """The tolerances are larger than the distance of the chords from the curve."""
+    start, blocks = flank_blocks(count, 50.0, tolerance)
     times = times_of(blocks, ("x", "y", "z", "a", "c"), flank_machine(), start=start)
     assert times.solved
     assert times.ours <= 1.02 * times.t3

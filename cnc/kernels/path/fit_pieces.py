@@ -168,8 +168,10 @@ def _write_span(
                 end[c] = p[k + 1, c] if whole else x[i, c]
         elif whole:
             tau = 1.0
+            # A broken spline goes through the vertex; its control point may differ by rounding.
+            broken = knots[k + 1]["ends"] and knots[k + 1]["on"]
             for c in range(n):
-                end[c] = bezier[k, DEGREE, c]
+                end[c] = x[knots[k + 1]["vertex"], c] if broken else bezier[k, DEGREE, c]
         else:
             if feed[i] == feed[move]:
                 continue

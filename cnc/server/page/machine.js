@@ -217,14 +217,17 @@ function readPad() {
   }
   const held = pad.buttons[4]?.pressed || pad.buttons[5]?.pressed, dead = 0.25;
   const [x, y, z] = [pad.axes[0] ?? 0, -(pad.axes[1] ?? 0), -(pad.axes[3] ?? 0)].map(each => Math.abs(each) > dead ? each : 0);
-  const directions = Object.fromEntries([["x", x], ["y", y], ["z", z]].filter(([letter, value]) => value && letter in machine.axes));
-  const signs = held ? Object.entries(directions).map(([letter, value]) => letter + Math.sign(value)).join() : "";
+  // A step has its whole length, however far the stick is.
+  const directions = Object.fromEntries([["x", x], ["y", y], ["z", z]].filter(([letter, value]) => value && letter in machine.axes)
+    .map(([letter, value]) => [letter, Math.sign(value)]));
+  const signs = held ? Object.entries(directions).flat().join(" ") : "";
   // Another direction begins when the machine is at rest: it never goes where the stick no longer points.
   if (padActive && signs !== padActive) {
     release();
     padActive = "";
   } else if (signs && !padActive && jog === null && state.state !== "jogging") {
-    press(directions);
+    // A gamepad is read in the background as well: a stick moved for another window must not jog.
+    if (document.hasFocus()) press(directions);
     padActive = signs;
   }
   requestAnimationFrame(readPad);

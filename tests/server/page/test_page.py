@@ -1,32 +1,14 @@
-"""The operator's story in a browser, at a desk and on a phone, against the GRBL simulator.
-
-The simulator is at a pseudo-terminal. It has limit switches, and a plate for the probe.
-"""
+"""The operator's story in a browser, at a desk and on a phone, against the GRBL simulator."""
 
 import os
 import re
-import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import GRBL
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
-from cnc.kernels.code_cache import cache_folder
-from cnc.machine.load import load_machine
-from tests.support.paths import ROOT
+from tests.support.server.console_page import connect, enter, expect, take
+from tests.support.server.quick_mill import PLATE, PLATE_THICKNESS
 
-sync_api = pytest.importorskip("playwright.sync_api")
-expect = sync_api.expect
-
-SECONDS = 120
-"""For each wait. A wait ends when what it waits for is there, so this only limits a failure."""
 PROGRAM = """\
 G21 G90 G94 G17
 (T1 D=6 CR=3 - ball end mill)
@@ -41,38 +23,8 @@ G3 X20 Y20 J-15
 G0 Z5
 M30
 """
-MILL = """\
-[machine]
-name = "Quick mill"
-[path]
-max_feed = 100
-tolerance = 0.01
-[board]
-kind = "grbl"
-max_step_rate = 30_000
-"""
-AXIS = """\
-[axes.{letter}]
-steps_per_mm = 200
-max_velocity = {velocity}
-max_acceleration = 2000
-max_jerk = 100_000
-travel = [{low}, 0]
-homing = {{ seek = {velocity}, latch = 20, pull_off = 1, end = "high" }}
-"""
-PLATE, PLATE_THICKNESS = -22.0, 10.0
-"""Machine position of the top of the touch plate, and its thickness, mm."""
 ZERO = "G10 L2 P1 X-150 Y-150 Z-32"
 WRONG = "G21 G90\nG0 X1\nG1 X\n"
-CHROMIUM = [
-    "--no-sandbox",
-    "--enable-unsafe-swiftshader",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--disable-gpu-compositing",
-]
-
-
 ALL_RULES = {"resultTypes": ["violations"]}
 COLOUR_RULES = ALL_RULES | {"runOnly": ["color-contrast", "link-in-text-block"]}
 """A change of the theme changes colours only; these rules of all are about colours."""
@@ -84,86 +36,6 @@ AXE_OF_DIALOG = """async ([id, options]) => {
   place.close();
   return violations.map(({id, impact, nodes}) => [id, impact, nodes[0].failureSummary]);
 }"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    program = shutil.which("chromium")
-    if program is None:
-        if os.environ.get("CI"):
-            pytest.fail("chromium is not installed: apt-get install chromium")
-        pytest.skip("chromium is not installed: apt-get install chromium")
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=program, args=CHROMIUM)
-        yield started
-        started.close()
-
-
-@pytest.fixture(scope="module")
-def mill(tmp_path_factory):
-    """A quick machine, so that the tests wait less."""
-    file = tmp_path_factory.mktemp("machine") / "mill.toml"
-    axes = [("x", 100, -200), ("y", 100, -200), ("z", 60, -40)]
-    tables = [AXIS.format(letter=a, velocity=b, low=c) for a, b, c in axes]
-    file.write_text(MILL + "".join(tables), encoding="utf-8")
-    return file
-
-
-@pytest.fixture(scope="module")
-def port(mill):
-    """The terminal of a simulated board that is not homed."""
-    pty_server = pytest.importorskip("cnc.boards.grbl.simulator.pty_server")
-    pytest.importorskip("termios")
-    settings = settings_of(load_machine(str(mill)))
-    around = Environment.of_travels(*(settings[number] for number in (130, 131, 132)))
-    around.offset = (-12.0, -12.0, -6.0)  # The switches are near.
-    around.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), PLATE),))
-    board = GrblSimulator(GRBL, settings=settings, environment=around)
-    with pty_server.PtyServer(board) as terminal:
-        yield terminal.name
-
-
-@pytest.fixture(scope="module")
-def address(tmp_path_factory, mill, port):
-    """The address of a server with an empty library."""
-    folder = tmp_path_factory.mktemp("console")
-    # The spindle of a run from a line needs no time here, in any process of the server.
-    quick = folder / "quick.py"
-    quick.write_text(
-        "import cnc.cli, cnc.session.resume\n"
-        "cnc.session.resume.SPIN_UP = 0.1\n"
-        "if __name__ == '__main__':\n    cnc.cli.main()\n"
-    )
-    arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", str(mill)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
-    environment["NUMBA_CACHE_DIR"] = str(cache_folder())
-    server = subprocess.Popen(
-        [sys.executable, quick, *arguments],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert server.stdout is not None
-    yield server.stdout.readline().strip()
-    server.send_signal(signal.SIGINT)
-    server.wait(SECONDS)
-    server.stdout.close()
-
-
-@pytest.fixture
-def page(browser, address):
-    """A page at a desk whose script has no error."""
-    context = browser.new_context(viewport={"width": 1400, "height": 1000})
-    context.set_default_timeout(1000 * SECONDS)
-    opened, wrong = context.new_page(), []
-    opened.on("pageerror", lambda error: wrong.append(str(error)))
-    opened.goto(address)
-    expect.set_options(timeout=1000 * SECONDS)
-    expect(opened.locator("#state")).not_to_have_text("connecting")
-    yield opened
-    context.close()
-    assert wrong == []
 
 
 def picture(page, name):
@@ -178,30 +50,6 @@ def upload(page, name, text):
         "#upload", {"name": name, "mimeType": "text/plain", "buffer": text.encode()}
     )
     expect(page.locator("#jobs")).to_have_value(name)
-
-
-def take(page):
-    page.click("#take")
-    expect(page.locator("#holder")).to_have_text("you have control")
-
-
-def connect(page, port):
-    """Connect and home, unless a test before this one has."""
-    if page.inner_text("#state") == "disconnected":
-        page.select_option("#board", "grbl")
-        page.fill("#port", port)
-        page.click("#connection button")
-        expect(page.locator("#state")).to_have_text("alarm")
-        page.click("#home")
-    expect(page.locator("#state")).to_have_text("idle")
-    expect(page.locator("#lamps")).to_contain_text("X homed: on")
-
-
-def enter(page, line):
-    """Run a line, and wait for its end."""
-    page.fill("#mdi", line)
-    page.press("#mdi", "Enter")
-    expect(page.locator("#message")).to_contain_text("MDI: done")
 
 
 def work(page, axis):
