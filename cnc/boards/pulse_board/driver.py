@@ -5,7 +5,9 @@ A driver adds what its board does: start, blocks, probing, the end of a motion.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from abc import ABC, abstractmethod
 from contextlib import suppress
 
@@ -39,9 +41,11 @@ class PulseBoard(ABC):
         self._closed = threading.Event()
         self._began = False
         self._next_alone: tuple[int, int] | None = None
+        self._period_s, self._pumped_at = math.inf, 0.0
 
     def run_in_background(self, period_s: float) -> None:
         """Exchange bytes between calls in a thread, so that the board is not alone."""
+        self._period_s = period_s
         name = type(self).__name__
         threading.Thread(target=self._keep_alive, args=(period_s,), daemon=True, name=name).start()
 
@@ -106,6 +110,10 @@ class PulseBoard(ABC):
                 self._flush()
                 raise
             self._send_rows(chunk, begin)
+            # A planner at work gives the interpreter's lock back so often, and so shortly, that the
+            # thread may wait for some tenths of a second.
+            if time.monotonic() - self._pumped_at >= self._period_s:
+                self._pump()
 
     def _send_rows(self, chunk: PulseChunk, begin: NDArray[np.int64]) -> None:
         """Send the rows that have passed the checks."""
@@ -201,7 +209,11 @@ class PulseBoard(ABC):
         while not self._closed.wait(period_s):
             with self._lock:
                 if not self._closed.is_set():
-                    self._board.pump_in_background()
+                    self._pump()
+
+    def _pump(self) -> None:
+        self._pumped_at = time.monotonic()
+        self._board.pump_in_background()
 
 
 def port_name(machine: Machine, target: object, board: str) -> str:
