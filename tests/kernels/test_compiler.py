@@ -133,9 +133,7 @@ def warm(place: Place, code: Path) -> Place:
     return place
 
 
-def test_a_kernel_is_compiled_once_and_then_loaded(
-    first_call: tuple[Place, tuple[float, list[str]]],
-) -> None:
+def test_a_kernel_is_compiled_once_and_then_loaded(first_call: tuple[Place, Any]) -> None:
     place, (value, compiled) = first_call
     assert value == in_python()
     assert compiled == ["top", "large", "small"]
@@ -360,9 +358,8 @@ WITH_ALL_WORK = CALL.replace(
 def test_the_machine_code_is_that_of_a_compiler_that_repeats_its_work(
     warm: Place, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "again"
-    folder.mkdir()
-    again = Place(folder)
+    (tmp_path / "again").mkdir()
+    again = Place(tmp_path / "again")
     assert answer(again.start(WITH_ALL_WORK))[0] == in_python()
     codes = []
     for place in (warm, again):
