@@ -167,6 +167,20 @@ class _Homing:
         all_known = all(state[name] for name in together)
         return [all_known if letter in moved else state[letter] for letter in self.machine.axes]
 
+    def with_partners(self, axes: Sequence[str], switches: int) -> Sequence[str]:
+        """Return axes to home, and those that share their motors, unless their position is known.
+
+        The position of the motors is known only when that of all their axes is.
+        """
+        letters = tuple(map(str, self.machine.axes))
+        shared = self.machine.kinematics.axes if self.machine.kinematics.joints else ()
+        if not {axis.lower() for axis in axes} & set(shared):
+            return axes
+        return (*axes, *(e for e in letters[:switches] if e in shared and not self._is_known(e)))
+
+    def _is_known(self, letter: str) -> bool:
+        return self.known[tuple(map(str, self.machine.axes)).index(letter)]
+
     def known_joints(self) -> list[bool]:
         """Return for each joint whether the axes that it moves have a known position."""
         together = self.machine.kinematics.joints
@@ -299,7 +313,7 @@ def home(
     if not joints.linear:
         machine, start = joints.machine, joints.at(start)
     homing = _Homing(board, board, machine, control or Control(), on_progress, start, on_squared)
-    for cycle in homing_sequence(machine, axes, switches):
+    for cycle in homing_sequence(machine, homing.with_partners(axes, switches), switches):
         if on_axis is not None:
             on_axis(cycle)
         homing.home(cycle)

@@ -24,10 +24,17 @@ class BeltBench(Bench):
             self.simulator.set_pin(SWITCH_PINS[letter], 0 if low <= tip[letter] <= high else 1)
 
 
-def homed(bench: Bench, machine: Machine) -> dict[str, float | None]:
+BELTS = Machine(
+    kinematics=CoreXY(type="corexy"),
+    axes={"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))},
+    joints={"a": axis((-99.0, 99.0)), "b": axis((-99.0, 99.0))},
+)
+
+
+def homed(bench: Bench, machine: Machine, axes: tuple[str, ...] = ()) -> dict[str, float | None]:
     board = bench.driver(machine.of_joints)
     try:
-        return home(machine, board=board)
+        return home(machine, axes, board=board)
     finally:
         board.close()
 
@@ -40,12 +47,7 @@ def belts() -> Iterator[Bench]:
 
 
 def test_corexy_moves_one_axis_at_a_time_with_both_motors(belts: Bench) -> None:
-    machine = Machine(
-        kinematics=CoreXY(type="corexy"),
-        axes={"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))},
-        joints={"a": axis((-99.0, 99.0)), "b": axis((-99.0, 99.0))},
-    )
-    assert homed(belts, machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
+    assert homed(belts, BELTS) == {"x": 0.0, "y": -2.0, "z": 1.0}
     a, b, z = belts.place[:3]
     for place, closed in zip(((a + b) / 2, (a - b) / 2, z), (-250, -360, 100), strict=True):
         assert abs(place - closed) <= 1
@@ -55,7 +57,22 @@ def test_corexy_moves_one_axis_at_a_time_with_both_motors(belts: Bench) -> None:
     first = int(np.flatnonzero(np.abs(y) > 1)[0])
     assert abs(x[first] - x[-1]) <= 1, "Y moves when X has come to rest"
     # the position that the board keeps is that of the joints: x = 0, y = -2
-    assert belts.standing(machine.of_joints) == (-200, 200, 100)
+    assert belts.standing(BELTS.of_joints) == (-200, 200, 100)
+
+
+@pytest.mark.parametrize("first", ["x", "y"])
+def test_an_axis_of_belts_homes_the_other_one_unless_it_is_known(belts: Bench, first: str) -> None:
+    """Two commands, one for each axis, home both, as on a machine with a motor for each axis."""
+    assert homed(belts, BELTS, (first,)) == {"x": 0.0, "y": -2.0, "z": None}
+    before = len(rows(belts))
+    assert homed(belts, BELTS, ("x",)) == {"x": 0.0, "y": -2.0, "z": None}
+    travelled = np.cumsum(rows(belts)[before:, :2], axis=0)
+    assert np.abs(travelled[:, 0] - travelled[:, 1]).max() <= 2, "Y rests: it is known"
+
+
+def test_z_of_belts_homes_alone(belts: Bench) -> None:
+    assert homed(belts, BELTS, ("z",)) == {"x": None, "y": None, "z": 1.0}
+    assert not rows(belts)[:, :2].any()
 
 
 def test_each_joint_of_a_delta_homes_alone() -> None:

@@ -131,13 +131,8 @@ class Commands:
             raise Shutdown("Invalid count parameter")
         if motor.needs_reset:
             return
-        was_active = motor.active
-        if board.slots_used >= board.firmware.slots:
-            raise Shutdown("Move queue overflow")
-        reason = motor.add(message["interval"], message["count"], message["add"], board.clock)
-        if reason:
+        if reason := board.add_move(motor, message["interval"], message["count"], message["add"]):
             raise Shutdown(reason)
-        board.slots_used += was_active
 
     def _set_next_step_dir(self, message: Message) -> None:
         self._object(message["oid"], Motor).set_direction(int(message["dir"] != 0))
@@ -147,6 +142,7 @@ class Commands:
         if motor.active:
             raise Shutdown("Can't reset time when stepper active")
         motor.reset(self._board.near(message["clock"]))
+        self._board.look_again()
 
     def _stepper_get_position(self, message: Message) -> None:
         motor = self._object(message["oid"], Motor)
@@ -252,18 +248,19 @@ class Commands:
             switch.left = switch.sample_count
             return
         switch.epoch += 1
-        epoch = switch.epoch
+        epoch, planned = switch.epoch, board.next_sample(switch)
 
         def sample() -> None:
             if switch.epoch != epoch or not switch.armed:
                 return
+            switch.skip_to(planned)
             if switch.sample(board.level(switch.pin)):
                 if switch.trigger is not None:
                     self._fire(switch.trigger, switch.trigger_reason)
             else:
                 self.watch(switch)
 
-        board.at(switch.next_clock, sample)
+        board.at(planned, sample)
 
     def _endstop_query_state(self, message: Message) -> None:
         switch = self._object(message["oid"], Switch)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from cnc.boards.klipper.layout import InputObject, LayoutBuilder, MotorObject, section
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.stall import HardStop
+from cnc.boards.klipper.simulator.trsync import EndLevel, Level
 from cnc.boards.loopback_switches import switch_places
 from cnc.machine.klipper import KlipperAxis, Pin
 from cnc.machine.models import Machine
@@ -37,7 +36,7 @@ def _level(
     motor: MotorObject,
     switch: InputObject,
     end: tuple[int, float],
-) -> Callable[[], int]:
+) -> Level:
     """Return a function that gives the level of the switch of a motor.
 
     Args:
@@ -57,10 +56,5 @@ def _level(
         else:
             model = simulator.spi[simulator.pin(Pin.of(str(driver.select)).name)]
         return HardStop(simulator, model, step, (sign * towards, sign * round(place))).diag
-    number = simulator.pin(step)
-
-    def level() -> int:
-        pressed = (sign * simulator.positions.get(number, 0) - place) * towards >= 0
-        return switch.active if pressed else 1 - switch.active
-
-    return level
+    end_of_motor = sign * towards, sign * place
+    return EndLevel(simulator.positions, simulator.pin(step), end_of_motor, switch.active)

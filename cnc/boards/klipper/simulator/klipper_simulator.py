@@ -19,7 +19,7 @@ from cnc.boards.klipper.simulator.devices import DriverModel, UartModel
 from cnc.boards.klipper.simulator.firmware import FIRMWARES, Firmware
 from cnc.boards.klipper.simulator.outputs import Output
 from cnc.boards.klipper.simulator.steppers import Motor
-from cnc.boards.klipper.simulator.trsync import Level, Switch, Trigger
+from cnc.boards.klipper.simulator.trsync import EndLevel, Level, Switch, Trigger
 from cnc.boards.klipper.simulator.wire import Cable
 
 WRAP = 2**32
@@ -171,7 +171,7 @@ class KlipperSimulator:
         parts: list[NDArray[np.int64]] = []
         motors: list[Motor] = []
         for motor in self.motors:
-            if motor.active:
+            if motor.due <= clock:
                 made, loaded = motor.play(clock)
                 self.slots_used -= loaded
                 if len(made):
@@ -239,10 +239,39 @@ class KlipperSimulator:
         """Set the level of an input, or a function that gives it."""
         pin = self.pin(name)
         self.levels[pin] = level
+        self.look_again(pin)
+
+    def look_again(self, pin: int | None = None) -> None:
+        """Plan the next samples of the switches at a pin, or of all, anew."""
         for switch in self.switches:
-            if switch.pin == pin and switch.armed:
+            if switch.armed and pin in (None, switch.pin):
                 switch.skip_to(self.clock)
                 self._commands.watch(switch)
+
+    def add_move(self, motor: Motor, interval: int, count: int, add: int) -> str:
+        """Append a move to the queue of a motor; return the reason of a shutdown, else ""."""
+        if self.slots_used >= self.firmware.slots:
+            return "Move queue overflow"
+        was_active, fastest = motor.active, motor.fastest
+        if reason := motor.add(interval, count, add, self.clock):
+            return reason
+        self.slots_used += was_active
+        if motor.fastest < fastest:
+            self.look_again()
+        return ""
+
+    def next_sample(self, switch: Switch) -> int:
+        """Return the clock of the next sample of a switch that may see another level.
+
+        So a switch that is far away costs no time, although the firmware takes all samples.
+        """
+        level = self.levels.get(switch.pin, 1)
+        if not isinstance(level, EndLevel) or self.level(switch.pin) == switch.wanted:
+            return switch.next_clock
+        motor = next((each for each in self.motors if each.step_pin == level.step_pin), None)
+        if motor is None:
+            return switch.next_clock
+        return switch.sample_at(self.clock + (level.steps - 1) * motor.fastest)
 
     def value(self, name: str) -> int:
         """Return the present value of an output pin."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 WRAP = 2**32
 HALF = 2**31
 """Timers compare clocks by the sign of their 32-bit difference."""
+NEVER = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,8 @@ class Motor:
         position: Steps with the direction pin high minus those with it low.
         last: Clock of the last step, or of the last reset.
         needs_reset: Steps are dropped until ``reset_step_clock``.
+        due: Clock of the next step, NEVER if none is due.
+        fastest: Least ticks between two steps of all moves so far.
         past: Why the motor cannot go on; "" if it can.
     """
 
@@ -46,6 +49,8 @@ class Motor:
         self.last = 0
         self.needs_reset = False
         self.past = ""
+        self.due = NEVER
+        self.fastest = HALF
         self._next_forward = 0
         self._queue: deque[Move] = deque()
         self._times: NDArray[np.int64] | None = None
@@ -65,7 +70,7 @@ class Motor:
     @property
     def next_due(self) -> int | None:
         """Clock of the next step, None if none is due."""
-        return None if self._times is None else int(self._times[self._at])
+        return None if self._times is None else self.due
 
     @property
     def interval(self) -> int | None:
@@ -73,7 +78,7 @@ class Motor:
         if self._times is None:
             return None
         before = int(self._times[self._at - 1]) if self._at else self.last
-        return int(self._times[self._at]) - before
+        return self.due - before
 
     def set_direction(self, forward: int) -> None:
         """Set the direction of the next moves."""
@@ -87,6 +92,7 @@ class Motor:
     def add(self, interval: int, count: int, add: int, clock: int) -> str:
         """Append a move at a clock; return the reason of a shutdown, else ""."""
         move = Move(interval, count, add, self._next_forward)
+        self.fastest = min(self.fastest, interval, interval + add * (count - 1))
         if self._times is not None:
             self._queue.append(move)
             return ""
@@ -114,9 +120,11 @@ class Motor:
                 self.position += len(part) if self._forward else -len(part)
             self._at = end
             if end < len(self._times):
+                self.due = int(self._times[end])
                 break
             self.last = int(self._times[-1])
             self._times = None
+            self.due = NEVER
             if self._queue:
                 move = self._queue.popleft()
                 loaded += 1
@@ -132,6 +140,7 @@ class Motor:
             self.last = int(self._times[self._at - 1])
         self._queue.clear()
         self._times = None
+        self.due = NEVER
         self.needs_reset = True
         return freed
 
@@ -141,4 +150,5 @@ class Motor:
         if len(self._times) > 1 and int(np.diff(self._times).min()) < 0:
             self.past = "Rescheduled timer in the past"
         self._at = 0
+        self.due = int(self._times[0])
         self._forward = move.forward

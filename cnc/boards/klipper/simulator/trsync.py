@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cnc.boards.klipper.simulator.steppers import Motor
@@ -85,12 +86,49 @@ class Switch:
         self.armed = False
         return True
 
+    def sample_at(self, clock: int) -> int:
+        """Return the clock of the first sample at a clock or after it, at rest."""
+        if self.next_clock >= clock or self.rest_ticks <= 0:
+            return self.next_clock
+        behind = clock - self.next_clock
+        return self.next_clock + -(-behind // self.rest_ticks) * self.rest_ticks
+
     def skip_to(self, clock: int) -> None:
         """Skip the samples before a clock, while the level does not change."""
-        if self.next_clock < clock and self.rest_ticks > 0:
-            behind = clock - self.next_clock
-            self.next_clock += -(-behind // self.rest_ticks) * self.rest_ticks
+        self.next_clock = self.sample_at(clock)
 
 
 Level = Callable[[], int]
 """A source of a level that depends on the motion."""
+
+
+@dataclass(slots=True)
+class EndLevel:
+    """Level of a switch at an end of a motor's travel.
+
+    Attributes:
+        positions: Count of steps of each motor by its step pin.
+        step_pin: The motor's step pin.
+        end: Direction in which the motor presses it, 1 or -1, and its place in steps of this count.
+        active: Level of the pressed switch.
+    """
+
+    positions: Mapping[int, int]
+    step_pin: int
+    end: tuple[int, float]
+    active: int
+
+    def __call__(self) -> int:
+        """Return the present level."""
+        return self.active if self._beyond >= 0 else 1 - self.active
+
+    @property
+    def steps(self) -> int:
+        """Least number of steps until the level changes."""
+        beyond = self._beyond
+        return math.floor(beyond) + 1 if beyond >= 0 else math.ceil(-beyond)
+
+    @property
+    def _beyond(self) -> float:
+        towards, place = self.end
+        return (self.positions.get(self.step_pin, 0) - place) * towards
