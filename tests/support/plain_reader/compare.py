@@ -110,8 +110,10 @@ def _agree(ours: Moved, plain: Moved) -> bool:
         and _near(ours.points[-1], plain.points[-1])
         and (
             not plain.is_whole
-            or all(_near(a, b) for a, b in zip(ours.box, plain.box, strict=True))
-            and all(any(_near(a, b) for b in ours.points) for a in plain.points)
+            or (
+                all(_near(a, b) for a, b in zip(ours.box, plain.box, strict=True))
+                and all(any(_near(a, b) for b in ours.points) for a in plain.points)
+            )
         )
     )
 
