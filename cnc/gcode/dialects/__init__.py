@@ -339,11 +339,11 @@ _PLAIN = (
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
     "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
     "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",
-    "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder",
-    "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
-    "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
-    "repeated", "same_code_twice", "both_coolants", "repeats_in_call", "skip_parameters",
-    "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
+    "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit",
+    "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
+    "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
+    "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
+    "skip_parameters", "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
