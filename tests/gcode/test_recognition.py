@@ -64,6 +64,12 @@ def test_the_reasons_name_words_and_lines() -> None:
     ("source", "code", "words"),
     [
         ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
+        ("%PART G71 *\nN10 G00 G40 G90 Z+100 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("N10 G99 T1 L+0 R+5 *\nN20 T1 G17 S500 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("G21 G90\nG0 X1".encode("utf-16-le").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("\ufffd\ufffd" + "G21 G90".encode("utf-16-be").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("PK\x03\x04\x14\x00", "not-gcode", "compressed"),
+        ("%PDF-1.4\n1 0 obj", "not-gcode", "PDF"),
         ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
         ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
         ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),

@@ -18,6 +18,10 @@ _TEXT_CODE = re.compile(
     r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
 )
 _CHECKSUM = re.compile(r"\*[0-9]+[ \t]*(?=;|$)")
+_HOMING = re.compile(r"[ \t]*(?:N[0-9]+[ \t]*)?G28(?![0-9.])", re.I)
+_AXIS_ALONE = re.compile(r"[XYZ](?=[ \t]*(?:[A-Z]|$))", re.I)
+_HOMING_OPTION = re.compile(r"[LOW](?=[ \t]*(?:[A-Z]|$))", re.I)
+"""Home only axes of unknown position (O), without a restored bed level (L), without a probe (W)."""
 _COMMENT = re.compile(r"\(([^)]*)\)")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 """Text that could be executed if it stood outside of a comment."""
@@ -72,11 +76,19 @@ def is_for_simulation(text: str) -> bool:
     return _SIMULATION.match(text) is not None
 
 
-def without_text(text: str) -> str:
-    """Return a line of a 3D printer without the text of a message and without a checksum."""
+def without_printer_text(text: str) -> str:
+    """Return a line of a 3D printer without the text of a message and without a checksum.
+
+    G28 names its axes without numbers; these get a 0. Source: Marlin, "G-code Index", G28.
+    """
     if found := _TEXT_CODE.match(text):
         return text[: found.end()]
-    return _CHECKSUM.sub("", text)
+    text = _CHECKSUM.sub("", text)
+    if _HOMING.match(text):
+        code, semicolon, comment = text.partition(";")
+        code = _AXIS_ALONE.sub(r"\g<0>0", _HOMING_OPTION.sub("", code.rstrip()))
+        text = code + semicolon + comment
+    return text
 
 
 def mend(text: str, error: Diagnostic) -> Mended | None:
