@@ -12,6 +12,7 @@ from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.plain_reader.compare import difference
 from tests.support.soak import share
 
 ZERO = ProgramOptions(policy=ReadingPolicy(tool_lengths="zero"))
@@ -117,6 +118,36 @@ def test_the_corpus_is_accepted(style: str) -> None:
         assert sum(len(block.points) for block in blocks if isinstance(block, Polyline)) > 3, seed
         count += 1
     assert count
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
+    """Lines, ends, extents, feeds, and what is a traverse."""
+    for _, seed, text in programs(share(200, 1), [style]):
+        assert not difference(text.splitlines()), seed
+
+
+TWO_READERS = """G21 G90
+G0 X5 Y5 Z5
+G1 Z-1 F100
+G2 X15 Y5 I5 J0
+G0 Z4
+G98 G81 X20 Y5 Z-3 R1
+G80
+G0 Z9"""
+
+
+@pytest.mark.parametrize(
+    ("written", "misread"),
+    [
+        ("G21", "G20"), ("G90", "G91"), ("G2", "G3"), ("I5", "I5.1"), ("Z-3", "Z-2"),
+        ("R1", "R2"), ("F100", "F200"), ("G0 Z9", "G1 Z9"), ("G0 Z9", ""), ("G98", "G99"),
+    ],
+)  # fmt: skip
+def test_the_second_reader_sees_a_misreading(written: str, misread: str) -> None:
+    assert not difference(TWO_READERS.split("\n"))
+    changed = TWO_READERS.replace(written, misread)
+    assert difference(TWO_READERS.split("\n"), plainly=changed.split("\n"))
 
 
 def test_the_corpus_has_two_hundred_programs() -> None:

@@ -167,8 +167,9 @@ class Connection:
                 self.send(command, **values)
 
     def flush(self, pump: Pump) -> None:
-        """Return when the board has carried out all commands."""
-        while not self.link.idle:
+        """Return when the board has carried out all commands so far; more may be appended."""
+        link, end = self.link, self.link.appended
+        while link.acknowledged < end and not link.idle:
             pump(POLL_S)
 
     def open(self, timeout: float = IDENTIFY_S) -> None:

@@ -38,12 +38,22 @@ class LineTracker:
         self._runs: deque[tuple[int, int, int, int]] = deque()
         self._received = np.empty(0, np.int64)
         self._received_line = 0
+        self._begin = np.empty(0, np.int64)
+        self._left = np.empty(0, np.bool_)
+        self._back_at: int | None = None
 
     def add(
         self, clock: NDArray[np.int64], points: NDArray[np.int64], lines: NDArray[np.int32]
     ) -> None:
         """Add moves: their clocks (n,), grid points (n, axes) and source lines (n,)."""
         self._parts.append(_Part(clock, points, lines))
+        if self._back_at is None:
+            away = points != self._begin
+            left = np.logical_or.accumulate(away, axis=0) | self._left
+            self._left = left[-1]
+            back = np.flatnonzero((left & ~away).any(axis=1))
+            if len(back):
+                self._back_at = int(clock[back[0]])
 
     def add_run(self, command: int, column: int, steps: int, line: int) -> None:
         """Add steps of an axis, which a command with this number has sent."""
@@ -79,6 +89,19 @@ class LineTracker:
         self._parts.clear()
         self._runs.clear()
         self._point, self._received = point, point.copy()
+        self._begin, self._left, self._back_at = point, np.zeros(len(point), np.bool_), None
+
+    def unmoved(self, point: NDArray[np.int64], clock: int) -> bool:
+        """Return whether a stopped board with these counts has made no step since it stood still.
+
+        An axis that was there and back has the same count, but may have stopped at speed.
+
+        Args:
+            point: Grid point (axes,) by the counts of the board.
+            clock: Clock after which no step was made.
+        """
+        came_back = self._back_at is not None and self._back_at <= clock
+        return not came_back and np.array_equal(point, self._begin)
 
     def line_at(self, point: NDArray[np.int64]) -> int:
         """Return the source line of the last move to a grid point, 0 if it is not known."""

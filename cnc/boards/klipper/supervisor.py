@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.klipper.alarms import DEAD_STOP, alarm_of, reset_error
+from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, alarm_of, reset_error
 from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
-from cnc.boards.klipper.layout import BY_HOST, InputObject, LayoutBuilder, section
+from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, InputObject, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
 from cnc.boards.klipper.position import MotorPosition
@@ -165,7 +165,7 @@ class Supervisor(PulseSupervisor):
     def _driver_fault(self, text: str) -> None:
         """Stop the motors at once after a fault of a motor driver, whose motor is off."""
         if text and self.active and not self._stopping:
-            raise self._dead_stop("motor-driver", text, CHECK)
+            raise self._dead_stop("motor-driver", text, CHECK, held=False)
 
     def select(self, alone: tuple[int, int] | None) -> None:
         """Let one motor of an axis (column, motor) take part in the next motion, or all."""
@@ -261,14 +261,16 @@ class Supervisor(PulseSupervisor):
         try:
             with suppress(BoardError):
                 self.connection.flush(self.pump)
-                moving = self.sender.running
-                if moving:
-                    with suppress(TooLate):
+                dead = False
+                if moving := self.sender.running:
+                    try:
                         self._ramp()
+                    except TooLate:
+                        dead = True
                 self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
-                known = not (moving and self._stop.dead)
+                known = not (moving and (dead or self._stop.dead))
         finally:
             self._stopping = False
             if not known:
@@ -282,9 +284,6 @@ class Supervisor(PulseSupervisor):
         try:
             self.sender.ramp()
             self.sender.rest(self.sender.until_ns)
-        except TooLate:
-            self.position.forget()
-            raise
         finally:
             self._stop.ramp = False
             self.guards.disarm()
@@ -328,51 +327,53 @@ class Supervisor(PulseSupervisor):
     def _alarm(self, reason: int) -> BoardError:
         """End the use of the board by a trigger, with its cause and position."""
         alarm = alarm_of(reason, self.position.letter)
-        return self._dead_stop(alarm.code, alarm.message, alarm.hint)
+        held = reason != EMERGENCY
+        return self._dead_stop(alarm.code, alarm.message, alarm.hint, held=held)
 
-    def _dead_stop(self, code: str, message: str, hint: str) -> BoardError:
-        """Stop the motors, and read the position, which is not to be trusted."""
+    def _dead_stop(self, code: str, message: str, hint: str, *, held: bool = True) -> BoardError:
+        """Stop the motors, and read the position, which is not to be trusted if they moved."""
         self._begin_stop()
-        try:
-            self.connection.link.drop_waiting()
-            self.guards.disarm()
-            self.guards.trigger()
-            self.set_outputs(self.outputs.state.off())
-            text, line = self._after_stop()
-        finally:
-            self._stopping = False
-        self.position.forget()
-        return self.fail(board_error(code, f"{message}{text}", line=line, hint=hint))
+        self.connection.link.drop_waiting()
+        self.guards.disarm()
+        self.guards.trigger()
+        self.set_outputs(self.outputs.state.off())
+        return self._stopped(code, message, hint, held=held)
 
     def _shut_down(self, number: int) -> BoardError:
         """End the use of the board after a shutdown; its counts are read after its end."""
-        reason = shutdown_reason(self.connection, number)
+        message = f"the board has shut down: {shutdown_reason(self.connection, number)}"
         self._begin_stop()
-        try:
-            self.connection.link.drop_waiting()
-            text, line = self._after_stop()
-        finally:
-            self._stopping = False
-        self.position.forget()
-        message = f"the board has shut down: {reason}{text}"
-        return self.fail(board_error("klipper-shutdown", message, line=line, hint=DEAD_STOP))
+        self.connection.link.drop_waiting()
+        return self._stopped("klipper-shutdown", message, DEAD_STOP, held=True)
 
-    def _after_stop(self) -> tuple[str, int]:
-        """Read the position of motors that were stopped, and end a shutdown of the board.
+    def _stopped(self, code: str, message: str, hint: str, *, held: bool) -> BoardError:
+        """Read the position of motors that were stopped dead, and end the use of the board.
 
-        Returns:
-            The position for a message, "" if the board does not answer, and the source line.
+        Args:
+            code: Code of the fault.
+            message: What has stopped them.
+            hint: What to do, unless the position is kept.
+            held: The motors kept their torque.
         """
-        tracker = self.sender.tracker
+        tracker, kept, line = self.sender.tracker, False, 0
         try:
             point = self.take_position()
         except BoardError:
             known = tracker.played(self.sender.now)
             if known is not None:
                 self.sender.position, self.stopped_short = known, True
-            return "", tracker.line
-        text = f"; the machine is at {self.position.text(point)}, which may be wrong"
-        return text, tracker.line_at(point) or tracker.line
+        else:
+            kept = held and tracker.unmoved(point, self.sender.now)
+            line = tracker.line_at(point)
+            doubt = "and nothing has moved" if kept else "which may be wrong"
+            message += f"; the machine is at {self.position.text(point)}, {doubt}"
+        finally:
+            self._stopping = False
+        if kept:
+            hint = KEPT
+        else:
+            self.position.forget()
+        return self.fail(board_error(code, message, line=line or tracker.line, hint=hint))
 
     def _lost(self, error: BoardError, point: NDArray[np.int64] | None) -> BoardError:
         """End the use of a board that cannot be asked any more, and that stops at about a point."""
