@@ -24,6 +24,7 @@ from cnc.gcode.syntax.mending import (
     is_for_simulation,
     mend,
     to_first_bracket,
+    with_whole_names,
     without_printer_text,
 )
 from cnc.gcode.syntax.siemens import NOTED, translate
@@ -220,6 +221,8 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
             text = f"{text[:slash]} {text[slash + 1 :]}"
     if syntax.lenient and (switch := _SWITCH.match(text)):
         text = f"{switch[1]} {text[switch.end() :]}"
+    if syntax.flavour == "macro-b" and "[" in text:
+        text = with_whole_names(text)
     if syntax.dialect == "marlin":
         text = without_printer_text(text)
     try:
