@@ -23,6 +23,8 @@ EVIDENCE = [
     ("O1000 (HAAS VF2)\nG0 X1", "haas"),
     ("O1000\nG154 P2", "haas"),
     ("G187 P1", "haas"),
+    ("%\nO60682 (WINDOW)\nM98 P60681", "haas"),
+    ("O00001234\nG0 X1", "fanuc"),
     ("G98 G76 X1. Y2. Z-5. R2. Q0.1 F50.", "fanuc"),
     ("G76 P1.5 Z-20 I-1 J0.2 R1 K1.2 Q29.5", "auto"),
     ("G91 G81 X5. Z-5. R-8. F100. K3", "fanuc"),
