@@ -12,6 +12,7 @@ from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.plain_reader.compare import difference
 from tests.support.soak import share
 
 ZERO = ProgramOptions(policy=ReadingPolicy(tool_lengths="zero"))
@@ -22,6 +23,8 @@ EVIDENCE = [
     ("O1000 (HAAS VF2)\nG0 X1", "haas"),
     ("O1000\nG154 P2", "haas"),
     ("G187 P1", "haas"),
+    ("%\nO60682 (WINDOW)\nM98 P60681", "haas"),
+    ("O00001234\nG0 X1", "fanuc"),
     ("G98 G76 X1. Y2. Z-5. R2. Q0.1 F50.", "fanuc"),
     ("G76 P1.5 Z-20 I-1 J0.2 R1 K1.2 Q29.5", "auto"),
     ("G91 G81 X5. Z-5. R-8. F100. K3", "fanuc"),
@@ -63,6 +66,12 @@ def test_the_reasons_name_words_and_lines() -> None:
     ("source", "code", "words"),
     [
         ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
+        ("%PART G71 *\nN10 G00 G40 G90 Z+100 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("N10 G99 T1 L+0 R+5 *\nN20 T1 G17 S500 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("G21 G90\nG0 X1".encode("utf-16-le").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("\ufffd\ufffd" + "G21 G90".encode("utf-16-be").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("PK\x03\x04\x14\x00", "not-gcode", "compressed"),
+        ("%PDF-1.4\n1 0 obj", "not-gcode", "PDF"),
         ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
         ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
         ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),
@@ -117,6 +126,36 @@ def test_the_corpus_is_accepted(style: str) -> None:
         assert sum(len(block.points) for block in blocks if isinstance(block, Polyline)) > 3, seed
         count += 1
     assert count
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
+    """Lines, ends, extents, feeds, and what is a traverse."""
+    for _, seed, text in programs(share(200, 1), [style]):
+        assert not difference(text.splitlines()), seed
+
+
+TWO_READERS = """G21 G90
+G0 X5 Y5 Z5
+G1 Z-1 F100
+G2 X15 Y5 I5 J0
+G0 Z4
+G98 G81 X20 Y5 Z-3 R1
+G80
+G0 Z9"""
+
+
+@pytest.mark.parametrize(
+    ("written", "misread"),
+    [
+        ("G21", "G20"), ("G90", "G91"), ("G2", "G3"), ("I5", "I5.1"), ("Z-3", "Z-2"),
+        ("R1", "R2"), ("F100", "F200"), ("G0 Z9", "G1 Z9"), ("G0 Z9", ""), ("G98", "G99"),
+    ],
+)  # fmt: skip
+def test_the_second_reader_sees_a_misreading(written: str, misread: str) -> None:
+    assert not difference(TWO_READERS.split("\n"))
+    changed = TWO_READERS.replace(written, misread)
+    assert difference(TWO_READERS.split("\n"), plainly=changed.split("\n"))
 
 
 def test_the_corpus_has_two_hundred_programs() -> None:
