@@ -91,7 +91,9 @@ def _mirror(mover: Mover, number: int, given: dict[str, float], codes: list[floa
 
 
 def _rotate(mover: Mover, number: int, given: dict[str, float], codes: list[float]) -> None:
-    pivot = (given.get("X", 0.0) * mover.unit, given.get("Y", 0.0) * mover.unit)
+    if not given.keys() >= {"X", "Y"}:
+        raise NotRead("G68 without its centre")
+    pivot = (given["X"] * mover.unit, given["Y"] * mover.unit)
     mover.figure = replace(mover.figure, angle=given["R"], pivot=pivot)
 
 
