@@ -38,6 +38,8 @@ EVIDENCE = [
     ("; GRBL device profile\nG0 X1", "grbl"),
     ("N10 G71G91.1", "mach3"),
     (";FLAVOR:Marlin\nG28", "marlin"),
+    ("G28 X Y ; home", "marlin"),
+    ("G28 X0 Y0", "auto"),
     ("M104 S200\nG1 X1 E0.5", "marlin"),
     ("%_N_A_MPF\nG0 X1", "siemens"),
     ("G0 X=IC(5)", "siemens"),
