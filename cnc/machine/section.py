@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 class Section(BaseModel):
     """A table of the machine file."""
 
+    # Only whole machines are validated, so a section builds no validation of its own on import.
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
