@@ -212,6 +212,10 @@ CYCLES = {
         "rapid 0 0 2", "spindle cw 200", "line 0 0 -10 F300", "spindle ccw 200", "line 0 0 2 F300",
         "spindle off 0", "rapid 0 0 20",
     ],
+    # in and out at the same feed
+    "CYCLE89(20,0,2,-10,,1)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "line 0 0 2 F100", "rapid 0 0 20",
+    ],
     "CYCLE81(20,0,2,-10,,0,0,10)": ["rapid 0 0 2", "line 0 0 -10 F100", "rapid 0 0 20"],
     "CYCLE82(20,0,2,-10,,1,0,1,12)": [
         "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "rapid 0 0 20",

@@ -1,4 +1,4 @@
-"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86, once or after each move (MCALL).
+"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86 and CYCLE89, once or after each move (MCALL).
 
 All heights are absolute, whatever the distance mode. Source: Siemens, "SINUMERIK 840D sl/828D
 Programming Manual, Cycles", drilling.
@@ -17,7 +17,7 @@ from cnc.model.diagnostics import CncError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole. More are a typing error."""
-_END, _TAPPING = 0, 84
+_END, _TAPPING, _BORING = 0, 84, 89
 _ROUNDING = 1e-9
 _HEIGHTS = "RTP RFP SDIS DP DPR"
 _NAMES = {
@@ -28,6 +28,7 @@ _NAMES = {
     " GMODE DMODE AMODE84",
     85: f"{_HEIGHTS} DTB FFR RFF GMODE DMODE AMODE",
     86: f"{_HEIGHTS} DTB SDIR RPA RPO RPAP POSS GMODE DMODE AMODE",
+    89: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
 }
 """Arguments of each cycle in their order: return plane, reference plane, safety distance, depth and
 depth from the reference plane; then those of the cycle. Later ones must be 0 or left out."""
@@ -134,6 +135,8 @@ class _Hole:
             case _:
                 yield f"G1 Z{self.depth:.9f}"
                 yield from self._wait("DTB")
+                if self.kind == _BORING:
+                    yield f"G1 Z{self.start:.9f}"
         yield f"G0 Z{self.back:.9f}"
 
     def _wait(self, name: str) -> Iterator[str]:
