@@ -19,6 +19,9 @@ def test_an_increment_of_z_moves_by_a_new_tool_length_too(dialect: str) -> None:
     assert [z for *_, z in homed] == [-4.0, -4.0, 0.0]
     again = points("G10 L10 P1 R-4\nG43 H1\nG90 G0 Z-4\nG91 Z1", dialect)
     assert [z for *_, z in again] == [-8.0, -7.0]
+    if dialect == "haas":
+        home = points("G10 L10 P1 R-4\nG90 G43 H1 G0 Z5\nG49\nG28\nG91 Z1", dialect)
+        assert [z for *_, z in home] == [1.0, 0.0, 1.0]
     for move in ("G0 Z-5", "G0 X1\nZ-5", "G2 X2 I1 Z1 F9", "G81 X1 Z-5 R-1 F9"):
         found = error_of(f"G10 L10 P1 R-4\nG43 H1\nG91 {move}", dialect=dialect)
         assert found.code == "tool-length-incremental", move
