@@ -46,6 +46,8 @@ Command = tuple[str, LineEffect]
 class CommandLines:
     """Writes the lines of blocks without motion, and keeps the state of spindle and coolant.
 
+    Both are unknown at first: an entered line may have started them, and they stay on after it.
+
     Attributes:
         moved: Whether anything has moved yet.
     """
@@ -53,9 +55,9 @@ class CommandLines:
     def __init__(self, codes: frozenset[str] = frozenset()) -> None:
         """``codes``: M6 and M7, if the board has them; it waits for the operator at M6."""
         self._codes = codes
-        self._spindle = "off"
+        self._spindle: str | None = None
         self._rpm = 0.0
-        self._coolant = (False, False)
+        self._coolant: tuple[bool, bool] | None = None
         self.moved = False
 
     def lines(self, block: Block) -> Iterator[GcodeLine]:
@@ -128,7 +130,10 @@ class CommandLines:
     def _coolant_commands(self, block: Coolant) -> Iterator[Command]:
         if block.mist and "M7" not in self._codes:
             raise refused(block, "mist (M7)", "use M8; GRBL has M7 only if it was built with it")
-        wanted, now = (block.mist, block.flood), self._coolant
+        wanted = (block.mist, block.flood)
+        now = self._coolant
+        if now is None:
+            now = (False, False) if any(wanted) else (True, True)
         if any(has and not wants for wants, has in zip(wanted, now, strict=True)):
             yield "M9", REST
             now = (False, False)

@@ -69,6 +69,7 @@ class State:
         overrides: The overrides in effect.
         inputs: Inputs of the board and whether each is active: limits, probe, door.
         held: Why the machine holds; "" if it does not.
+        modes: Modes that the next entered line begins with; "" for the defaults of a program.
     """
 
     event: ClassVar[str] = "state"
@@ -91,6 +92,7 @@ class State:
     overrides: Overrides = Overrides()
     inputs: dict[str, bool] = field(default_factory=dict)
     held: str = ""
+    modes: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

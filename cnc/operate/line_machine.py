@@ -12,13 +12,14 @@ from cnc.boards.grbl.link import POLL_FAST
 from cnc.boards.grbl.settings import ACCELERATIONS, RATES
 from cnc.executor.run import Progress
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.operate.events import MachineState
 from cnc.operate.jogging import REST_TIME, JogMove
 from cnc.operate.machines import Readings
-from cnc.session.board_offsets import named_offsets
+from cnc.session.board_offsets import CHANGED, named_offsets
 from cnc.session.kept_offsets import write_offsets
 from cnc.session.position_check import PositionCheck, home_by_board
 
@@ -45,6 +46,8 @@ PINS = {"P": "probe", "D": "door", "H": "hold", "R": "reset", "S": "start"}
 
 class LineMachine:
     """A machine behind a GRBL board."""
+
+    stops_outputs = False
 
     def __init__(self, board: GrblBoard, machine: Machine) -> None:
         self.board = board
@@ -140,6 +143,21 @@ class LineMachine:
         operation.set_work_position(self.board, system, values)
         if self.board.identity is not None:
             write_offsets(self.board.identity, named_offsets(self.board, self.machine))
+
+    def keep_shift(self, parameters: Mapping[int, float]) -> None:
+        """Set the shift of G92 on the board, if it is another one now."""
+        known = named_offsets(self.board, self.machine)
+        in_effect = parameters.get(numbers.SHIFT_IN_EFFECT) == 1.0
+        wanted = {
+            letter: in_effect * parameters.get(numbers.SHIFT + AXIS_LETTERS.index(letter), 0.0)
+            for letter in self.machine.axes
+        }
+        changed = [each for each in wanted if abs(wanted[each] - known["G92"][each]) > CHANGED]
+        place = self.readings().position
+        if changed:
+            self.set_work_position(
+                "G92", {each: place[each] - known["G54"][each] - wanted[each] for each in changed}
+            )
 
     def revive(self) -> None:
         """Read the offsets again; the board accepts the next program."""

@@ -44,6 +44,7 @@ class OperatedMachine(Protocol):
         board: The board.
         machine: The machine, with the travel of the board.
         rest: Time that a stop of a jog may take itself, s.
+        stops_outputs: Whether spindle and coolant stop at the end of a program without M5 and M9.
     """
 
     @property
@@ -52,6 +53,7 @@ class OperatedMachine(Protocol):
 
     machine: Machine
     rest: float
+    stops_outputs: bool
 
     def readings(self) -> Readings:
         """Return the present readings."""
@@ -73,6 +75,9 @@ class OperatedMachine(Protocol):
 
     def set_work_position(self, system: str, values: Mapping[str, float]) -> None:
         """Set the offset of a system so that the axes stand at work positions, mm."""
+
+    def keep_shift(self, parameters: Mapping[int, float]) -> None:
+        """Keep the shift of G92 that an entered line has left, by the parameters at its end."""
 
     def revive(self) -> None:
         """Make the board ready for the next activity."""

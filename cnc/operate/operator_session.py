@@ -135,6 +135,7 @@ class OperatorSession(ProgramSession):
             if isinstance(opened, GrblBoard):
                 opened.link.listen_to_lines(self._console)
             self._operated = machine
+            self._forget_modes()
             self._view.connected(name, machine)
             self._offsets_changed()
 

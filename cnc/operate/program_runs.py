@@ -115,6 +115,7 @@ class RunWatch:
         dialogs: Asks the operator.
         control: The operator's requests.
         on_progress: Called with the progress of the board.
+        skipped: Lines before the first line of the operator's text.
     """
 
     def __init__(
@@ -124,9 +125,11 @@ class RunWatch:
         dialogs: Dialogs,
         control: Control,
         on_progress: Callable[[Progress], None],
+        skipped: int = 0,
     ) -> None:
         self._program, self._events, self._dialogs = program, events, dialogs
         self._control, self._on_progress = control, on_progress
+        self._skipped = skipped
         self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
         self._approach: Approach = ()
@@ -156,7 +159,8 @@ class RunWatch:
             )
 
     def _warning(self, found: Diagnostic) -> None:
-        self._events.emit(Notice(finding=Finding.of(found)))
+        if _own(found, self._skipped):
+            self._events.emit(Notice(finding=Finding.of(_moved(found, self._skipped))))
 
     def _sent(self, progress: Progress) -> None:
         self._on_progress(progress)
@@ -185,8 +189,7 @@ def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
     """
     stopped = report.stopped_at_line is not None
     outcome: Outcome = "failed" if report.faults else "stopped" if stopped else "done"
-    # Warnings of the modes that stand before the operator's text are none of the operator's.
-    own = [each for each in report.warnings if each.file != MDI_NAME or each.line > skipped]
+    own = [each for each in report.warnings if _own(each, skipped)]
     found = [fault.diagnostic for fault in report.faults] + own
     return JobEnded(
         program=program,
@@ -207,6 +210,11 @@ def failed(error: CncError, program: str) -> JobEnded:
         findings=(Finding.of(error.diagnostic),),
         exit_code=error.exit_code,
     )
+
+
+def _own(found: Diagnostic, skipped: int) -> bool:
+    """Return whether a finding is not about the modes that stand before the operator's text."""
+    return found.file != MDI_NAME or found.line > skipped
 
 
 def _moved(found: Diagnostic, skipped: int) -> Diagnostic:

@@ -15,7 +15,7 @@ from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.operate import program_runs
 from cnc.operate.events import JobEnded, OffsetsChanged
 from cnc.operate.height_mapping import HEIGHT_MAP, Grid, not_probed
-from cnc.operate.modal_memory import ModalMemory
+from cnc.operate.modal_memory import ModalMemory, starts_outputs
 from cnc.operate.program_runs import RunWatch
 from cnc.operate.worker import Worker
 from cnc.session.options import RunOptions
@@ -54,7 +54,7 @@ class ProgramSession(Worker):
     def __init__(self, machine: Machine, macros: Path | None, clock: Clock | None = None) -> None:
         self.history: list[str] = []
         self._macros = macros
-        self._modal = ModalMemory()
+        self._modal = ModalMemory(has_m61=machine.program.dialect in ("auto", "linuxcnc"))
         super().__init__(machine, clock)
 
     def probe(self, line: str) -> Future[JobEnded]:
@@ -98,15 +98,32 @@ class ProgramSession(Worker):
             found: dict[int, float] = {}
             program = InlineProgram(MDI_NAME, text.encode())
             ended = self._run(program, MDI_NAME, RunOptions(), skipped, found.update)
-            if ended.outcome == "done" and not (
-                self._modal.note_parameters(found) & self._modal.note(line)
-            ):
-                message = "the modal state before this line is forgotten: units, distance, feed"
-                hint = "the next line begins with the defaults of a program"
-                self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="note"))
+            # A line that was stopped has set its modes before it moved.
+            if ended.outcome != "failed":
+                self._after_line(line, found)
             return ended
 
         return self._begin("mdi", run)
+
+    def _after_line(self, line: str, parameters: Mapping[int, float]) -> None:
+        """Keep the modes that a line leaves, and report those that end with it."""
+        memory, machine = self._modal, self._machine
+        if not (memory.note_parameters(parameters) & memory.note(line)):
+            message = "the modes before this line are forgotten: units, distance, tool length"
+            self._warn(message, "the next line begins with the defaults of a program")
+        if memory.lost:
+            message = f"{' and '.join(memory.lost)} was in effect for this line only"
+            self._warn(message, "write it into each line that needs it, or into a program")
+        if machine.stops_outputs and starts_outputs(line):
+            message = "spindle and coolant stop at the end of the line on this board"
+            self._warn(message, "start them in the program that needs them")
+        self._view.modes = memory.modes
+        with suppress(BoardError):
+            machine.keep_shift(parameters)
+            self._offsets_changed()
+
+    def _warn(self, message: str, hint: str) -> None:
+        self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="warning"))
 
     def macro(self, name: str) -> Future[JobEnded]:
         """Run a macro. UsageError ``no-such-macro``."""
@@ -115,7 +132,7 @@ class ProgramSession(Worker):
             hint = f"macros are {', '.join(known) or 'none'}"
             raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
         file = self._macros / name
-        return self._begin("mdi", lambda: self._run(file, name, RunOptions(), 0))
+        return self._begin("mdi", lambda: self._run_file(file, name, RunOptions()))
 
     def run(
         self, program: Path, options: RunOptions | None = None, *, name: str | None = None
@@ -128,7 +145,16 @@ class ProgramSession(Worker):
             name: Name in the events; None for that of the file.
         """
         chosen = options or RunOptions()
-        return self._begin("program", lambda: self._run(program, name or program.name, chosen, 0))
+        return self._begin("program", lambda: self._run_file(program, name or program.name, chosen))
+
+    def _run_file(self, program: Path, name: str, options: RunOptions) -> JobEnded:
+        """Run a program; the modes of the lines before it end, because it may change the tool."""
+        self._forget_modes()
+        return self._run(program, name, options, 0)
+
+    def _forget_modes(self) -> None:
+        self._modal.forget()
+        self._view.modes = ""
 
     def _run(
         self,
@@ -144,7 +170,7 @@ class ProgramSession(Worker):
         def on_progress(progress: Progress) -> None:
             self._view.progress(progress, machine.of_progress(progress))
 
-        watch = RunWatch(name, self.events, self._dialogs, control, on_progress)
+        watch = RunWatch(name, self.events, self._dialogs, control, on_progress, skipped)
         try:
             session = Session(
                 program, self.machine, options, callbacks=watch.callbacks(), control=control

@@ -47,6 +47,8 @@ Floats = NDArray[np.float64]
 class PulseMachine:
     """A machine behind a board that plays pulses."""
 
+    stops_outputs = True
+
     def __init__(self, board: PulseSink, machine: Machine) -> None:
         self.board, self.machine = board, machine
         self._joints = Joints(machine)
@@ -171,6 +173,9 @@ class PulseMachine:
         if self._values() != wanted:
             message = f"the parameter file {file} does not have the offset that was written"
             raise UsageError(Diagnostic("offset-not-kept", message, hint="is the file writable?"))
+
+    def keep_shift(self, parameters: Mapping[int, float]) -> None:
+        """Do nothing: the parameter file has it."""
 
     def revive(self) -> None:
         """Make a board that was stopped ready for the next program."""

@@ -27,6 +27,7 @@ class StateView:
         readings: The last readings.
         offsets: Offsets by name and axis, mm.
         system: Coordinate system of the work position.
+        modes: Modes that the next entered line begins with.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -36,7 +37,7 @@ class StateView:
         self._machine = machine
         self._program = ""
         self._progress: Progress | None = None
-        self.system = "G54"
+        self.system, self.modes = "G54", ""
 
     def connected(self, board: str, machine: OperatedMachine) -> None:
         """Show a board."""
@@ -113,6 +114,7 @@ class StateView:
             overrides=chosen,
             inputs=readings.inputs,
             program=self._program,
+            modes=self.modes,
         )
         if progress is None:
             return found

@@ -50,7 +50,8 @@ def intervals_of(
     direction. ``refined`` is the ratio for which the intervals are cut. Faster motion is compared
     with the path itself.
     """
-    space = 4 * len(path) + 1024
+    # Six intervals of a move from stop to stop are usual. Space that is not used costs nothing.
+    space = 8 * len(path) + 1024
     while True:
         found = Intervals(
             end=np.empty(space),

@@ -128,6 +128,9 @@ class ToolTipOf:
         signs = [-1.0 if name in table.reverse else 1.0 for name in (table.tilting, "c")]
         self._signs = signs[0], signs[1]
         self._shift = 90.0 if table.tilting == "a" else 0.0
+        self.points_missing = tuple(
+            name for name in ("tilt_point", "turn_point") if name not in table.model_fields_set
+        )
 
     @classmethod
     def machine(cls, machine: Machine) -> ToolTipOf | None:

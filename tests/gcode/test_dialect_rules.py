@@ -55,6 +55,11 @@ def test_no_repeat_is_an_error_of_linuxcnc() -> None:
     assert found.code == "value-out-of-range"
 
 
+def test_names_of_two_letters_in_macro_b() -> None:
+    program = "#1=0 (RO[1])\nWH[#1LT2]DO1\n#1=#1+RO[0.9]\nEND1\nG0 X[SQ[4]*#1] Y[sin[90]]"
+    assert points(program, "fanuc") == [(4.0, 1.0, 0.0)]
+
+
 def test_switches_of_block_delete() -> None:
     program = "/G0 X1\n/2 G0 X2\n/9G0 X3"
     every = [(1.0, 0.0, 0.0), (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)]

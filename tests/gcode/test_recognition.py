@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from cnc.gcode import dialects
@@ -12,6 +14,7 @@ from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.plain_reader import random_programs
 from tests.support.plain_reader.compare import difference
 from tests.support.soak import share
 
@@ -23,6 +26,8 @@ EVIDENCE = [
     ("O1000 (HAAS VF2)\nG0 X1", "haas"),
     ("O1000\nG154 P2", "haas"),
     ("G187 P1", "haas"),
+    ("%\nO60682 (WINDOW)\nM98 P60681", "haas"),
+    ("O00001234\nG0 X1", "fanuc"),
     ("G98 G76 X1. Y2. Z-5. R2. Q0.1 F50.", "fanuc"),
     ("G76 P1.5 Z-20 I-1 J0.2 R1 K1.2 Q29.5", "auto"),
     ("G91 G81 X5. Z-5. R-8. F100. K3", "fanuc"),
@@ -36,6 +41,8 @@ EVIDENCE = [
     ("; GRBL device profile\nG0 X1", "grbl"),
     ("N10 G71G91.1", "mach3"),
     (";FLAVOR:Marlin\nG28", "marlin"),
+    ("G28 X Y ; home", "marlin"),
+    ("G28 X0 Y0", "auto"),
     ("M104 S200\nG1 X1 E0.5", "marlin"),
     ("%_N_A_MPF\nG0 X1", "siemens"),
     ("G0 X=IC(5)", "siemens"),
@@ -64,6 +71,12 @@ def test_the_reasons_name_words_and_lines() -> None:
     ("source", "code", "words"),
     [
         ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
+        ("%PART G71 *\nN10 G00 G40 G90 Z+100 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("N10 G99 T1 L+0 R+5 *\nN20 T1 G17 S500 *", "not-gcode", "Heidenhain program in DIN/ISO"),
+        ("G21 G90\nG0 X1".encode("utf-16-le").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("\ufffd\ufffd" + "G21 G90".encode("utf-16-be").decode("latin-1"), "not-gcode", "UTF-16"),
+        ("PK\x03\x04\x14\x00", "not-gcode", "compressed"),
+        ("%PDF-1.4\n1 0 obj", "not-gcode", "PDF"),
         ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
         ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
         ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),
@@ -125,6 +138,14 @@ def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
     """Lines, ends, extents, feeds, and what is a traverse."""
     for _, seed, text in programs(share(200, 1), [style]):
         assert not difference(text.splitlines()), seed
+
+
+@pytest.mark.parametrize("dialect", random_programs.HEADS)
+def test_a_second_reader_finds_the_same_moves_in_random_programs(dialect: str) -> None:
+    for seed in range(share(3000, 4)):
+        lines = random_programs.program(random.Random(f"{dialect} {seed}"), dialect)
+        assert recognise(lines).dialect == dialect
+        assert not difference(lines), "\n".join(lines)
 
 
 TWO_READERS = """G21 G90

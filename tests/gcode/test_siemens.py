@@ -198,6 +198,25 @@ CYCLES = {
         "rapid 0 0 2", "line 0 0 -10 F100", "dwell 0.5", "orient 45", "rapid -1 0 -9",
         "rapid -1 0 2", "rapid 0 0 2", "spindle cw 500", "rapid 0 0 20",
     ],
+    # the arguments that Fusion 360 adds: strokes shrink to MDEP; a left-hand thread by AMODE
+    "CYCLE83(20,0,2,-10,,-4,,1.5,,,1,1,,2,0,0,0,0,0,1001110)": [
+        "rapid 0 0 2", "line 0 0 -4 F100", "rapid 0 0 2", "rapid 0 0 -3.4", "line 0 0 -6.5 F100",
+        "rapid 0 0 2", "rapid 0 0 -5.9", "line 0 0 -8.25 F100", "rapid 0 0 2", "rapid 0 0 -7.65",
+        "line 0 0 -10 F100", "rapid 0 0 20",
+    ],
+    "CYCLE84(20,0,2,-10,,,5,,1.5,0,200,200,0,1,,0,,,,,,0,0,1002002)": [
+        "rapid 0 0 2", "spindle ccw 200", "line 0 0 -10 F300", "spindle cw 200", "line 0 0 2 F300",
+        "spindle off 0", "rapid 0 0 20",
+    ],
+    "CYCLE84(20,0,2,-10,,,5,,1.5,0,200,200,0,1,,0,,,,,,0,0,1001002)": [
+        "rapid 0 0 2", "spindle cw 200", "line 0 0 -10 F300", "spindle ccw 200", "line 0 0 2 F300",
+        "spindle off 0", "rapid 0 0 20",
+    ],
+    # in and out at the same feed
+    "CYCLE89(20,0,2,-10,,1)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "line 0 0 2 F100", "rapid 0 0 20",
+    ],
+    "CYCLE81(20,0,2,-10,,0,0,10)": ["rapid 0 0 2", "line 0 0 -10 F100", "rapid 0 0 20"],
     "CYCLE82(20,0,2,-10,,1,0,1,12)": [
         "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "rapid 0 0 20",
     ],

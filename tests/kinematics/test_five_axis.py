@@ -13,6 +13,7 @@ from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.joint_map import JointMap
 from cnc.kinematics.series import Series
+from cnc.machine.kinematics import FiveAxis
 from cnc.machine.models import Axis, Board, Machine, PathLimits
 from cnc.machine.program import Program
 from cnc.planner.joints import ToolTipOf
@@ -197,6 +198,29 @@ def test_the_output_that_selects_kinematics_is_refused(code: str) -> None:
     run(program.replace("E3", "E2"), **options)
     del options["tool_tip"]
     run(program, **options)
+
+
+@pytest.mark.parametrize(
+    ("given", "missing"),
+    [
+        ({}, "tilt_point and turn_point"),
+        ({"tilt_point": (0.0, 0.0, 0.0)}, "turn_point"),
+        ({"turn_point": (0.0, 0.0, 0.0)}, "tilt_point"),
+        ({"tilt_point": (0.0, 0.0, 0.0), "turn_point": (0.0, 0.0, 0.0)}, None),
+    ],
+)
+def test_places_of_rotary_axes_that_the_machine_file_lacks_are_assumed_once(
+    given: dict[str, tuple[float, float, float]], missing: str | None, tmp_path: Path
+) -> None:
+    table = FiveAxis(type="xyzac", **given)
+    machine = placed(five_axis_machine("xyzac").model_copy(update={"kinematics": table}), tmp_path)
+    file = tmp_path / "part.nc"
+    file.write_text("G21 G90\nG0 X1.\nG43.4 H1\nG1 X2. F60.\nG49\nG43.4 H1\nX3.\nG49\nM30\n")
+    report = check(file, machine, RunOptions(dialect="fanuc"))
+    assert report.ok
+    found = [each for each in report.warnings if each.code == "rotary-axis-place"]
+    wanted = [] if missing is None else [(3, f"[kinematics] has no {missing}: taken as X0 Y0 Z0")]
+    assert [(each.line, each.message) for each in found] == wanted
 
 
 def test_tip_control_is_refused_under_compensation() -> None:

@@ -28,6 +28,11 @@ def after(*lines):
         (["G91", "#<g90> = 3"], "G91"),
         (["G21", "G1 X SIN[30] F90"], "G21 G1 F90"),
         (["G91 F90", "M30"], ""),
+        (["G20 G43.1 Z.3", "G21"], "G20 G43.1 Z.3\nG21"),
+        (["G90 T3 M06", "G43"], "M61 Q3\nG21 G43\nG90"),
+        (["M61 Q2", "G44 H5", "M30"], ""),
+        (["G43 H1", "G43.2 H2"], ""),
+        (["G0", "G81 Z-1 R1 F9"], "F9"),
     ],
 )
 def test_plain_codes_are_kept_beside_expressions(lines, kept):
@@ -37,12 +42,29 @@ def test_plain_codes_are_kept_beside_expressions(lines, kept):
 
 
 @pytest.mark.parametrize(
-    "line", ["G#1 X1", "G[90+1]", "M[3]", "M98 P100", "O<probe_z> call [1]", "G65 P9 A1", "X[1"]
+    "line",
+    [
+        "G#1 X1",
+        "G[90+1]",
+        "M[3]",
+        "M98 P100",
+        "O<probe_z> call [1]",
+        "G65 P9 A1",
+        "X[1",
+        "G43 H#1",
+        "T#2 M6",
+    ],
 )
 def test_modes_are_forgotten_after_codes_that_are_not_known(line):
     memory, known = after("G91 F100", line)
     assert known == [True, False]
     assert memory.before("X1") == ""
+
+
+def test_a_dialect_without_m61_keeps_no_tool():
+    memory = ModalMemory(has_m61=False)
+    memory.note("T3 M6 G43 H3")
+    assert memory.modes == "G21 G43 H3"
 
 
 def test_parameters_are_assigned_before_the_next_line():

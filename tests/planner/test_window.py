@@ -135,7 +135,7 @@ def test_cuts_that_take_each_other_back_come_to_an_end(monkeypatch):
     monkeypatch.setattr(
         lookahead, "best_cut", lambda *a, f=lookahead.best_cut: tried.append(a) or f(*a)
     )
-    status, bound_s, phases = plan(
+    status, _, phases = plan(
         [*lengths, 0.0, *[1.0] * more],
         [*speeds, 0.0, *[100.0] * more],
         [False] * 9 + [True] + [False] * more,

@@ -16,7 +16,8 @@ from cnc.boards.klipper.protocol.dictionary import Message
 SAMPLE_S, SAMPLES, REST_S = 10e-6, 4, 150e-6
 """Time between samples that confirm a closed switch, their number, and time between others.
 
-A switch stops the motors within REST_S + SAMPLES * SAMPLE_S, 0.2 ms.
+A switch stops the motors within REST_S + SAMPLES * SAMPLE_S, 0.2 ms. The switches are sampled one
+after the other, evenly spread over REST_S, so a step waits for one sample and not for all.
 """
 TIMEOUT_S = 0.4
 """Time without a sign of this computer after which the motors stop."""
@@ -82,28 +83,35 @@ class Guards:
         for motor in self._layout.motors:
             send("stepper_stop_on_trigger", oid=motor.oid, trsync_oid=trigger)
             send("reset_step_clock", oid=motor.oid, clock=clock % 2**32)
-        self._homing.clear()
-        for each in self._layout.inputs:
-            level = each.active
-            armed = [known.level for known in self.armed if known.input == each]
-            if armed:
-                level = armed[0]
-            elif each.name == "probe" or (each.name == "limit" and each.column not in self.watched):
-                continue
-            self._homing.append(each)
+        levels = self._levels()
+        self._homing = list(levels)
+        rest = round(REST_S * ticks)
+        for k, each in enumerate(levels):
             send(
                 "endstop_home",
                 oid=each.oid,
-                clock=clock % 2**32,
+                clock=(clock + k * rest // len(levels)) % 2**32,
                 sample_ticks=round(SAMPLE_S * ticks),
                 sample_count=SAMPLES,
-                rest_ticks=round(REST_S * ticks),
-                pin_value=level,
+                rest_ticks=rest,
+                pin_value=levels[each],
                 trsync_oid=trigger,
                 trigger_reason=each.reason,
             )
         self._renewed_at = None
         self.renew()
+
+    def _levels(self) -> dict[InputObject, int]:
+        """Return the inputs that end the next motion, each with the level that does so."""
+        armed = {known.input: known.level for known in self.armed}
+        return {
+            each: armed.get(each, each.active)
+            for each in self._layout.inputs
+            if each in armed
+            or not (
+                each.name == "probe" or (each.name == "limit" and each.column not in self.watched)
+            )
+        }
 
     def renew(self) -> None:
         """Tell the board that this computer lives, if that is due."""

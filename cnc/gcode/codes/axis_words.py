@@ -24,6 +24,7 @@ _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
 _MOVES = frozenset(("G0", "G1", "G2", "G3"))
+_HOMES = frozenset(("G28", "G30"))
 _POLAR_USERS = _CYCLES | _MOVES | {"G38.2", "G38.3", "G38.4", "G38.5"}
 """Codes whose point may be given by @ and ^.
 
@@ -43,6 +44,8 @@ class AxisWords:
         polar: The mode of polar coordinates (G16).
         rotary: The rotary axes that repeat after 360 degrees.
         turns_linearly: Whether a direction of the tool turns the rotary axes linearly.
+        length_change: Change of the tool offset along Z that no move along Z followed yet, mm, and
+            its line; None in dialects where increments leave it out.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class AxisWords:
         self.coordinates = coordinates
         self.scales: list[float] = []
         self.turns_linearly = False
+        self.length_change: tuple[float, int] | None = None
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -253,7 +257,39 @@ class AxisWords:
             start: (axes,) position that increments count from. Axes without a word stay there.
             machine: The words are machine coordinates (G53).
         """
-        return self.reached(self.axis_values(words, user), start, machine=machine)
+        values = self.axis_values(words, user)
+        if self.length_change is not None and "Z" in words.users:
+            absolute = machine or user in _HOMES or self._state.absolute
+            change = self.take_length_change(words.users["Z"][1], absolute=absolute)
+            values[self.column["Z"]] += change
+        return self.reached(values, start, machine=machine)
+
+    def take_length_change(self, at: Word, *, absolute: bool, moves: bool = True) -> float:
+        """Return the distance that a new tool length adds to the first move along Z after it.
+
+        Args:
+            at: The word of the move.
+            absolute: Whether it gives a position, which the change adds nothing to.
+            moves: Whether it is a plain move, and not a cycle.
+
+        Raises:
+            GcodeError: ``tool-length-incremental``, where controllers differ.
+        """
+        change, line = self.length_change or (0.0, 0)
+        self.length_change = None
+        if absolute or change == 0.0:
+            return 0.0
+        same_line = moves and line == self._here.line
+        if same_line and self._dialect.length_in_increments == "added":
+            return change
+        message = (
+            f"{at.written} under G91 is the first move along Z after a new tool length: FANUC adds "
+            f"its change of {change:g} mm, others do not"
+        )
+        hint = "give Z under G90 first"
+        if self._dialect.length_in_increments == "unclear":
+            hint += ", or name the --dialect"
+        raise fault("tool-length-incremental", message, at, hint)
 
     def reached(
         self, values: dict[int, float], start: list[float], *, machine: bool = False

@@ -152,6 +152,8 @@ class OffsetCodes:
                 code.word,
                 "give the axes that must move, such as Z0",
             )
+        if not columns:
+            motion.length_change = None
         motion.traverse(self._partly_home(columns, stored))
 
     def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:

@@ -43,6 +43,7 @@ class TipControlCodes:
         self, motion: Motion, out: BlockBuffer, here: SourceLocation, machine: ToolTip | None
     ) -> None:
         self._motion, self._out, self._here, self._machine = motion, out, here, machine
+        self._points_missing = machine.points_missing if machine is not None else ()
 
     @property
     def active(self) -> bool:
@@ -79,6 +80,8 @@ class TipControlCodes:
                 at,
                 'write a five-axis [kinematics] into the machine file, such as type = "xyzac"',
             )
+        if on:
+            self._report_points(at)
         if machine is not None and (on or self.active):
             joints = motion.position
             if self.active:
@@ -99,6 +102,15 @@ class TipControlCodes:
         motion.move_with_vector = self._move_with_vector if letters else None
         motion.turn_with_vector = self._turn_with_vector if letters else None
         coordinates.tool_offset = offset
+
+    def _report_points(self, at: Word) -> None:
+        """Report once that points of the rotary axes are taken as 0, 0, 0."""
+        if self._points_missing:
+            names = " and ".join(self._points_missing)
+            message = f"[kinematics] has no {names}: taken as X0 Y0 Z0"
+            hint = "measure where the rotary axes are, and write it into the machine file"
+            self._here.report_warning("rotary-axis-place", message, at, hint)
+        self._points_missing = ()
 
     def _move_with_vector(self, words: LineWords, code: Word | None, *, rapid: bool) -> None:
         """Make a straight move of the tip; the tool turns to its direction on a great circle.

@@ -98,9 +98,20 @@ class ToolCodes:
             if number == G.G44:
                 offset = [-value for value in offset]
         # Where G43.4 is a length code, the others end its control. LinuxCNC keeps its kinematics.
+        self._note_change(offset)
         stays = G.G43_4 not in self._dialect.g and self._tip.active
         on = stays or number in (G.G43_4, G.G43_5)
         self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
+
+    def _note_change(self, offset: list[float]) -> None:
+        """Note the change of the offset along Z, for a move along Z under G91."""
+        motion = self.motion
+        column = motion.column.get("Z")
+        if self._dialect.length_in_increments == "left" or column is None or self._tip.active:
+            return
+        before = motion.length_change[0] if motion.length_change else 0.0
+        change = before + offset[column] - self._coordinates.tool_offset[column]
+        motion.length_change = (change, self.here.line) if change else None
 
     def keep_length(self, words: LineWords) -> None:
         """Keep the H of a line without G43 or G44 for a later one, as FANUC does.

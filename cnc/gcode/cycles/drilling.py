@@ -119,6 +119,7 @@ class DrillingCycles:
         if across is not None and motion.coordinates.figure.factors[across] != 1.0:
             message = f"{name} under G51 with another factor than 1 along {plane.across}"
             raise fault("scaling-cycle", message, at, "give G50 before, or I1. J1. K1.")
+        motion.take_length_change(at, absolute=state.absolute, moves=False)
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
         retract = self._word(words, series, "R", name, at)

@@ -134,6 +134,7 @@ class Dialect:
     shift_stays: bool
     rotation: bool
     offset_memory: bool
+    length_in_increments: Literal["left", "added", "unclear"]
     length_axes: str
     home_beside_motion: bool
     home_needs_axes: bool
@@ -336,13 +337,13 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
-    "home_beside_motion", "home_needs_axes", "machine_in_incremental", "program_number",
-    "decimal_points", "program_end", "flavour", "siemens", "dollar", "initial_level", "lenient",
-    "first_bracket", "after_g80", "local_calls", "scale_unit", "extruder", "corners", "figures",
-    "dwell", "dwell_point", "dwell_turns", "lathe", "increments", "integer_unit",
-    "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets", "motion_assumed",
-    "repeated", "same_code_twice", "both_coolants", "repeats_in_call", "skip_parameters",
-    "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
+    "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
+    "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",
+    "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit",
+    "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
+    "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
+    "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
+    "skip_parameters", "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -283,6 +283,7 @@ class Interpreter:
             and not self.dialect.lathe
             and motion.collector is None
             and not self.coordinates.turned
+            and motion.length_change is None
             and self.motion.polar.plane is None
             and self.motion.corners.corner is None
         )

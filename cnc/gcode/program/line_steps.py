@@ -24,10 +24,10 @@ from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
+from cnc.gcode.program.percent import PercentStep
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
-from cnc.gcode.syntax.words import Word
 from cnc.machine.program_codes import CodeAction
 
 MANY_LINES = 500
@@ -325,50 +325,4 @@ class _Announced:
         return self._step.run(flow, line)
 
 
-class _Percent:
-    """``%``. The first one, before any word, begins the program; any other ends it."""
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Begin or end the program."""
-        interpreter, frame = flow.interpreter, flow.frame
-        if frame.kind != "main":
-            if line == frame.first and not frame.scope:  # of a file without an O line
-                return line + 1
-            raise control_flow.not_ended(flow, f"before the % in line {line}")
-        if interpreter.begun and not flow.percent:
-            self._check_unopened(flow, line)
-        if interpreter.begun or flow.percent:
-            interpreter.end_of_file()
-            interpreter.ended = True
-        flow.percent = True
-        return line + 1
-
-    @staticmethod
-    def _check_unopened(flow: Flow, line: int) -> None:
-        """Refuse a % that would end a program without a first one.
-
-        As the last line it is what other controllers leave of a pair of %.
-        """
-        at = Place(line, 1)
-        message = "this % ends the program, and no % begins it"
-        hint = "begin the program with %, or end it with M2 or M30"
-        if not flow.interpreter.dialect.lenient or _has_code(flow, line + 1):
-            raise flow.listing.fault(at, "percent-place", message, hint)
-        percent = Word("%", 0.0, "%", 1, 1)
-        flow.interpreter.here.line = line
-        flow.interpreter.here.report_warning("percent-unopened", message, percent, hint)
-
-
-def _has_code(flow: Flow, line: int) -> bool:
-    """Whether a line from here on is not empty."""
-    while (window := flow.listing.window(line)) is not None:
-        if any(
-            window.text(index).strip(" \t\0\x1a")
-            for index in range(line - window.first, window.count)
-        ):
-            return True
-        line = window.first + window.count
-    return False
-
-
-_PERCENT = _Percent()
+_PERCENT = PercentStep()

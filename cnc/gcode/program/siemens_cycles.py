@@ -1,4 +1,4 @@
-"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86, once or after each move (MCALL).
+"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86 and CYCLE89, once or after each move (MCALL).
 
 All heights are absolute, whatever the distance mode. Source: Siemens, "SINUMERIK 840D sl/828D
 Programming Manual, Cycles", drilling.
@@ -17,21 +17,31 @@ from cnc.model.diagnostics import CncError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole. More are a typing error."""
-_END, _TAPPING = 0, 84
+_END, _TAPPING, _BORING = 0, 84, 89
 _ROUNDING = 1e-9
 _HEIGHTS = "RTP RFP SDIS DP DPR"
 _NAMES = {
     81: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
     82: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
-    83: f"{_HEIGHTS} FDEP FDPR DAM DTB DTS FRF VARI AXN MDEP VRT DTD DIS1",
-    84: f"{_HEIGHTS} DTB SDAC MPIT PIT POSS SST SST1 AXN PTAB TECHNO VARI",
-    85: f"{_HEIGHTS} DTB FFR RFF",
-    86: f"{_HEIGHTS} DTB SDIR RPA RPO RPAP POSS",
+    83: f"{_HEIGHTS} FDEP FDPR DAM DTB DTS FRF VARI AXN MDEP VRT DTD DIS1 GMODE DMODE AMODE83",
+    84: f"{_HEIGHTS} DTB SDAC MPIT PIT POSS SST SST1 AXN PTAB TECHNO VARI DAM VRT PITM PTABN PTABA"
+    " GMODE DMODE AMODE84",
+    85: f"{_HEIGHTS} DTB FFR RFF GMODE DMODE AMODE",
+    86: f"{_HEIGHTS} DTB SDIR RPA RPO RPAP POSS GMODE DMODE AMODE",
+    89: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
 }
 """Arguments of each cycle in their order: return plane, reference plane, safety distance, depth and
 depth from the reference plane; then those of the cycle. Later ones must be 0 or left out."""
-_MODES = {"AXN": (0, 3), "GMODE": (0,), "DMODE": (0, 1), "AMODE": (0, 2, 10, 12)}
-"""Values of modes: the tool axis is Z, the depth is absolute and of the tip, dwells are in s."""
+_LEFT_HAND = 1002002
+_MODES = {
+    "AXN": (0, 3), "GMODE": (0,), "DMODE": (0, 1, 10, 11), "AMODE": (0, 2, 10, 12),
+    "AMODE83": (0, 1001110), "AMODE84": (0, 1001002, _LEFT_HAND),
+}  # fmt: skip
+"""Values of modes: the tool axis is Z, the depth is absolute and of the tip, dwells are in s.
+
+Of DMODE the last digit is the plane. Of CYCLE84's AMODE the fourth digit from the right is the
+direction of the thread: that of the pitch's sign (0), right (1) or left (2).
+"""
 _COARSE = dict(
     zip(
         (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
@@ -125,6 +135,8 @@ class _Hole:
             case _:
                 yield f"G1 Z{self.depth:.9f}"
                 yield from self._wait("DTB")
+                if self.kind == _BORING:
+                    yield f"G1 Z{self.start:.9f}"
         yield f"G0 Z{self.back:.9f}"
 
     def _wait(self, name: str) -> Iterator[str]:
@@ -165,8 +177,9 @@ class _Hole:
     def _strokes(self) -> Iterator[float]:
         """Yield the depth of each stroke.
 
-        A stroke is shorter than the one before by DAM, but not shorter than DAM. What is left at
-        the end, if more than DAM and less than twice DAM, is divided into two equal strokes.
+        A stroke is shorter than the one before by DAM, but not shorter than DAM and MDEP. What is
+        left at the end, if more than this least stroke and less than twice as much, is divided into
+        two equal strokes.
         """
         first = self.get("FDEP", self.top - abs(self.get("FDPR")))
         less = self.get("DAM", 0.0)
@@ -176,15 +189,16 @@ class _Hole:
             message = ": DAM below 0, or a first depth below the last one"
             raise self.fault("code-not-supported", message)
         left, stroke = self.top - self.depth, self.top - first
+        least = min(max(less, self.get("MDEP", 0.0)), stroke)
         for _ in range(MOST_PECKS):
-            if less and stroke <= less and less < left - _ROUNDING and left <= 2.0 * less:
+            if less and stroke <= least and least < left - _ROUNDING and left <= 2.0 * least:
                 stroke = left / 2.0
             stroke = left if stroke > left - _ROUNDING else stroke
             yield stroke
             left -= stroke
             if left <= _ROUNDING:
                 return
-            stroke = max(stroke - less, less) if less else stroke
+            stroke = max(stroke - less, least) if less else stroke
         raise self.fault("cycle-too-long", f" makes more than {MOST_PECKS} pecks")
 
     def _tap(self) -> Iterator[str]:
@@ -194,6 +208,8 @@ class _Hole:
             raise self.fault("code-not-supported", ": VARI, or a pitch in inches (PTAB)")
         if not pitch and abs(size) in _COARSE:
             pitch = math.copysign(_COARSE[int(abs(size))], size)
+        if self.get("AMODE84", 0.0):
+            pitch = -abs(pitch) if self.get("AMODE84") == _LEFT_HAND else abs(pitch)
         if not pitch:
             raise self.fault("cycle-word-missing", " needs PIT, the pitch, or MPIT, the size")
         speed = self._needs("SST", "the speed of the spindle")

@@ -42,6 +42,10 @@ class ToolTip(Protocol):
     def rotary(self) -> tuple[int, int]:
         """Columns of the axis that tilts and of the one that turns."""
 
+    @property
+    def points_missing(self) -> tuple[str, ...]:
+        """Keys of the points of the rotary axes that the machine file does not give."""
+
     def joints(self, tip: list[float], offset: Offset) -> list[float]:
         """Return the joints of a tip with a tool offset (X, Y, Z)."""
 

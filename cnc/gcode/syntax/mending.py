@@ -18,6 +18,20 @@ _TEXT_CODE = re.compile(
     r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
 )
 _CHECKSUM = re.compile(r"\*[0-9]+[ \t]*(?=;|$)")
+_HOMING = re.compile(r"[ \t]*(?:N[0-9]+[ \t]*)?G28(?![0-9.])", re.I)
+_AXIS_ALONE = re.compile(r"[XYZ](?=[ \t]*(?:[A-Z]|$))", re.I)
+_HOMING_OPTION = re.compile(r"[LOW](?=[ \t]*(?:[A-Z]|$))", re.I)
+"""Home only axes of unknown position (O), without a restored bed level (L), without a probe (W)."""
+_SHORT_NAME = re.compile(
+    r"(?<![A-Z])(?:WH|AB|AC|AS|AT|BC|BI|CO|EX|FI|FU|RO|SI|SQ|TA)(?=[ \t]*\[)", re.I
+)
+_LONG_NAMES = {
+    name[:2]: name
+    for name in (
+        "WHILE", "ABS", "ACOS", "ASIN", "ATAN", "BCD", "BIN", "COS", "EXP", "FIX", "FUP", "ROUND",
+        "SIN", "SQRT", "TAN",
+    )
+}  # fmt: skip
 _COMMENT = re.compile(r"\(([^)]*)\)")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
 """Text that could be executed if it stood outside of a comment."""
@@ -72,11 +86,36 @@ def is_for_simulation(text: str) -> bool:
     return _SIMULATION.match(text) is not None
 
 
-def without_text(text: str) -> str:
-    """Return a line of a 3D printer without the text of a message and without a checksum."""
+def with_whole_names(text: str) -> str:
+    """Return a line of custom macro B with names of two letters written out.
+
+    Source: FANUC Series 0i, "Arithmetic and logic operation", abbreviations: ``RO`` is ROUND.
+    """
+    if _SHORT_NAME.search(text) is None:
+        return text
+    out, at = [], 0
+    for comment in (*_ANY_COMMENT.finditer(text), None):
+        code = text[at : comment.start() if comment else len(text)]
+        out.append(_SHORT_NAME.sub(lambda found: _LONG_NAMES[found[0].upper()], code))
+        if comment:
+            out.append(comment[0])
+            at = comment.end()
+    return "".join(out)
+
+
+def without_printer_text(text: str) -> str:
+    """Return a line of a 3D printer without the text of a message and without a checksum.
+
+    G28 names its axes without numbers; these get a 0. Source: Marlin, "G-code Index", G28.
+    """
     if found := _TEXT_CODE.match(text):
         return text[: found.end()]
-    return _CHECKSUM.sub("", text)
+    text = _CHECKSUM.sub("", text)
+    if _HOMING.match(text):
+        code, semicolon, comment = text.partition(";")
+        code = _AXIS_ALONE.sub(r"\g<0>0", _HOMING_OPTION.sub("", code.rstrip()))
+        text = code + semicolon + comment
+    return text
 
 
 def mend(text: str, error: Diagnostic) -> Mended | None:
@@ -124,12 +163,18 @@ def _flat(text: str) -> str | None:
             return "".join(out) + "(" + text[at + 1 :].replace("(", "[") + ")"
         if end < 0:
             end = first
-        elif _WORD.search(text, first + 1, end):
+        elif _WORD.search(text, first + 1, _end_of_code(text, first, end)):
             return None
         inside = text[at + 1 : end].replace("(", "[").replace(")", "]")
         out.append(f"({inside})")
         at = end + 1
     return "".join(out) + text[at:]
+
+
+def _end_of_code(text: str, first: int, end: int) -> int:
+    """Return the end of the text that is code where a comment ends at its first bracket."""
+    semicolon = text.find(";", first, end)
+    return end if semicolon < 0 else semicolon
 
 
 def _balanced_end(text: str, begin: int) -> int:

@@ -24,7 +24,8 @@ from cnc.gcode.syntax.mending import (
     is_for_simulation,
     mend,
     to_first_bracket,
-    without_text,
+    with_whole_names,
+    without_printer_text,
 )
 from cnc.gcode.syntax.siemens import NOTED, translate
 from cnc.gcode.syntax.siemens_control import ControlLine
@@ -220,8 +221,10 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
             text = f"{text[:slash]} {text[slash + 1 :]}"
     if syntax.lenient and (switch := _SWITCH.match(text)):
         text = f"{switch[1]} {text[switch.end() :]}"
+    if syntax.flavour == "macro-b" and "[" in text:
+        text = with_whole_names(text)
     if syntax.dialect == "marlin":
-        text = without_text(text)
+        text = without_printer_text(text)
     try:
         return _parse(text, syntax, open_numbers)
     except GcodeError as error:

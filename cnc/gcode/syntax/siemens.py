@@ -178,12 +178,6 @@ class _Line:
                 raise fault("character-unknown", message, column=at + 1, hint=hint)
 
     def _code(self, letter: str, number: str) -> str:
-        if letter == "G" and re.fullmatch(r"64[1-5]", number):
-            return "G64"
-        if letter == "G" and re.fullmatch(r"60[1-3]", number):
-            return ""
-        if letter == "G" and number in ("60",):
-            return "G61.1"
         if letter == "M" and number == "17":
             raise self._fault("M17 beside other words", 1, "write M17 in a line of its own")
         if letter == "L":

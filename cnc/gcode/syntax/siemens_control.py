@@ -15,7 +15,7 @@ from cnc.gcode.syntax.statement import Keyword
 
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
-_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-6])\s*\((.*)\))?\s*", re.I)
+_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-69])\s*\((.*)\))?\s*", re.I)
 _END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
 _HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
 _CALL = re.compile(

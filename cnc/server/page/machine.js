@@ -322,6 +322,7 @@ function showState(event) {
   write(element("tool"), event.tool ?? "–");
   write(element("line"), event.line ? `${event.line}: ${event.text}` : "–");
   write(element("left"), seconds(event.left));
+  write(element("modes"), event.modes || "defaults of a program");
   write(element("buffer"), event.buffered ?? "–");
   write(element("connect"), event.state === "disconnected" ? "Connect" : "Disconnect");
   for (const name of ["feed", "spindle"]) if (document.activeElement !== element(`${name}-override`)) {

@@ -27,6 +27,7 @@ from tests.support.boards.klipper_rig import (
     steps_of,
     with_board,
 )
+from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.paths import PROGRAMS
 from tests.support.soak import share
 
@@ -233,3 +234,26 @@ def test_report_from_before_the_end_is_no_alarm(small: Path, tmp_path: Path) -> 
     commands._trsync_trigger = crossed  # type: ignore[method-assign]
     report, _ = played(small, tmp_path, known, simulator)
     assert report.ok, report.faults
+
+
+@pytest.mark.parametrize(
+    "watched", [(True, True, True), (True, False, True), (False, False, False)]
+)
+def test_no_two_switches_are_sampled_at_the_same_time(watched: tuple[bool, ...]) -> None:
+    """A step of an AVR waits for the sample that is due; four samples would take it 50 us."""
+    known = machine("atmega328p")
+    with board(known) as (driver, simulator):
+        driver.prepare_next_start(watched=watched, known=[True] * 3)
+        driver.start(np.zeros(3, np.int64))
+        time_ns, step = eased(200, 60_000)
+        for part in chunks(time_ns, step, 100):
+            driver.send(part)
+        driver._supervisor.sender.flush()
+        driver._supervisor.pump(0.05)
+        armed = [switch for switch in simulator.switches if switch.armed]
+        rest = armed[0].rest_ticks
+        phases = sorted((switch.next_clock - armed[0].next_clock) % rest for switch in armed)
+        driver.finish()
+    assert len(armed) == 1 + sum(watched)
+    gaps = np.diff([*phases, rest])
+    assert gaps.max() - gaps.min() <= 1

@@ -57,9 +57,12 @@ def port(known: Machine) -> Iterator[str]:
             yield server.name
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+@pytest.fixture(autouse=True, scope="module")
+def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep one state for all tests: an AVR cannot forget a configuration that is not known here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
 
 
 def test_program(known: Machine, port: str, tmp_path: Path) -> None:
@@ -74,9 +77,11 @@ def test_program(known: Machine, port: str, tmp_path: Path) -> None:
         if report.ok:
             break
         (fault,) = report.faults
-        # Without time for a ramp the motors stop at once, and the position is not known.
-        assert (fault.diagnostic.code == "board-underrun") == (None not in board.known_steps)
         assert fault.diagnostic.code in ("board-underrun", "klipper-shutdown")
+        # Without time for a ramp the motors stop at once; that loses the position of moved motors.
+        rested = "rest on the path" in fault.diagnostic.message
+        unmoved = "nothing has moved" in fault.diagnostic.message
+        assert (rested or unmoved) == (None not in board.known_steps)
     assert report.ok, report.faults
     assert board.known_steps == (0, 0, 0)
 

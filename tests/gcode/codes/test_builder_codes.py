@@ -116,6 +116,7 @@ def test_a_default_feed_holds_until_the_first_f() -> None:
     [
         ("( hole at (61, 67) )\nG0 X1", ["rapid 1 0 0"], "comment-mended"),
         ("G0 X1 (open", ["rapid 1 0 0"], "comment-mended"),
+        ("(cut (a); (b) S1000 (c))\nG0 X1", ["rapid 1 0 0"], "comment-mended"),
         ("G0 X1 A0", ["rapid 1 0 0"], "axis-idle"),
         ("G0 X1 I0.5 J2", ["rapid 1 0 0"], "word-idle"),
         ("G93\nF10\nG1 X1 F10", ["line 1 0 0 F10"], "word-without-effect"),

@@ -100,7 +100,6 @@ CASES = {
     "G43 with no tool": ("G43\nG0 Z1", ends((0, 0, 1))),
     "G43 is not added": ("G43 H1\nG43 H2\nG0 X1 Z1", ends((1, 0, 101))),
     "G49": ("G43 H1\nG49\nG0 Z1", ends((0, 0, 1))),
-    "increments do not see it": ("G0 Z5\nG91 G43 H2\nZ1", ends((0, 0, 5), (0, 0, 6))),
     "G43.1": ("G43.1 X1 Z2\nG0 X0 Y0 Z0", ends((1, 0, 2))),
     "G43.1 replaces what it names": ("G43 H1\nG43.1 Z2\nG0 X0 Z0", ends((0.5, 0, 2))),
     "G43.1 in inches": ("G20 G43.1 Z1\nG0 Z0", ends((0, 0, INCH))),

@@ -228,5 +228,6 @@ def test_offset_codes_never_move(seed: int) -> None:
     tools = ToolTable(
         ToolEntry(n, n, dict(zip("XYZ", offsets, strict=True))) for n, offsets in TOOLS.items()
     )
-    source = "\n".join(["G53 G0 X1.1 Y2.2 Z3.3", *lines, "G91 X0 Y0 Z0"])
-    assert list(rows(run(source, tools=tools))) == [("rapid", 1.1, 2.2, 3.3)] * 2
+    source = "\n".join(["G53 G0 X1.1 Y2.2 Z3.3", *lines, "G91 X0 Y0 Z0", "M2"])
+    found = list(rows(run(source, dialect="linuxcnc", tools=tools)))
+    assert found == [*[("rapid", 1.1, 2.2, 3.3)] * 2, ("end",)]

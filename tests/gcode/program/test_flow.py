@@ -231,7 +231,6 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [6, 3],
     ),
     # the program as a whole
-    "percent": ("%\nG0 X1\n%\nG0 X2", [1]),
     "text behind the second percent": ("%\nG0 X1\n%\nthis is not read", [1]),
     "program number behind a percent": ("%\nO12\nG0 X1\n%", [1]),
     "no control in comments": ("(o1 if [0])\nG0 X1\n; o1 endif", [1]),

@@ -65,6 +65,18 @@ def test_a_percent_without_a_first_one_ends_no_program() -> None:
     assert error_of("G0 X1\n%", dialect="linuxcnc").code == "percent-place"
 
 
+def test_code_behind_the_percent_that_ends_a_program_is_reported() -> None:
+    program = "%\nG0 X1\n%\n(end)\nG0 X2"
+    assert (error_of(program).code, error_of(program).line) == ("percent-place", 3)
+    warnings: list[Diagnostic] = []
+    blocks = run(program, dialect="linuxcnc", warn=warnings.append)
+    assert len(blocks) == 1
+    assert [(each.code, each.line) for each in warnings] == [("percent-code-behind", 3)]
+    assert "line 5" in warnings[0].message
+    assert xs("%\nG0 X1\n%\n(end X2)\nthe end") == [1]
+    assert xs("%\nG0 X1\nM2\n%\nG0 X2") == [1]
+
+
 def test_an_unopened_percent_in_the_last_line_is_a_warning() -> None:
     warnings: list[Diagnostic] = []
     assert xs("G0 X1\n%\n\n", warn=warnings.append) == [1]

@@ -48,6 +48,9 @@ CASES: dict[str, tuple[str, str]] = {
     "subprogram": ("sub-not-closed", "¦o100 sub"),
     "named subprogram": ("sub-unknown", "¦O<drill> call"),
     "code in a nested comment": ("comment-nested", "(a ¦(b) G1 X1)"),
+    "code in a nested comment before ;": ("comment-nested", "(a ¦(b) G1 X1; (c))"),
+    "code behind the last %": ("percent-place", "%\nG0 X1\n¦%\n(end)\nG0 X2"),
+    "code behind a % with text": ("percent-place", "%\nG0 X1\n¦% LED on\nM3 S1"),
     "closing only": ("comment-not-open", "G0 X1 ¦) Y2"),
     "block delete twice": ("block-delete-place", "/¦/G0"),
     "percent after a word": ("percent-place", "G0 X1 ¦%"),
@@ -288,14 +291,15 @@ abort-possible axis-idle code-not-needed code-skipped code-without-effect commen
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 thread-start tool-word-form turning-plane
-comment-not-active not-gcode percent-unopened program-for-lathe program-for-printer
+comment-not-active not-gcode percent-code-behind percent-unopened program-for-lathe
+program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
 feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
 unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
-tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
+rotary-axis-place tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

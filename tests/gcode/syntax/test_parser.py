@@ -114,6 +114,29 @@ def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
     assert parser.cache_folder() == tmp_path / "local" / "cnc" / "cache"
 
 
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ("G28 X Y ; home X", "G28 X0 Y0"),
+        ("N2 g28 z*71", "N2 G28 Z0"),
+        ("G28 O X", "G28 X0"),
+        ("G28 W", "G28"),
+        ("G28 X5 Y", "G28 X5 Y0"),
+    ],
+)
+def test_the_homing_of_marlin_names_axes_without_numbers(text: str, read: str) -> None:
+    numbers = [
+        [
+            (word.letter, word.number)
+            for word in parse_line(each, Syntax("ngc", dialect=dialect)).words
+        ]
+        for each, dialect in ((text, "marlin"), (read, "linuxcnc"))
+    ]
+    assert numbers[0] == numbers[1]
+    with pytest.raises(GcodeError):
+        parse_line("G28 X Y", Syntax("ngc", dialect="linuxcnc"))
+
+
 @pytest.mark.parametrize("text", ["*71", " *7 ", "\t*0"])
 def test_a_line_of_only_a_checksum_is_empty(text: str) -> None:
     """Senders of Marlin number and sum every line, empty ones too."""

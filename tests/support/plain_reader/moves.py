@@ -17,7 +17,7 @@ Words = list[tuple[str, float]]
 _PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _IDLE = {
     0, 1, 2, 3, 5, 5.1, 8, 9, 15, 16, 17, 18, 19, 20, 21, 40, 43, 49, 50, 54, 55, 56, 57, 58, 59,
-    61, 61.1, 64, 69, 70, 71, 80, 90, 90.1, 91, 91.1, 93, 94, 95, 98, 99, 103, 154, 187,
+    61, 61.1, 64, 69, 70, 71, 80, 90, 90.1, 91, 91.1, 93, 94, 95, 98, 99, 103, 154, 187, 700, 710,
 }  # fmt: skip
 
 
@@ -94,6 +94,7 @@ class Mover:
         self.systems: dict[int, list[float]] = {}
         self.system = 1
         self.shift = [0.0, 0.0, 0.0]
+        self.local = [0.0, 0.0, 0.0]
         self.figure = Figure()
         self.centres_absolute = self.polar = False
         self.pole = [0.0, 0.0]
@@ -106,7 +107,7 @@ class Mover:
     @property
     def origin(self) -> list[float]:
         own = self.systems.get(self.system, [0.0, 0.0, 0.0])
-        return [a + b for a, b in zip(own, self.shift, strict=True)]
+        return [a + b + c for a, b, c in zip(own, self.shift, self.local, strict=True)]
 
     @property
     def programmed(self) -> list[float]:
@@ -146,8 +147,8 @@ class Mover:
 
     def _modes(self, codes: list[float], given: dict[str, float]) -> None:
         for code in codes:
-            if code in (20, 21) or (code in (70, 71) and not given.keys() & set("PIJL")):
-                self.unit = 25.4 if code in (20, 70) else 1.0
+            if code in (20, 21, 700, 710) or (code in (70, 71) and not given.keys() & set("PIJL")):
+                self.unit = 25.4 if code in (20, 70, 700) else 1.0
             elif code in (17, 18, 19):
                 self.plane = int(code)
             elif code in (90, 91):
