@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from cnc.gcode import dialects
@@ -12,6 +14,7 @@ from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.plain_reader import random_programs
 from tests.support.plain_reader.compare import difference
 from tests.support.soak import share
 
@@ -135,6 +138,14 @@ def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
     """Lines, ends, extents, feeds, and what is a traverse."""
     for _, seed, text in programs(share(200, 1), [style]):
         assert not difference(text.splitlines()), seed
+
+
+@pytest.mark.parametrize("dialect", random_programs.HEADS)
+def test_a_second_reader_finds_the_same_moves_in_random_programs(dialect: str) -> None:
+    for seed in range(share(3000, 4)):
+        lines = random_programs.program(random.Random(f"{dialect} {seed}"), dialect)
+        assert recognise(lines).dialect == dialect
+        assert not difference(lines), "\n".join(lines)
 
 
 TWO_READERS = """G21 G90

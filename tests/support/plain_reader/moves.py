@@ -94,6 +94,7 @@ class Mover:
         self.systems: dict[int, list[float]] = {}
         self.system = 1
         self.shift = [0.0, 0.0, 0.0]
+        self.local = [0.0, 0.0, 0.0]
         self.figure = Figure()
         self.centres_absolute = self.polar = False
         self.pole = [0.0, 0.0]
@@ -106,7 +107,7 @@ class Mover:
     @property
     def origin(self) -> list[float]:
         own = self.systems.get(self.system, [0.0, 0.0, 0.0])
-        return [a + b for a, b in zip(own, self.shift, strict=True)]
+        return [a + b + c for a, b, c in zip(own, self.shift, self.local, strict=True)]
 
     @property
     def programmed(self) -> list[float]:

@@ -53,7 +53,8 @@ def _set_offset(mover: Mover, number: int, given: dict[str, float], codes: list[
     for axis, letter in enumerate("XYZ"):
         if letter in given:
             length = given[letter] * mover.unit
-            own[axis] = length if given["L"] == 2 else mover.at[axis] - mover.shift[axis] - length
+            moved = mover.shift[axis] + mover.local[axis]
+            own[axis] = length if given["L"] == 2 else mover.at[axis] - moved - length
 
 
 def _shift(mover: Mover, number: int, given: dict[str, float], codes: list[float]) -> None:
@@ -61,10 +62,13 @@ def _shift(mover: Mover, number: int, given: dict[str, float], codes: list[float
     for axis, letter in enumerate("XYZ"):
         if letter in given:
             length = given[letter] * mover.unit
-            if 52 in codes:
+            if 52 in codes and mover.dialect in ("fanuc", "haas"):
+                mover.local[axis] = length
+            elif 52 in codes:
                 mover.shift[axis] = length
             else:
-                mover.shift[axis] += now[axis] - length
+                mover.shift[axis] += now[axis] + mover.local[axis] - length
+                mover.local[axis] = 0.0
 
 
 def _no_shift(mover: Mover, number: int, given: dict[str, float], codes: list[float]) -> None:
