@@ -21,7 +21,8 @@ REPORTED_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-s
 ASSUMPTIONS = frozenset((
     "abort-possible", "axis-idle", "code-skipped", "comment-mended", "decimal-point-missing",
     "dwell-long", "dwell-point", "machine-coordinates-absolute", "motion-assumed",
-    "percent-unopened", "rotary-axis-place", "tool-length-zero", "word-replaced",
+    "percent-code-behind", "percent-unopened", "rotary-axis-place", "tool-length-zero",
+    "word-replaced",
 ))  # fmt: skip
 """Codes of findings that say how a part of the program was read that other controllers read
 differently. The summary names the first of each."""

@@ -67,23 +67,27 @@ class Dialogs:
         self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
     ) -> Dialog:
         """Ask; an older question is closed."""
+        return self._show(kind, text, steps, approach).dialog
+
+    def _show(
+        self, kind: DialogKind, text: str, steps: Sequence[str], approach: Approach
+    ) -> _Question:
         self.close()
         dialog = Dialog(
             id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps), approach=approach
         )
+        question = _Question(dialog, threading.Event())
         with self._lock:
-            self._open = _Question(dialog, threading.Event())
+            self._open = question
         self._events.emit(dialog)
-        return dialog
+        return question
 
     def ask(
         self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
     ) -> bool:
         """Ask, and wait for the answer."""
-        self.show(kind, text, steps, approach)
-        question = self._open
-        if question is None:
-            return False
+        # An answer may come before the event has reached every listener.
+        question = self._show(kind, text, steps, approach)
         question.answered.wait()
         return question.yes
 

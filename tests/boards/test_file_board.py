@@ -16,6 +16,8 @@ NAMES = ("x", "y", "z")
 
 
 class TestFileBoard(PulseBoardConformance):
+    revives = False
+
     def make(self, folder: Path) -> FileBoard:
         return FileBoard(folder / "pulses.npz", NAMES, [100.0] * AXES, MIN_PULSE_NS)
 

@@ -48,6 +48,8 @@ def test_no_repeat_stores_the_words_of_a_cycle(dialect: str, word: str) -> None:
     """The next line drills with the words of the line that drills nothing."""
     reached = points(f"G90 G0 Z10\nG99 G81 R2 Z-3 F100 {word}\nX5\nG80", dialect)
     assert reached == [(0, 0, 10), (5, 0, 10), (5, 0, 2), (5, 0, -3), (5, 0, 2)]
+    here = points(f"G90 G0 Z10\nG99 G81 X0 Y0 R2 Z-3 F100 {word}\nX5\nG80", dialect)
+    assert here == reached
 
 
 def test_no_repeat_is_an_error_of_linuxcnc() -> None:

@@ -14,6 +14,7 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.boards.protocols import BoardTraits, MotionState
 from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.machine.models import Machine
@@ -165,6 +166,16 @@ class PulseBoard(ABC):
             if self._board.active:
                 self._board.active = False
                 self._board.halt()
+
+    def revive(self) -> None:
+        """Take the next program after a stop. BoardError after a fault, or after lost motion."""
+        with self._lock:
+            self._board.refuse_after_fault()
+            if self._checks.state == "stopped":
+                if self._board.stopped_short:
+                    message = "the motion was broken off"
+                    raise board_error("board-stopped", message, hint="connect the board again")
+                self._checks.revive()
 
     def close(self) -> None:
         """Stop the motion and close the port."""

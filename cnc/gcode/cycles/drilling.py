@@ -40,6 +40,8 @@ DRILLING = (
 )  # fmt: skip
 
 MOST_REPEATS = 10_000
+_NEAR = 1e-9
+"""Distance of two equal places, mm."""
 MOST_PECKS = 100_000
 """Most feed moves of one line. More are a typing error in Q or L."""
 
@@ -150,6 +152,7 @@ class DrillingCycles:
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
         if not repeats:
+            self._refuse_place(plane, given, name, at)
             return
         turned = {column: given[column] for column in motion.rotary_columns if column in given}
         if not turned:
@@ -159,6 +162,19 @@ class DrillingCycles:
             self._turn(turned, hole)
             plane = CyclePlane(motion, state)
             self._performer.perform(steps(cycle, plane.start, [hole], settings), plane)
+
+    def _refuse_place(
+        self, plane: CyclePlane, given: dict[int, float], name: str, at: Word
+    ) -> None:
+        """Refuse another place in a line without a hole: controllers differ on the move to it."""
+        for here, value in zip(plane.start[:2], plane.in_plane(given), strict=True):
+            if value is not None and abs(value - (here if self._state.absolute else 0.0)) > _NEAR:
+                message = (
+                    f"{name} with 0 repeats has another place than the position: controllers "
+                    "differ on whether the tool goes there"
+                )
+                hint = "leave out the place, or go there before with G0"
+                raise fault("axis-words-unused", message, at, hint)
 
     def _turn(self, values: dict[int, float], hole: Hole) -> None:
         """Go to the place of a hole, and turn the rotary axes, at R or at a greater height.

@@ -44,7 +44,7 @@ class PercentStep:
         hint = "begin the program with %, or end it with M2 or M30"
         if not flow.interpreter.dialect.lenient or _has_code(flow, line + 1):
             raise flow.listing.fault(at, "percent-place", message, hint)
-        _warn(flow, line, "percent-unopened", message, hint)
+        _warn_of_percent("percent-unopened", flow, line, message, hint)
 
     @staticmethod
     def _check_behind(flow: Flow, line: int) -> None:
@@ -56,10 +56,10 @@ class PercentStep:
         hint = "remove this %, or the lines behind it"
         if flow.interpreter.dialect.lenient:
             raise flow.listing.fault(Place(line, 1), "percent-place", message, hint)
-        _warn(flow, line, "percent-code-behind", message, hint)
+        _warn_of_percent("percent-code-behind", flow, line, message, hint)
 
 
-def _warn(flow: Flow, line: int, code: str, message: str, hint: str) -> None:
+def _warn_of_percent(code: str, flow: Flow, line: int, message: str, hint: str) -> None:
     flow.interpreter.here.line = line
     flow.interpreter.here.report_warning(code, message, Word("%", 0.0, "%", 1, 1), hint)
 

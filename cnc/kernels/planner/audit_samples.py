@@ -174,6 +174,21 @@ def some_timed(pieces: Pieces, first: int, last: int) -> bool:
 
 
 @njit
+def instants_to_skip(v: float, left: float, period: float) -> int:
+    """Return how many instants of a steady motion need no sample; 0 or less for none.
+
+    Slow steady motion has the same differences for long: a few instants are enough, up to where the
+    path may have changed.
+
+    Args:
+        v: speed, mm/s.
+        left: time that the motion stays steady, s.
+        period: s.
+    """
+    return min(int(CLOSE / (v * period)), int(left / period)) - 2 * POINTS
+
+
+@njit
 def audit_samples(
     pieces: Pieces,
     plan: PlanArrays,
@@ -266,12 +281,9 @@ def audit_samples(
         index += 1
         steady = a == 0.0 and j == 0.0 and v > 0.0 and not is_timed(here, data, where)
         if known == 3 and steady:
-            # Slow steady motion has the same differences for long: a few instants are enough, up to
-            # where the path may have changed.
-            skipped = int(CLOSE / (v * period)) - 2 * POINTS
-            left = int((plan.t[phase + 1] + t0 - index * period) / period) - 2 * POINTS
-            if min(skipped, left) > 0:
-                index += min(skipped, left)
+            skipped = instants_to_skip(v, plan.t[phase + 1] + t0 - index * period, period)
+            if skipped > 0:
+                index += skipped
                 known = 0
                 s_before = -1.0
     return index, known

@@ -54,16 +54,24 @@ UNUSED = -1
 FIXED = 0
 FORCED = 1
 FOUND = 2
-"""Kinds of nodes: the start, those that the path forces, those at a bound that was exceeded."""
+CUT = 3
+"""Kinds of nodes: the start, those that the path forces, those at a bound that was exceeded, and
+those where an uneven span was cut.
+"""
 
 UNEVEN = 0.7
 """A span is cut only if some of its bounds are below this part of the largest."""
 
+CUTS = 3
+"""A span is cut so often at a place. At the first time its ends may be too fast still; but the same
+few cuts could be made and taken back without an end.
+"""
+
 CUT_WORK = 16
 """Spans are cut until this times the number of all intervals was examined for it.
 
-A quarter of it gave 39 random programs the same times. A path that is bent on micrometres has
-thousands of intervals, and each cut examines most of them, to save nothing.
+A quarter of it gave 39 random programs the same times, and others needed less than half of it. Each
+cut may examine most of the intervals, so their number alone does not bound the work.
 """
 
 
@@ -75,7 +83,7 @@ class Chain(NamedTuple):
         last: the bound at which it ends.
         following: the next node; -1 for none.
         preceding: the node before; -1 for none.
-        kind: UNUSED, FIXED, FORCED or FOUND.
+        kind: UNUSED, FIXED, FORCED, FOUND or CUT.
         v: speed at the node, mm/s.
         cap: largest speed in the span behind the node, mm/s.
         peak: largest speed in the profile of that span, mm/s.
@@ -83,6 +91,7 @@ class Chain(NamedTuple):
         jerk: its jerk.
         stack: spans to be examined, by their node.
         queued: whether a span is on the stack.
+        taken_back: how often a cut at each bound was taken back.
     """
 
     first: Ints
@@ -97,6 +106,7 @@ class Chain(NamedTuple):
     jerk: Floats
     stack: Ints
     queued: NDArray[np.bool_]
+    taken_back: Ints
 
 
 @njit
@@ -130,6 +140,7 @@ def forced_nodes(known: Intervals, v_start: float) -> tuple[Chain, int]:
         np.zeros(space),
         np.zeros(space, np.int64),
         np.zeros(space, np.bool_),
+        np.zeros(n + 1, np.int64),
     )
     count = 1
     chain.kind[0] = FIXED
@@ -194,13 +205,13 @@ def node_at(
 
 
 @njit
-def insert(chain: Chain, free: int, i: int, first: int, last: int, v: float) -> None:
-    """Insert node ``free`` behind node ``i``."""
+def insert(chain: Chain, free: int, i: int, first: int, last: int, v: float, kind: int) -> None:
+    """Insert node ``free`` of a kind behind node ``i``."""
     k = chain.following[i]
     chain.first[free] = first
     chain.last[free] = last
     chain.v[free] = v
-    chain.kind[free] = FOUND
+    chain.kind[free] = kind
     chain.following[free] = k
     chain.preceding[free] = i
     chain.following[i] = free
@@ -222,14 +233,16 @@ def retreat(
 ) -> tuple[int, int]:
     """Take back the faster end of the span behind node ``i``, through which no profile leads.
 
-    A node at a bound that was exceeded is removed: at the lower speed perhaps none is. The speed of
-    a forced node is lowered.
+    A node at a bound that was exceeded is removed: at the lower speed perhaps none is. So is a cut.
+    The speed of a forced node is lowered.
 
     Returns:
         The height of the stack, and the first node that may be free.
     """
     before = chain.preceding[faster]
-    if chain.kind[faster] == FOUND:
+    if chain.kind[faster] == FOUND or chain.kind[faster] == CUT:
+        if chain.kind[faster] == CUT:
+            chain.taken_back[chain.first[faster]] += 1
         after = chain.following[faster]
         chain.following[before] = after
         chain.preceding[after] = before
@@ -298,7 +311,6 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
     pending = 0
     for i in range(free - 1, -1, -1):
         pending = push(chain, pending, i)
-    cuts = 0
     examined = 0
     # A span is examined again when a neighbour changes, a few times at most; this bound is never
     # reached without an error in the search.
@@ -334,23 +346,19 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
             continue
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], profile)
         if worst < 0:
-            if (
-                cuts >= n
-                or examined > CUT_WORK * n
-                or (
-                    profile.accel >= UNEVEN * accel[first:last, 0].max()
-                    and profile.jerk >= UNEVEN * jerk[first:last, 0].max()
-                )
+            if examined > CUT_WORK * n or (
+                profile.accel >= UNEVEN * accel[first:last, 0].max()
+                and profile.jerk >= UNEVEN * jerk[first:last, 0].max()
             ):
                 continue
             examined += last - first
             new_first, new_v = best_cut(bound_s, known, first, last, v[i], v[k], profile.time)
-            new_last = new_first
-            if new_first < 0:
+            new_last, new_kind = new_first, CUT
+            if new_first < 0 or chain.taken_back[new_first] >= CUTS:
                 continue
-            cuts += 1
         else:
             new_first, new_last, new_v = node_at(bound_s, known, chain, i, worst)
+            new_kind = FOUND
             if new_first < 0:
                 if new_v >= v[faster]:
                     cap[i] = new_v
@@ -365,7 +373,7 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
             free += 1
         if free >= len(kind):
             return NOT_FINISHED, 0
-        insert(chain, free, i, new_first, new_last, new_v)
+        insert(chain, free, i, new_first, new_last, new_v, new_kind)
         pending = push(chain, pending, free)
         pending = push(chain, pending, i)
     if pending > 0:

@@ -194,6 +194,18 @@ def write_stop(
 
 
 @njit
+def speed_beside_sharp_stop(sampling: Sampling, length: float, limits: LimitArrays) -> float:
+    """Return the speed, mm/s, at ``length`` mm from a stop in a bend, by BENT_SHARE of the limits.
+
+    The share accounts for the bend, so the samples become those of a straight path.
+    """
+    sampling.q[:, 2:] = 0.0
+    bound_derivatives(sampling, limits)
+    a, j = tangential_bounds(sampling, 0.0, limits)
+    return reachable_speed(0.0, length, BENT_SHARE * a, BENT_SHARE * j)
+
+
+@njit
 def chunk_intervals(
     pieces: Pieces,
     length: Floats,
@@ -276,12 +288,8 @@ def chunk_intervals(
                 (entry.speed == 0.0 and start == 0.0 and is_sharp(data, at, q[0]))
                 or (leave.speed == 0.0 and end == whole and is_sharp(data, at, q[SAMPLES - 1]))
             ):
-                # The share accounts for the bend.
-                q[:, 2:] = 0.0
                 share = BENT_SHARE
-                bound_derivatives(sampling, limits)
-                a, j = tangential_bounds(sampling, 0.0, limits)
-                v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
+                v = top = min(fastest, speed_beside_sharp_stop(sampling, end - start, limits))
             if flat:
                 v = min(v, entry.speed if start < beside_from else leave.speed)
             step = 2.0 * (end - start)

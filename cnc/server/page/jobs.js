@@ -149,6 +149,9 @@ function showFindings(findings) {
   showText();
 }
 
+/** A figure of four digits, without an exponent. */
+const figure = value => String(Number(value.toPrecision(4)));
+
 /** Show the largest use of each limit. */
 function showLimits({max, limits}) {
   const body = element("limits").tBodies[0], rows = [];
@@ -165,7 +168,7 @@ function showLimits({max, limits}) {
     head.scope = "row";
     head.textContent = name;
     row.append(head);
-    row.insertCell().textContent = `${value.toPrecision(4)} of ${limit.toPrecision(4)}`;
+    row.insertCell().textContent = `${figure(value)} of ${figure(limit)}`;
     // A traverse is limited by the axes, not by the highest feed.
     row.insertCell().textContent = name === "feed" && value > limit ? "traverse" : `${Math.round(100 * value / limit)} %`;
   }

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.boards.protocols import Capabilities, PulseSink
+from cnc.boards.protocols import Capabilities, PulseSink, Revivable
 from cnc.model.blocks import Dwell, Spindle
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import PulseChunk
@@ -37,6 +37,8 @@ class PulseBoardConformance:
     """Pulses of an axis must be so far apart, ns."""
     plays_at_once = True
     """Whether what was sent has been played when an abort comes."""
+    revives = True
+    """Whether the board takes another program after a stop."""
 
     def make(self, folder: Path) -> PulseSink:
         """A fresh board with AXES axes whose pulses must be ``least`` ns apart."""
@@ -186,3 +188,17 @@ class PulseBoardConformance:
             else [[0, 0, 0], [1, 0, 0]]
         )
         assert board.position_steps.tolist() in stands
+
+    def test_a_stopped_board_takes_the_next_program_where_it_can_be_revived(
+        self, board: PulseSink
+    ) -> None:
+        assert isinstance(board, Revivable) is self.revives
+        if not isinstance(board, Revivable):
+            return
+        board.send(chunk((0, (1, 0, 0))))
+        board.stop()
+        board.revive()
+        board.start(board.position_steps)
+        board.send(chunk((0, (1, 0, 0))))
+        board.finish()
+        assert board.position_steps.tolist() == [2, 0, 0]
