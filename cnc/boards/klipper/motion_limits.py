@@ -40,3 +40,7 @@ class Pace:
 RUN = Pace(horizon_s=0.25, prefill_s=0.1, start_s=0.2, dry_s=0.08)
 JOG = Pace(horizon_s=0.1, prefill_s=0.04, start_s=0.06, dry_s=0.03)
 """A jog ends soon after its release, so little is sent ahead."""
+DENSE_DRY_S = 0.025
+"""The same as ``dry_s`` at most, while the motion left uses half of the queue or more: dense motion
+fills the queue of a small board before ``dry_s`` is reached.
+"""

@@ -19,7 +19,7 @@ from cnc.boards.klipper.connection import POLL_S, Connection
 from cnc.boards.klipper.guards import Guard, TooLate
 from cnc.boards.klipper.layout import Layout, MotorObject
 from cnc.boards.klipper.line_tracker import LineTracker
-from cnc.boards.klipper.motion_limits import RUN, MotionLimits, Pace
+from cnc.boards.klipper.motion_limits import DENSE_DRY_S, RUN, MotionLimits, Pace
 from cnc.boards.klipper.ramp import stretched
 from cnc.boards.klipper.slots import Slots
 from cnc.boards.klipper.steps import StepEncoder
@@ -237,12 +237,13 @@ class Sender:
 
     def watch(self) -> bool:
         """Return whether no more motion comes in time, so that a ramp is needed."""
-        if not (self.running and self._begun) or self._flushed or self._sending:
+        idle = self._flushed or self._sending or self.cut or self.ramped
+        if idle or not (self.running and self._begun):
             return False
-        if self.cut or self.ramped:
-            return False
-        left = self.clock_of(self._sent_ns) - self.now
-        return left < self._pace.dry_s * self._frequency
+        now = self.now
+        left_s = (self.clock_of(self._sent_ns) - now) / self._frequency
+        dense = 2 * self.slots.used(now) >= self.slots.count
+        return left_s < (min(DENSE_DRY_S, self._pace.dry_s) if dense else self._pace.dry_s)
 
     def ramp(self) -> None:
         """Come to rest on the path within the reserve."""

@@ -7,6 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.driver import BACKGROUND_S, Klipper
+from cnc.boards.klipper.feasibility import KlipperFeasibility
+from cnc.boards.klipper.profile import profile_of
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
@@ -186,3 +188,28 @@ def test_board_that_receives_nothing_more_ends_where_its_queue_ends() -> None:
         assert driver.position_steps.tolist() == made
         assert 0 < fault.diagnostic.line <= made[0]
         assert driver.known_steps == (None, None, None)
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_dense_motion_that_fills_the_queue_early(stops: bool) -> None:
+    """113 entries hold 0.07 s of it. That is no underrun, unless no more moves come."""
+    known = machine("atmega328p")
+    time_ns, step = line(3000, 340_000)
+    check = KlipperFeasibility(known, profile_of(known))
+    for part in chunks(time_ns, step, 50):
+        check.add(part)
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns, step, 50):
+            driver.send(part)
+            driver._supervisor.pump(0.0)
+            if stops and part.line[-1] >= 1500:
+                with pytest.raises(BoardError) as caught:
+                    driver._supervisor.wait(2.0)
+                assert "came to rest on the path" in caught.value.diagnostic.message
+                assert driver.known_steps == tuple(place(known, simulator))
+                break
+        else:
+            driver.finish()
+            assert place(known, simulator) == step.sum(axis=0, dtype=np.int64).tolist()
+        assert simulator.reason == ""
