@@ -135,12 +135,9 @@ def test_belts_need_the_switch_of_their_axis(tmp_path: Path) -> None:
     assert caught.value.diagnostic.code == "homing-switch"
 
 
-@pytest.mark.parametrize(
-    ("axes", "shown"),
-    [(["x"], ["not known: X Y"]), (["x", "y"], ["the machine stands at X0 Y-2"])],
-)
+@pytest.mark.parametrize("axes", [["x"], ["y"], ["x", "y"]])
 def test_the_axes_of_two_belts_are_known_together(
-    axes: list[str], shown: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    axes: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     motor = "steps_per_mm = 100\nmax_velocity = 40\nmax_acceleration = 400\nmax_jerk = 15000\n"
     homing = "homing = { seek = 40, latch = 5, pull_off = 0.5 }\n"
@@ -152,4 +149,5 @@ def test_the_axes_of_two_belts_are_known_together(
     )
     assert exit_code(["home", "--machine", str(file), "--board", "loopback", *axes]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[len(axes) :] == shown
+    assert sorted(line[0] for line in lines[:2]) == ["X", "Y"]
+    assert lines[2:] == ["the machine stands at X0 Y-2"]
