@@ -3,10 +3,10 @@
 Each line runs as a program of its own. The lines before it have set units, distance mode, plane,
 coordinate system, feed mode, path control, motion, feed and speed, the tool and its length. These
 are written into first lines of that program, so that a line has the same meaning as in one file.
-Other modes (cutter compensation, a rotated figure) end with their line, and the operator is told.
+Other modes (cutter compensation, a rotated figure) end with their line, with a warning.
 
 A line whose codes are expressions, or that calls a subroutine or a macro, may change any of them:
-then all are forgotten, and the defaults of a program hold. The operator is told.
+then all are forgotten, and the defaults of a program hold. A warning says so.
 
 The numbered parameters below 5000 that a line leaves are assigned in the first line, too.
 """

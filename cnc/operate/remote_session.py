@@ -1,6 +1,6 @@
 """An operator session in a process of its own, as its users see it.
 
-The state, the offsets, the open question and the machine are the last that the process told, so no
+The state, the offsets, the open question and the machine are the last that the process sent, so no
 reader ever delays the machine. Only calls of :meth:`RemoteSession.ask` reach the process.
 """
 
@@ -149,7 +149,7 @@ class RemoteSession:
         self._events.emit(event)
 
     def _end(self, process: _Process) -> None:
-        """Tell that the process has ended, unless it was told to."""
+        """Report that the process has ended, unless it was asked to."""
         with self._lock:
             if self._closing or self._process is not process:
                 return

@@ -109,7 +109,7 @@ Message = Answer | Ended | Happened | Limited | Entered | Logged
 
 
 class Terminated(BaseException):
-    """The process was told to end (SIGTERM)."""
+    """The process was asked to end (SIGTERM)."""
 
 
 class _Outbox(logging.Handler):

@@ -91,7 +91,7 @@ def serve(
     *,
     announce: Callable[[Address], None],
 ) -> None:
-    """Serve until the process is told to end.
+    """Serve until the process gets a signal to end.
 
     Args:
         machine: The machine.

@@ -127,6 +127,5 @@ def test_portability_on_the_command_line(tmp_path, capfd):
             found = [(each["code"], each["line"]) for each in report["errors"]]
             assert found == [("not-portable", 3), ("reads-differently", 4), ("dwell-long", 4)]
             assert report["duration_s"] > 1500
-        assert cli.exit_code(["check", named, "--jobs", "1", "--quiet"]) == 0
-        capfd.readouterr()
+    assert cli.exit_code(["check", str(tmp_path / "a.nc"), "--quiet"]) == 0
     assert cli.exit_code(["check", str(tmp_path / "a.nc"), "--portable", "fanuk"]) == 2

@@ -40,15 +40,11 @@ def translated(program: Path, machine: Machine, folder: Path) -> Path:
     return lines
 
 
-@pytest.mark.parametrize(
-    "file",
-    [
-        file.name
-        for file in sorted(PROGRAMS.glob("*.nc"))
-        # The lines of all programs are compared in every run by tests/programs.
-        if file.stem not in ("turned-thread", *share((), ("finishing", "pocket")))
-    ],
-)
+SHIPPED = [file.name for file in sorted(PROGRAMS.glob("*.nc")) if file.stem != "turned-thread"]
+
+
+# tests/programs compares the lines of all of them in every run.
+@pytest.mark.parametrize("file", share(SHIPPED, ["drilling.nc", "trident.nc"]))
 def test_lines_of_shipped_programs_have_the_same_motion(file, tmp_path):
     lines = translated(PROGRAMS / file, MILL, tmp_path)
     assert check_with(lines, MILL, dialect="grbl").ok

@@ -28,7 +28,7 @@ def y_motors(board: RecordedLoopback) -> list[int]:
     return board.motor_steps[1]
 
 
-@settings(max_examples=share(200, 12), deadline=None)
+@settings(max_examples=share(200, 7), deadline=None)
 @given(
     skew=st.floats(-LIMIT + 0.05, LIMIT - 0.05),
     offset=st.floats(-0.45, 0.45),

@@ -118,7 +118,7 @@ def test_equal_evidence_for_two_dialects_decides_nothing() -> None:
 def test_the_corpus_is_accepted(style: str) -> None:
     """Each style is read in its dialect, without an error, and moves the tool."""
     count = 0
-    for _, seed, text in programs(share(200, 3), [style]):
+    for _, seed, text in programs(share(200, 2), [style]):
         lines = text.splitlines()
         recognised = recognise(lines)
         assert recognised.dialect in (EXPECTED[style], "grbl"), seed
@@ -142,7 +142,7 @@ def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
 
 @pytest.mark.parametrize("dialect", random_programs.HEADS)
 def test_a_second_reader_finds_the_same_moves_in_random_programs(dialect: str) -> None:
-    for seed in range(share(3000, 4)):
+    for seed in range(share(3000, 2)):
         lines = random_programs.program(random.Random(f"{dialect} {seed}"), dialect)
         assert recognise(lines).dialect == dialect
         assert not difference(lines), "\n".join(lines)

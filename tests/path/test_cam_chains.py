@@ -12,7 +12,7 @@ from tests.support.path.fitted import assert_sound
 from tests.support.planner.motions import path_of
 from tests.support.soak import share
 
-SEEDS = range(500, 500 + share(400, 10))
+SEEDS = range(500, 500 + share(400, 6))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -26,7 +26,7 @@ def test_the_spline_keeps_within_the_tolerance_and_its_knots_do_not_collapse(see
     assert sum(map(len, chunks)) <= 2 * (len(case.points) - 1)
 
 
-@pytest.mark.parametrize("seed", range(1500, 1500 + share(100, 3)))
+@pytest.mark.parametrize("seed", range(1500, 1500 + share(100, 2)))
 def test_the_motion_is_as_fast_as_along_the_smooth_curve(seed):
     case = chain(seed)
     chunks = path(moves(case.points, case.tolerance), case.points[0])

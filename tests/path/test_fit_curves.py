@@ -214,7 +214,7 @@ def test_a_curve_with_a_corner_keeps_it():
 def test_a_long_chain_with_curves_goes_on_from_window_to_window():
     rng = np.random.default_rng(3)
     here, heading, moves = np.zeros(3), 0.0, []
-    for _ in range(share(400, 120)):
+    for _ in range(share(400, 70)):
         turn = float(rng.uniform(0.1, 0.6) * rng.choice([-1.0, 1.0]))
         moves.append(bow(here, float(rng.uniform(2.0, 6.0)), heading, turn))
         here, heading = moves[-1].end, heading + turn

@@ -102,7 +102,7 @@ def distances_to_warped(begin, end, whole, reference):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(2000, 40), deadline=None)
+@settings(max_examples=share(2000, 22), deadline=None)
 def test_heights_are_those_of_scipy(seed):
     random, surface, reference = random_surface(seed)
     points = on_grid(random, surface, 20)
@@ -112,7 +112,7 @@ def test_heights_are_those_of_scipy(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(1000, 25), deadline=None)
+@settings(max_examples=share(1000, 14), deadline=None)
 def test_pieces_of_straight_moves_are_within_a_quarter_of_the_tolerance(seed):
     random, surface, reference = random_surface(seed)
     points = on_grid(random, surface, 12)
@@ -139,7 +139,7 @@ def test_pieces_of_straight_moves_are_within_a_quarter_of_the_tolerance(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(500, 10), deadline=None)
+@settings(max_examples=share(500, 6), deadline=None)
 def test_arcs_and_splines_are_within_half_the_tolerance(seed):
     """A quarter for the chords in the plane of X and Y, a quarter for their pieces."""
     random, surface, reference = random_surface(seed)

@@ -74,7 +74,7 @@ def check_turning(chunk, k, axis):
 @pytest.mark.parametrize("weights", [(1.0, 1.0), (0.1, 10.0), (1e-3, 1e3)])
 def test_turning_points_of_spans(degree, weights):
     rng = np.random.default_rng(degree)
-    for _ in range(share(60, 4)):
+    for _ in range(share(60, 2)):
         chunk = nurbs_chunk(random_nurbs(rng, degree, degree + 4, weights=weights))
         for k in range(len(chunk)):
             for axis in range(3):

@@ -217,7 +217,7 @@ PLANS = [
         ],
         {"axis": (2400.0, 48000.0)},
     ),
-    *(([*random_blocks(np.random.default_rng(seed), 4)], {}) for seed in range(share(30, 2))),
+    *(([*random_blocks(np.random.default_rng(seed), 4)], {}) for seed in range(share(30, 1))),
 ]
 
 
@@ -246,7 +246,7 @@ def test_maxima_equal_those_of_all_points(blocks, limits):
         np.testing.assert_allclose(found, reference.axes[order], rtol=1e-9, atol=noise)
 
 
-@pytest.mark.parametrize("seed", range(share(200, 20)))
+@pytest.mark.parametrize("seed", range(share(200, 11)))
 def test_derivative_bounds_hold_everywhere(seed):
     """Random spans, bent much and little: no derivative by arc length, and no curvature, passes its
     bound.

@@ -27,7 +27,7 @@ from tests.support.planner.operated import (
 from tests.support.soak import share
 
 
-@settings(max_examples=share(500, 8))
+@settings(max_examples=share(500, 4))
 @given(seed=st.integers(0, 2**31))
 def test_random_schedules_on_random_paths_are_legal(seed):
     rng = np.random.default_rng(seed)
@@ -275,7 +275,7 @@ def grid_moves(
     return np.concatenate(moves), requested, min(rested, end)
 
 
-@pytest.mark.parametrize("seed", range(share(40, 2)))
+@pytest.mark.parametrize("seed", range(share(40, 1)))
 def test_a_hold_near_a_corner_does_not_change_its_path(seed):
     """The grid moves are those of the run that is not held, in their order; it rests when it can,
     or one corner later.

@@ -13,5 +13,12 @@ QUICK = (
 FULL = f"{SHARE} or theor or (cusp and not bad_input)"
 
 
+FOLDER = Path(__file__).parent
+FILES = [
+    FOLDER / f"test_{name}.py"
+    for name in ("corners", "joint_path", "legality", "lookahead", "operator", "optimum")
+]
+
+
 def test_a_share_passes_without_the_compiler() -> None:
-    check_without_compiler(Path(__file__).parent, some=share(FULL, QUICK))
+    check_without_compiler(*share((FOLDER,), FILES), some=share(FULL, QUICK))

@@ -15,7 +15,7 @@ from tests.support.planner.operated import assert_legal_under_operator
 from tests.support.planner.random_jobs import random_machine
 from tests.support.soak import share
 
-TOGETHER = share(25, 6)
+TOGETHER = share(25, 3)
 """Seeds in one test."""
 FOUND = (302,)
 """Seeds of motions that were illegal. In 302 a hold ended the acceleration beyond a place that the

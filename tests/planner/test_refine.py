@@ -82,7 +82,7 @@ def test_the_examination_of_a_phase_finds_peaks_between_its_points():
     rng = np.random.default_rng(7)
     limits = SumLimits(np.full(2, 100.0), np.full(2, 1000.0))
     scratch = np.empty((SCRATCH, 2))
-    for _ in range(300):
+    for _ in range(share(300, 100)):
         length, duration = 1.0, 0.06
         v, a = rng.uniform(8.0, 10.0), rng.normal(0.0, 10.0)
         j = rng.normal(0.0, 300.0)

@@ -66,7 +66,7 @@ def test_a_refused_plan_is_made_again_more_slowly(too_fast, factor):
     assert best <= duration(plans) <= best / MORE_SLOWLY * 1.001
 
 
-@pytest.mark.parametrize("seed", range(share(200, 4)))
+@pytest.mark.parametrize("seed", range(share(200, 2)))
 def test_refused_plans_of_random_programs_end_in_legal_motion(too_fast, seed):
     rng = np.random.default_rng([seed, 34])
     mill = random_machine(rng)

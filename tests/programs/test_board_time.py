@@ -127,7 +127,7 @@ def test_shipped_programs_take_as_long_as_in_the_simulator(file):
     )
 
 
-@settings(max_examples=share(200, 10))
+@settings(max_examples=share(200, 6))
 @given(seed=st.integers(0, 10**6))
 def test_random_programs_take_as_long_as_in_the_simulator(seed, tmp_path_factory):
     program = tmp_path_factory.mktemp("random") / "p.nc"

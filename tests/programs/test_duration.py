@@ -72,7 +72,7 @@ def test_a_shipped_program_takes_as_long_as_estimated(name, machine):
     held(ROOT / "programs" / f"{name}.nc", load_machine(machine))
 
 
-@pytest.mark.parametrize("seed", range(share(300, 6)))
+@pytest.mark.parametrize("seed", range(share(300, 3)))
 def test_a_random_program_takes_as_long_as_estimated(seed, tmp_path):
     """Lines, arcs, splines and dwells, in every mode of path control."""
     file = tmp_path / "p.nc"

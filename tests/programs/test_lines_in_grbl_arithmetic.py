@@ -77,7 +77,7 @@ def short_moves(seed: int) -> np.ndarray:
     return np.round(np.cumsum(steps, axis=0), 3)
 
 
-@settings(max_examples=share(600, 12))
+@settings(max_examples=share(600, 7))
 @given(seed=st.integers(0, 10**6), tolerance=st.sampled_from([0.01, 0.002, 0.05]))
 def test_short_moves_are_the_same_motion_in_grbl(seed, tolerance):
     """Also where fewer lines and arcs replace them, because the board reads no faster."""
@@ -90,7 +90,7 @@ def test_short_moves_are_the_same_motion_in_grbl(seed, tolerance):
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 
-@settings(max_examples=share(1000, 8))
+@settings(max_examples=share(1000, 4))
 @given(
     seed=st.integers(0, 10**6),
     offset=OFFSETS,
@@ -111,7 +111,7 @@ def test_random_programs_are_the_same_motion_in_grbl(seed, offset, tolerance, ar
     )
 
 
-@settings(max_examples=share(500, 6))
+@settings(max_examples=share(500, 3))
 @given(
     seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3)
 )
@@ -202,7 +202,7 @@ def test_comparison_detects_another_order():
     assert leash_of(circle, circle + [0.0, 0.0, 0.01]) == pytest.approx(0.01, abs=1e-4)
 
 
-@settings(max_examples=share(300, 6))
+@settings(max_examples=share(300, 3))
 @given(seed=st.integers(0, 10**6))
 def test_lines_are_a_program_in_the_dialect_of_grbl(seed):
     """The lines are a program in GRBL's dialect alone, with the same path."""
@@ -220,7 +220,7 @@ def test_lines_are_a_program_in_the_dialect_of_grbl(seed):
     assert same_motion(truth, points, 0.01 + FLOATS), leash_of(truth, points)
 
 
-@settings(max_examples=share(300, 6))
+@settings(max_examples=share(300, 3))
 @given(seed=st.integers(0, 10**6))
 def test_feeds_respect_acceleration_and_line_rate(seed):
     """Centripetal acceleration is at most that of two axes together; a board reads 385 lines/s.
@@ -280,7 +280,7 @@ def test_splines_take_fewer_lines_than_chords(degree):
     are as long as possible.
     """
     ours = theirs = 0
-    for seed in range(share(40, 4)):
+    for seed in range(share(40, 2)):
         made = Geometry(np.random.default_rng(seed))
         made.points.append(np.zeros((1, 3)))
         made.lines += ["G21 G90 G94 G17", "G0 X0 Y0 Z0"]

@@ -102,7 +102,7 @@ def test_shipped_programs_are_the_same_motion(file):
     assert deviation(motion(read(translated(blocks))), exact(blocks)) <= TOLERANCE
 
 
-@settings(max_examples=share(300, 12))
+@settings(max_examples=share(300, 7))
 @given(
     seed=st.integers(0, 10**6),
     offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3),
@@ -177,7 +177,7 @@ def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
     return angle + math.tau if angle <= 5e-7 else angle
 
 
-@settings(max_examples=share(2000, 50))
+@settings(max_examples=share(2000, 28))
 @given(
     radius=st.floats(-2.5, 3.0).map(lambda x: 10.0**x),
     angle=st.floats(0.0, math.tau),
@@ -301,7 +301,7 @@ def assert_effects_match(lines: list[GcodeLine]) -> None:
             assert (found.plane, found.center) == (expected.plane, expected.center)
 
 
-@settings(max_examples=share(300, 12))
+@settings(max_examples=share(300, 7))
 @given(
     seed=st.integers(0, 10**6),
     offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3),

@@ -156,7 +156,7 @@ def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block
 
 @EVERY
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(300, 3), deadline=None)
+@settings(max_examples=share(300, 2), deadline=None)
 def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = int(rng.integers(2, 5))
@@ -299,7 +299,7 @@ def test_a_buffer_smaller_than_the_rows(
 
 
 @EVERY
-@pytest.mark.parametrize("seed", range(share(60, 4)))
+@pytest.mark.parametrize("seed", range(share(60, 2)))
 def test_rows_are_never_nearer_than_the_board_takes_them(
     algorithm: Algorithm | None, seed: int
 ) -> None:

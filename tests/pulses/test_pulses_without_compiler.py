@@ -6,7 +6,7 @@ from tests.support.soak import check_without_compiler, share
 
 SHARE = (
     "(arcs_in_all_octants and 0.125-0) or cut_at_the_ends or turning_back or square[0] or cusps "
-    "or helix or circle_of_the_paper or ties or at_once or small_buffers or as_the_paper_has_it "
+    "or circle_of_the_paper or ties or at_once or small_buffers or as_the_paper_has_it "
     "or integer_lines or joints or left_behind or every_row or dwells "
     "or rotary or nothing_moves or equations or goes_back"
 )

@@ -74,7 +74,7 @@ def test_nurbs() -> None:
     check([trident()], np.array([10.0, 10.0]), [20.0, 30.0], dense=2000)
 
 
-@pytest.mark.parametrize("seed", range(share(60, 6)))
+@pytest.mark.parametrize("seed", range(share(60, 3)))
 def test_random_nurbs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))
@@ -88,7 +88,7 @@ def test_random_nurbs(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(300, 6))
+@settings(max_examples=share(300, 3))
 def test_mixed_paths(seed: int) -> None:
     rng = np.random.default_rng(seed)
     start = rng.uniform(-1, 1, 3)
@@ -221,7 +221,7 @@ def test_constant_speed_is_evenly_timed() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(200, 10))
+@settings(max_examples=share(200, 6))
 def test_times_under_random_phases(seed: int) -> None:
     """Between two rests with random jerks, each row comes when s(t) reaches its place."""
     rng = np.random.default_rng(seed)

@@ -268,7 +268,7 @@ def test_rotary_axes_alone_are_measured_in_degrees() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(200, 12))
+@settings(max_examples=share(200, 7))
 def test_random_curves(seed: int) -> None:
     """Cusps, doubled control points and large ratios of weights: samples are on the path, in order,
     to the exact end.

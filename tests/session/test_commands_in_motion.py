@@ -143,7 +143,7 @@ MOVES = st.sampled_from(
 MODES = st.sampled_from(["", "", "G64 P0.05", "G61", "G61.1", "G4 P0.01", "M8", "G41.1 D1"])
 
 
-@settings(max_examples=share(400, 15), deadline=None)
+@settings(max_examples=share(400, 8), deadline=None)
 @given(
     st.lists(
         st.tuples(MODES, st.booleans(), MOVES, *[st.integers(0, 9)] * 3), min_size=1, max_size=14
@@ -196,7 +196,7 @@ def test_the_beam_is_off_during_a_hold(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(1.0, 60.0)), min_size=1, max_size=6))
-@settings(max_examples=share(200, 20), deadline=None)
+@settings(max_examples=share(200, 11), deadline=None)
 def test_times_of_places_invert_the_plan(moves: list[tuple[float, float]]) -> None:
     from cnc.model.blocks import Polyline
 

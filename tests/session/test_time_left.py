@@ -139,7 +139,7 @@ REQUESTS = st.dictionaries(
 )
 
 
-@settings(max_examples=share(150, 4))
+@settings(max_examples=share(150, 2))
 @given(
     seed=st.integers(0, 10**6),
     requests=REQUESTS,

@@ -73,7 +73,7 @@ def test_the_message_has_position_and_depth(tmp_path):
     assert "3.5 mm deep" in finding.message
 
 
-@settings(max_examples=share(200, 15))
+@settings(max_examples=share(200, 8))
 @given(
     st.lists(
         st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()),

@@ -1,8 +1,9 @@
 """Position of the machine on a Klipper board, kept on disk between runs.
 
-A board counts its steps from its configuration on, and cannot be told a position. So the grid point
-at count 0 of each motor is kept here. The board stores a random number with its configuration. It
-forgets the number with its counts, when it is reset or configured by another program.
+A board counts its steps from its configuration on, and no position can be sent to it. So the grid
+point at count 0 of each motor is kept here. The board stores a random number with its
+configuration. It forgets the number with its counts, when it is reset or configured by another
+program.
 
     STATE/BOARD.klipper.json: `layout`, `number`, `offset` [...], `known` [...], `moving`
 

@@ -69,14 +69,14 @@ def test_real_time_bursts_do_not_overflow_the_ring() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     rng = random.Random(5)
-    for line in lines_with_effects(mixed(share(10_000, 700), 5)):
+    for line in lines_with_effects(mixed(share(10_000, 380), 5)):
         board.send_line(line)
         if rng.random() < 0.02:
             board.link.write(b"?" * 200)
     board.finish()
     assert simulator.lost == 0
     assert simulator.fullest <= 127
-    assert simulator.core.lines >= share(10_000, 700)
+    assert simulator.core.lines >= share(10_000, 380)
 
 
 def test_check_mode_reaches_the_rate_of_the_wire() -> None:

@@ -17,7 +17,7 @@ from tests.support.soak import share
 
 
 def test_a_stop_keeps_the_position_without_an_alarm() -> None:
-    for seed in range(share(50, 6)):
+    for seed in range(share(50, 3)):
         rng = random.Random(seed)
         simulator = GrblSimulator()
         control = Control()

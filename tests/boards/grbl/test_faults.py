@@ -55,7 +55,7 @@ FAULTS: list[tuple[str, Callable[[random.Random], Fault], set[str]]] = [
 def test_faults_are_reported_in_time_and_motion_ends(
     name: str, make: Callable[[random.Random], Fault], codes: set[str]
 ) -> None:
-    for seed in range(share(40, 4)):
+    for seed in range(share(40, 2)):
         rng = random.Random(f"{name} {seed}")
         slow = seed % 2 == 0
         simulator = GrblSimulator(settings=None if slow else ROUTER)

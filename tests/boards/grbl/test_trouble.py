@@ -35,7 +35,7 @@ END = (4.5, 3.25, 0.0)
 def test_any_damage_to_messages_ends_in_success_or_a_fault(
     wrong: str,
 ) -> None:
-    for seed in range(share(60, 6)):
+    for seed in range(share(60, 3)):
         rng = random.Random(f"{wrong} {seed}")
         simulator = GrblSimulator()
         board, wire = started(simulator)
@@ -98,7 +98,7 @@ class Damage:
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
 def test_a_damaged_line_is_reported_in_time_with_its_number(wrong: str) -> None:
     """Bytes of a line are lost, changed or doubled; moves of a new board take seconds."""
-    for seed in range(share(40, 6)):
+    for seed in range(share(40, 3)):
         rng = random.Random(f"{wrong} {seed}")
         simulator = GrblSimulator((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
         board, wire = started(simulator)
@@ -141,7 +141,7 @@ def test_a_board_lost_at_any_time_is_reported(
         "G1 X0",
         "M5",
     ]
-    for seed in range(share(60, 8)):
+    for seed in range(share(60, 4)):
         rng = random.Random(seed)
         simulator = GrblSimulator(profile, environment=material_below(-2.0))
         struck = rng.uniform(0.0, 32.0)

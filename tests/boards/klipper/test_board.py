@@ -155,7 +155,7 @@ def test_other_algorithms_are_replaced_with_a_note(small: Path, tmp_path: Path) 
     check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))
 
 
-@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(20, 2)).tolist())
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(20, 1)).tolist())
 def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
     known = machine()
     _, reference = played(small, tmp_path, known)

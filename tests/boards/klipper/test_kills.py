@@ -25,7 +25,7 @@ from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
 PROGRAM = "G21 G90\nM3 S500\n" + "G1 X8 Y5 F1500\nG3 X0 Y0 I-4 J-2.5\n" * 8 + "M2\n"
-MOMENTS = np.random.default_rng(5).uniform(0.3, 4.0, share(50, 3)).tolist()
+MOMENTS = np.random.default_rng(5).uniform(0.3, 4.0, share(50, 2)).tolist()
 ATTEMPTS = 12
 """A busy computer may end a run with an underrun before it is killed; then the next kill comes in
 half of the motion that this run made.
@@ -136,7 +136,7 @@ def test_stopped_process(steps: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "moment", np.random.default_rng(5).uniform(0.3, 4.0, share(50, 3)).tolist()
+    "moment", np.random.default_rng(5).uniform(0.3, 4.0, share(50, 2)).tolist()
 )
 @pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
 def test_pulled_cable(moment: float, mcu: str, tmp_path: Path) -> None:

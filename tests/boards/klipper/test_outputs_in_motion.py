@@ -14,7 +14,7 @@ from tests.support.boards.klipper_rig import connected, last_step, machine, pins
 from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.soak import share
 
-MOMENTS = np.random.default_rng(2311).uniform(0.5, 4.0, share(50, 4))
+MOMENTS = np.random.default_rng(2311).uniform(0.5, 4.0, share(50, 2))
 OFF_S = 0.5
 """Longest time from the death of the host until the spindle is off."""
 SPEEDS = (400.0, 700.0, 0.0, 950.0)

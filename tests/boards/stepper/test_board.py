@@ -221,7 +221,7 @@ def test_hold_takes_horizon_and_braking_time(
     reference.close()
 
 
-@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 1)).tolist())
 def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
     """The edges and their order equal those of a run without a hold.
 

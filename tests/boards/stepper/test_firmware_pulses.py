@@ -120,7 +120,7 @@ def test_noise_on_switches_loses_no_step(simulator: Simulator, pause: float) -> 
     With 30 000 spikes a second the processor time is too short: then the board may come to rest.
     """
     fault = ""
-    time_ns, step = line(share(20_000, 1_500), 18_000)
+    time_ns, step = line(share(20_000, 820), 18_000)
     port = Noise(simulator, 1, pause)
     with board(simulator, port) as driver:
         driver.start(np.zeros(3, np.int64))

@@ -53,7 +53,7 @@ def moving(steps: int, ticks: int, segments: int) -> tuple[Simulator, Host]:
 
 
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
-@pytest.mark.parametrize("seed", range(share(40, 3)))
+@pytest.mark.parametrize("seed", range(share(40, 2)))
 def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -> None:
     """The board runs at full speed, receives bytes at the full line rate, and sends statuses."""
     simulator, host = moving(250, 36, 60)

@@ -183,7 +183,7 @@ def runs(draw):
     return np.cumsum(np.concatenate(gaps)), np.concatenate(steps).astype(np.int8)
 
 
-@settings(max_examples=share(1500, 36), deadline=None)
+@settings(max_examples=share(1500, 20), deadline=None)
 @given(
     runs(),
     st.sampled_from([500, 1000, 2000, 10_000]),
@@ -200,7 +200,7 @@ def test_random_moves_are_reproduced(run, tolerance_ns, spacing_ns, data):
     check(time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts)
 
 
-@settings(max_examples=share(300, 15), deadline=None)
+@settings(max_examples=share(300, 8), deadline=None)
 @given(runs())
 def test_documented_format_plays_the_same_moves(run):
     time_ns, step = run
@@ -211,7 +211,7 @@ def test_documented_format_plays_the_same_moves(run):
     assert moves(data) == [tuple(int(each) for each in row) for row in expected]
 
 
-@settings(max_examples=share(300, 12), deadline=None)
+@settings(max_examples=share(300, 7), deadline=None)
 @given(
     st.lists(st.integers(-400, 400), min_size=2, max_size=4), st.floats(0.005, 3.0), st.booleans()
 )
@@ -260,7 +260,7 @@ def test_memory_is_bounded():
     place, step = fastest_leads((100_000, 70_123, 31_111))
     time_ns = np.round(place * 10 * 1e9).astype(np.int64)
     rows, origin = 0, 0
-    for _ in range(share(200, 8)):
+    for _ in range(share(200, 4)):
         data = encoder.push(chunk(origin + time_ns, step))
         origin += int(time_ns[-1])
         assert encoder.waiting <= segment_encoder.LOOK_AHEAD
@@ -268,7 +268,7 @@ def test_memory_is_bounded():
             assert len(time) <= ROWS
             rows += len(time)
     rows += sum(len(time) for time, _ in decoder.play(encoder.flush(end=True)))
-    assert rows == share(200, 8) * len(step)
+    assert rows == share(200, 4) * len(step)
 
 
 # ----------------------------------------------------------------------

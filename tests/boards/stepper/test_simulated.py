@@ -83,7 +83,7 @@ def test_from_rest_to_rest(simulator: Simulator) -> None:
     assert off_plan_us(cycles, time_ns) <= CLOSE_US
 
 
-@pytest.mark.parametrize("seed", range(share(40, 3)))
+@pytest.mark.parametrize("seed", range(share(40, 2)))
 def test_random_moves(simulator: Simulator, seed: int) -> None:
     time_ns, step = wander(seed, 1_000, 60_000)
     play(simulator, time_ns, step)
@@ -190,7 +190,7 @@ class Killed(Exception):
     """The host has ended."""
 
 
-@pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 2)).tolist())
 def test_dead_host_leaves_the_machine_on_its_path(simulator: Simulator, moment: float) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
@@ -332,7 +332,7 @@ class LooseCable(SimulatorPort):
             super().write(data)
 
 
-@pytest.mark.parametrize("seed", range(share(50, 2)))
+@pytest.mark.parametrize("seed", range(share(50, 1)))
 def test_reconnected_cable(simulator: Simulator, seed: int) -> None:
     """An interruption of 10 ms to 5 s has no effect, or the error comes within a second, with the
     last line, and motion ends.

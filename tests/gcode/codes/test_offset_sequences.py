@@ -183,7 +183,7 @@ def tool_line(rng: random.Random, kind: str, words: dict[str, float], model: Mod
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
-@pytest.mark.parametrize("seed", range(share(2000, 36)))
+@pytest.mark.parametrize("seed", range(share(2000, 20)))
 def test_a_random_program_ends_where_the_model_does(seed: int, dialect: str) -> None:
     rng = random.Random(f"{dialect} {seed}")
     model = Model(9 if dialect == "linuxcnc" else 6)
@@ -215,7 +215,7 @@ def test_a_random_program_ends_where_the_model_does(seed: int, dialect: str) -> 
         )
 
 
-@pytest.mark.parametrize("seed", range(share(500, 12)))
+@pytest.mark.parametrize("seed", range(share(500, 7)))
 def test_offset_codes_never_move(seed: int) -> None:
     """Whatever they say: no block, and an empty increment ends where the machine stood, to the
     bit.

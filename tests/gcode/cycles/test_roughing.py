@@ -55,7 +55,7 @@ def limits(points: Floats, along: Floats) -> tuple[Floats, Floats]:
     return np.min(near, axis=0) - ROUNDING, np.max(near, axis=0) + ROUNDING
 
 
-@settings(max_examples=share(1500, 60), deadline=None)
+@settings(max_examples=share(1500, 33), deadline=None)
 @given(setups())
 def test_passes_stay_outside_and_shallow_and_traverses_in_the_air(setup: Setup) -> None:
     rough, finish = split(setup)
@@ -83,7 +83,7 @@ def test_passes_stay_outside_and_shallow_and_traverses_in_the_air(setup: Setup) 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=share(200, 10), deadline=None)
+@settings(max_examples=share(200, 6), deadline=None)
 @given(part=parts(pockets=True))
 def test_finishing_moves_end_at_the_points_of_the_profile(kind: str, part: object) -> None:
     setup = Setup(kind, part, 2.0, 0.5, (0.0, 0.2), pockets=True)  # type: ignore[arg-type]

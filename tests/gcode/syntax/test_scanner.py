@@ -133,7 +133,7 @@ def test_the_longest_line_is_plain() -> None:
 @pytest.mark.timeout(3600)
 def test_plain_lines_have_the_words_of_the_grammar() -> None:
     """The lines equal those of the file, with any kind of line end."""
-    amount, batch = share(1_000_000, 15_000), 1000
+    amount, batch = share(1_000_000, 8_250), 1000
     plain = 0
     syntaxes = itertools.cycle(SYNTAXES)
     for seed in range(amount // batch):
@@ -208,7 +208,7 @@ def test_head_and_label(line: str, head: str | int, label: int) -> None:
 
 
 def test_the_label_of_random_lines_is_the_n_word() -> None:
-    for seed in range(share(200, 10)):
+    for seed in range(share(200, 6)):
         data = Adversary(seed).data(200)
         found = scan(data, whole=True)
         for index, line in enumerate(data.splitlines()):

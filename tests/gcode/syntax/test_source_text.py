@@ -86,7 +86,7 @@ def test_a_line_longer_than_a_window_is_cut(
 
 def test_random_line_ends_and_lengths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = random.Random(5)
-    for _ in range(share(3000, 150)):
+    for _ in range(share(3000, 80)):
         monkeypatch.setattr(module, "WINDOW_BYTES", rng.randint(40, 80))
         data = b"".join(
             rng.choice([b"\n", b"\r", b"\r\n", b"x" * rng.randint(0, 15)])

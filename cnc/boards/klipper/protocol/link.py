@@ -96,7 +96,7 @@ class KlipperLink:
         appended: Number of commands so far.
         acknowledged: Number of the last command that the board has acknowledged.
         resent: Number of blocks that were sent again.
-        synchronised: Whether the board has told the sequence number that it expects.
+        synchronised: Whether the board has sent the sequence number that it expects.
         settled: Whether this number is certain. Before, bytes from earlier may tell an old one.
     """
 
