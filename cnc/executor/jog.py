@@ -73,9 +73,10 @@ def jog(
     )
     # A jog that has failed by here leaves nothing behind for the next motion.
     if isinstance(board, HasLimitSwitches):
+        # Without homing the machine counts from the assumed start, as in a program.
         board.prepare_next_start(
             watched=[not closed for closed in board.switches],
-            known=[steps is not None for steps in board.known_steps],
+            known=[steps is not None or not machine.can_home for steps in board.known_steps],
         )
     if isinstance(board, SendsFarAhead):
         # A joint may be faster than the tool.

@@ -137,6 +137,7 @@ class RunWatch:
         self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
         self._approach: Approach = ()
+        self._doubts: list[str] = []
 
     def callbacks(self) -> Callbacks:
         """Return the functions that the session calls."""
@@ -145,10 +146,13 @@ class RunWatch:
             on_warning=self._warning,
             on_sent=self._sent,
             on_approach=self._take_approach,
-            on_beginning=lambda steps: self._dialogs.ask(
-                "restart", steps[0], steps[1:], self._approach
-            ),
+            on_beginning=self._confirm,
         )
+
+    def _confirm(self, steps: Sequence[str]) -> bool:
+        """Ask whether to go to the first line; the question names what is doubtful."""
+        text = "; ".join((*self._doubts, steps[0]))
+        return self._dialogs.ask("restart", text, steps[1:], self._approach)
 
     def _take_approach(self, places: Sequence[NDArray[np.float64]]) -> None:
         self._approach = tuple(tuple(place.tolist()) for place in places)
@@ -163,6 +167,8 @@ class RunWatch:
             )
 
     def _warning(self, found: Diagnostic) -> None:
+        if found.severity == "warning" and not found.file:
+            self._doubts.append(found.message)
         if _own(found, self._skipped):
             self._events.emit(Notice(finding=Finding.of(_moved(found, self._skipped))))
 
@@ -199,7 +205,7 @@ def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
         program=program,
         outcome=outcome,
         seconds=report.duration_s,
-        stopped_at_line=report.stopped_at_line,
+        stopped_at_line=report.stopped_at_line or None,
         resume_line=report.resume_line,
         findings=tuple(Finding.of(_moved(each, skipped)) for each in found),
         exit_code=report.exit_code,

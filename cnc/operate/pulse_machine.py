@@ -112,6 +112,10 @@ class PulseMachine:
             control=control,
             on_progress=lambda progress: on_report(self.of_progress(progress)),
         )
+        # The next jog of an axis that is not homed begins where this one ended.
+        self._start = self._joints.tip(
+            self.board.position_steps / self._joints.machine.steps_per_mm
+        )
 
     def tip(self) -> Floats:
         """Return the position of the axes (axes,), mm."""

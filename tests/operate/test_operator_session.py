@@ -262,12 +262,33 @@ def test_a_start_line_is_confirmed_first(operator, tmp_path):
         if event.event == "dialog":
             assert event.kind == "restart"
             assert event.steps
+            assert event.text == "from line 4, in machine coordinates:"
             threading.Thread(target=operator.answer, args=(event.id, False)).start()
 
     operator.listen(refuse)
     outcome = operator.run(program, RunOptions(from_line=4)).result(PATIENCE)
     assert outcome.outcome == "stopped"
+    assert outcome.stopped_at_line is None
     assert operator.state.machine["x"] == pytest.approx(0.0, abs=GRID)
+
+
+def test_the_question_before_a_start_line_names_skipped_lines(operator, tmp_path):
+    program = tmp_path / "skipping.nc"
+    program.write_text("G90 G21\nM0\nG1 X5 F1200\nG1 X10\nM2\n")
+    from cnc.session.options import RunOptions
+
+    texts = []
+
+    def stop(event):
+        if event.event == "dialog":
+            texts.append(event.text)
+            threading.Thread(target=operator.stop).start()
+
+    operator.listen(stop)
+    operator.run(program).result(PATIENCE)
+    operator.run(program, RunOptions(from_line=4)).result(PATIENCE)
+    assert "the last run reached line" not in texts[0]
+    assert re.match(r"the last run reached line 2; the lines .* 4 are skipped; from", texts[1])
 
 
 def test_the_state_comes_ten_times_a_second(any_operator):

@@ -118,10 +118,19 @@ def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
 
 
 @pytest.mark.parametrize(
-    "file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"]
+    "file",
+    [
+        "pocket",
+        "trident",
+        "engraving",
+        "bezier",
+        "thread-mill",
+        "drilling",
+        *share(["finishing"], []),
+    ],
 )
 def test_shipped_programs_take_as_long_as_in_the_simulator(file):
-    texts = lines_of(PROGRAMS / f"{file}.nc", MILL)[: share(None, 4000)]
+    texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
         simulated_seconds(texts, MILL), rel=0.05, abs=0.02
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.stepper_rig import (
@@ -136,3 +137,42 @@ def test_noise_on_switches_loses_no_step(simulator: Simulator, pause: float) -> 
     if not fault:
         assert len(made) == len(step)
         assert off_plan_us(cycles, time_ns) <= CLOSE_US
+
+
+RECEIVE_CYCLES = 28
+"""Length of the interrupt that receives a byte (play.S)."""
+
+
+def edges_while_bytes_come(gaps_us: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cycles of 400 edges inside a straight move, from their first.
+
+    Args:
+        gaps_us: Times between bytes without meaning, which come while the board plays.
+    """
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    time_ns, step = line(1500, 60_000)
+    with board(simulator, port) as driver:
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(time_ns + 60_000_000, step):
+            driver.send(part)
+        driver._flush()
+        simulator.run(0.024)
+        assert 0 < len(simulator.moves()[0]) < 100
+        for gap in gaps_us.tolist():
+            simulator.run(gap * 1e-6)
+            simulator.send(b"\0")
+        simulator.run(0.03 - gaps_us.sum() * 1e-6)
+        cycles, _ = simulator.moves()
+    simulator.close()
+    return cycles[100:500] - cycles[100]
+
+
+def test_only_bytes_on_the_line_move_edges() -> None:
+    """Two runs are identical to the cycle while nothing is received."""
+    silent, bytes_us = np.zeros(0), np.random.default_rng(20_631).uniform(100, 300, 80)
+    alone = edges_while_bytes_come(silent)
+    np.testing.assert_array_equal(edges_while_bytes_come(silent), alone)
+    moved = edges_while_bytes_come(bytes_us) - alone
+    assert moved.any()
+    assert np.abs(moved - np.median(moved)).max() <= RECEIVE_CYCLES + 8, "and a tick of the timer"
