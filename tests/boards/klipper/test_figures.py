@@ -77,7 +77,7 @@ def motion(seconds: float) -> Iterator[PulseChunk]:
 
 
 def share_of_a_core(seconds: float) -> float:
-    """Play a motion at RATE; return the share of a core that the driver takes, without the board."""
+    """Play a motion at RATE; return the share of a core that the driver takes."""
     known = fast()
     simulator = simulator_for(known)
     port = TimedPort(simulator)
