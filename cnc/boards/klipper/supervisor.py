@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, alarm_of, reset_error
-from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
+from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
 from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, InputObject, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
@@ -136,6 +136,8 @@ class Supervisor(PulseSupervisor):
             raise self._lost(error, self.sender.end_of_queue) from error
         for message in messages:
             self._check(message)
+        if watching and self.connection.board_clock.wrong:
+            raise self._dead_stop(*self.connection.wrong_clock())
         return messages
 
     def _check(self, message: Message) -> None:
@@ -392,9 +394,3 @@ class Supervisor(PulseSupervisor):
         super().fail(error)
         self.store(moving=False)
         return error
-
-    def wait(self, seconds: float) -> None:
-        """Exchange bytes for some time."""
-        began = self.connection.clock.now()
-        while self.connection.clock.now() - began < seconds:
-            self.pump(POLL_S)
