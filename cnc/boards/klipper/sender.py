@@ -61,6 +61,7 @@ class Sender:
         cut: A trigger has ended the motion, so that moves are dropped.
         running: The program's clock is bound to the board's clock.
         ramped: An emergency ramp has ended the motion.
+        stopped_clock: Clock of a shutdown that has ended the motion, None if none has.
         tracker: Source lines of the motion.
         most_slots: Most entries in use so far.
         moves: Number of entries sent.
@@ -78,6 +79,7 @@ class Sender:
         self.position = np.zeros(axes, np.int64)
         self.until_ns = 0
         self.cut = self.running = self.ramped = False
+        self.stopped_clock: int | None = None
         self.tracker = LineTracker()
         self.slots = Slots(max(slots - SPARE_SLOTS - 2 * len(layout.outputs), 8))
         self.most_slots = self.moves = 0
@@ -126,6 +128,12 @@ class Sender:
     def now(self) -> int:
         """Present clock of the board."""
         return self._connection.board_clock.at(self._connection.clock.now())
+
+    @property
+    def last_clock(self) -> int:
+        """Clock after which the board has made no step so far."""
+        now = self.now
+        return now if self.stopped_clock is None else min(now, self.stopped_clock)
 
     def clock_of(self, time_ns: int) -> int:
         """Return the clock of a time of the program."""
@@ -210,6 +218,7 @@ class Sender:
         self.slots.slack = round(late_s * self._frequency)
         self.running = True
         self._begun = False
+        self.stopped_clock = None
         self._levels.clear()
         # The first interval must not be empty.
         reference = self._base_clock - round(SETTLE_S * self._frequency)

@@ -106,7 +106,7 @@ class Supervisor(PulseSupervisor):
     def motion_state(self) -> MotionState:
         """State by the estimate of the board's clock."""
         sender = self.sender
-        point = sender.tracker.played(sender.now) if sender.running else None
+        point = sender.tracker.played(sender.last_clock) if sender.running else None
         mm = self.position.mm(sender.position if point is None else point)
         return MotionState(sender.tracker.line, mm, sender.ahead_s)
 
@@ -141,6 +141,9 @@ class Supervisor(PulseSupervisor):
         return messages
 
     def _check(self, message: Message) -> None:
+        if message.name == "shutdown":
+            clock = self.connection.board_clock
+            self.sender.stopped_clock = clock.extend(message["clock"], self.connection.clock.now())
         if self._stopping:
             self._stop.take(message)
         match message.name:
@@ -361,11 +364,11 @@ class Supervisor(PulseSupervisor):
         try:
             point = self.take_position()
         except BoardError:
-            known = tracker.played(self.sender.now)
+            known = tracker.played(self.sender.last_clock)
             if known is not None:
                 self.sender.position, self.stopped_short = known, True
         else:
-            kept = held and tracker.unmoved(point, self.sender.now)
+            kept = held and tracker.unmoved(point, self.sender.last_clock)
             line = tracker.line_at(point)
             doubt = "and nothing has moved" if kept else "which may be wrong"
             message += f"; the machine is at {self.position.text(point)}, {doubt}"
