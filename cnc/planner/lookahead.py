@@ -204,7 +204,7 @@ class LookAhead:
     def _refusal(self) -> MotionLimitError | None:
         """Return the error of the audit for what the window has settled; None if it accepts.
 
-        Where nobody may change the motion, what is accepted is taken at once.
+        Where the motion is not handed out in slices, what is accepted is taken at once.
         """
         window = self._window
         if not (window.unproved and window.settled and self.audit.judges):
@@ -220,7 +220,7 @@ class LookAhead:
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False
-        if self._control is None:
+        if self._slice_s == LONG and self._requested_factor() > 0.0:
             self._window, self._overlaps = trial, overlaps.copy(self.audit)
             self.audit.adopt(audit)
             self._finished.extend(plans)

@@ -58,24 +58,41 @@ def test_phases_of_a_cell_connect_its_cuts():
         assert (ahead - other) / 2e-6 == pytest.approx(slope[:, m], rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
-def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
-    rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
-    known = Intervals(
+def known_with_a_stop() -> Intervals:
+    """Return four intervals with a bound of 10 mm/s, of which the third is a stop."""
+    top = np.array([10.0, 10.0, 0.0, 10.0])
+    return Intervals(
         end=END,
-        speed=np.full(4, 10.0),
-        top=np.full(4, 10.0),
+        speed=top,
+        top=top,
         accel=np.full((4, LEVELS), 100.0),
         jerk=np.full((4, LEVELS), 100.0),
-        flat=np.zeros(4, bool),
+        flat=top == 0.0,
         share=np.ones(4),
         reliable=np.full(4, np.inf),
         sampled=np.zeros((4, 2)),
         samples=np.zeros((4, 5, 3, 2)),
     )
+
+
+@pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
+def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
+    rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
     limits = np.full(3, 100.0)
-    gain = possible_gain(rows, 0, 1, known, SumLimits(limits, limits))
+    gain = possible_gain(rows, 0, 1, known_with_a_stop(), SumLimits(limits, limits))
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
+
+
+@pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
+def test_rounding_at_a_stop_does_not_hide_the_gain_before_it(direction):
+    # The ramp to rest ends a little beyond the stop, with a speed that rounding makes negative.
+    ramp = np.nextafter(0.5, 0.5 + direction)
+    rows = np.array(
+        [(0.1, 0.5, 5.0, 0.0, 0.0), (1.0, 3.0 - 1.0 / 6.0 + 1e-12, ramp, -1.0, 1.0)], PHASE
+    )
+    limits = np.full(3, 1.0)
+    gain = possible_gain(rows, 0, 2, known_with_a_stop(), SumLimits(limits, limits))
+    assert gain == pytest.approx(0.1 * 0.5)
 
 
 def test_the_examination_of_a_phase_finds_peaks_between_its_points():

@@ -9,7 +9,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import measure
-from cnc.kernels.path.bernstein import DEPTH, STRIDE, sign_changes, split
+from cnc.kernels.path.bernstein import DEPTH, STRIDE, split
 from cnc.kernels.path.curve import (
     AXES,
     LENGTH,
@@ -24,7 +24,7 @@ from cnc.kernels.path.curve import (
     Ints,
 )
 from cnc.kernels.path.fit_spline import DEGREE, ORDER, bernstein
-from cnc.kernels.path.span_shape import NEGLIGIBLE
+from cnc.kernels.path.span_shape import NEGLIGIBLE, write_polynomial_turns
 
 
 class Writer(NamedTuple):
@@ -132,40 +132,7 @@ def write_span(
             data[k + j] -= data[k]
     to = measure(kind, data, at, form + ORDER * (n + 1), writer.accuracy, writer.derivatives)
     data[at + START + 2 * n + 1] = to - at
-    return _write_turns(writer, at, form, to)
-
-
-@njit
-def _write_turns(writer: Writer, at: int, form: int, to: int) -> int:
-    """Write the number of turning points of each axis, then their u, from data[to] on.
-
-    form: index of the span's coefficients.
-
-    Returns:
-        The index behind them.
-    """
-    data, _, here, _, _, stack, scratch = writer
-    n = here.shape[0]
-    after = to + n
-    for c in range(n):
-        k = form + ORDER * (c + 1)
-        reach = 0.0
-        for j in range(ORDER):
-            reach = max(reach, abs(data[k + j]))
-        count = 0
-        # An axis that moves by rounding alone does not turn.
-        if reach > 4e-15 * max(abs(data[at + START + c]), abs(data[at + START + n + c])):
-            for j in range(DEGREE):
-                slope = data[k + j + 1] - data[k + j]
-                scratch[j] = slope if abs(slope) > 1e-15 * reach else 0.0
-            roots = data[after : after + DEGREE]
-            for j in range(sign_changes(scratch, DEGREE - 1, stack, scratch[STRIDE // 2 :], roots)):
-                if 1e-12 < roots[j] < 1.0 - 1e-12:
-                    roots[count] = roots[j] * data[at + U1]
-                    count += 1
-        data[to + c] = count
-        after += count
-    return after
+    return write_polynomial_turns(data, at, to, writer.stack, scratch)
 
 
 @njit

@@ -9,7 +9,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import MAX_ROWS, measure
-from cnc.kernels.path.bernstein import DEPTH, STRIDE, sign_changes
+from cnc.kernels.path.bernstein import DEPTH, STRIDE
 from cnc.kernels.path.curve import (
     AXES,
     LENGTH,
@@ -24,6 +24,7 @@ from cnc.kernels.path.curve import (
     Floats,
     Ints,
 )
+from cnc.kernels.path.span_shape import write_polynomial_turns
 
 DEGREE = 7
 ORDER = DEGREE + 1
@@ -80,7 +81,6 @@ def write_joint_records(
     work = np.empty((4, n))
     stack = np.empty((DEPTH + 4) * STRIDE)
     scratch = np.empty(STRIDE)
-    slopes = np.empty(STRIDE)
     need = joint_record_size(n) + LARGEST_TABLE
     used = 0
     k = first
@@ -99,9 +99,7 @@ def write_joint_records(
             data[used + START + n + c] = pieces.end[k, c]
         behind = used + START + 2 * n
         if kind != LINE:
-            behind = _write_body(
-                pieces, k, kind, accuracy, data, used, (work, stack, scratch, slopes)
-            )
+            behind = _write_body(pieces, k, kind, accuracy, data, used, (work, stack, scratch))
         length[k] = data[used + LENGTH]
         used = behind
         k += 1
@@ -116,10 +114,10 @@ def _write_body(
     accuracy: float,
     data: Floats,
     at: int,
-    space: tuple[Floats, Floats, Floats, Floats],
+    space: tuple[Floats, Floats, Floats],
 ) -> int:
     """Write degree, coefficients, table and turning points of a span, and return what is behind."""
-    work, stack, scratch, slopes = space
+    work, stack, scratch = space
     n = pieces.start.shape[1]
     body = at + START + 2 * n
     data[body] = DEGREE
@@ -133,26 +131,7 @@ def _write_body(
     if to < 0:
         to = measure(kind, data, at, form + ORDER * (n + 1), accuracy, work)
     data[body + 1] = to - at
-    after = to + n
-    for c in range(n):
-        row = form + ORDER * (c + 1)
-        reach = 0.0
-        for j in range(ORDER):
-            reach = max(reach, abs(data[row + j]))
-        count = 0
-        # An axis that moves by rounding alone does not turn.
-        if reach > 4e-15 * max(abs(data[at + START + c]), abs(data[at + START + n + c])):
-            for j in range(DEGREE):
-                slope = data[row + j + 1] - data[row + j]
-                slopes[j] = slope if abs(slope) > 1e-15 * reach else 0.0
-            roots = data[after : after + DEGREE]
-            for j in range(sign_changes(slopes, DEGREE - 1, stack, scratch, roots)):
-                if 1e-12 < roots[j] < 1.0 - 1e-12:
-                    roots[count] = data[at + U0] + roots[j] * (data[at + U1] - data[at + U0])
-                    count += 1
-        data[to + c] = count
-        after += count
-    return after
+    return write_polynomial_turns(data, at, to, stack, scratch)
 
 
 @njit

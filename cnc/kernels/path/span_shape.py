@@ -23,7 +23,16 @@ import math
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.bernstein import STRIDE, sign_changes, unscale, value_slope
-from cnc.kernels.path.curve import AXES, MAX_TURNING_POINTS, START, U0, U1, Floats, Ints
+from cnc.kernels.path.curve import (
+    AXES,
+    MAX_TURNING_POINTS,
+    SPAN_BODY,
+    START,
+    U0,
+    U1,
+    Floats,
+    Ints,
+)
 
 NEGLIGIBLE = 1e-9
 """mm. Moves no longer than this are dropped."""
@@ -231,4 +240,46 @@ def turning_points(
                     after += 1
                     count += 1
         data[to + c] = count
+    return after
+
+
+@njit
+def write_polynomial_turns(data: Floats, at: int, to: int, stack: Floats, scratch: Floats) -> int:
+    """Write the number of turning points of each axis, then their u, from data[to] on.
+
+    The span has weights of one.
+
+    Args:
+        data: the records.
+        at: index of the record of the span.
+        to: index behind the table of the span.
+        stack: work space of :func:`cnc.kernels.path.bernstein.sign_changes`, like scratch.
+        scratch: see stack.
+
+    Returns:
+        The index behind them.
+    """
+    n = int(data[at + AXES])
+    body = at + START + 2 * n
+    degree = int(data[body])
+    u0, extent = data[at + U0], data[at + U1] - data[at + U0]
+    after = to + n
+    for c in range(n):
+        k = body + SPAN_BODY + (degree + 1) * (c + 1)
+        reach = 0.0
+        for j in range(degree + 1):
+            reach = max(reach, abs(data[k + j]))
+        count = 0
+        # An axis that moves by rounding alone does not turn.
+        if reach > 4e-15 * max(abs(data[at + START + c]), abs(data[at + START + n + c])):
+            for j in range(degree):
+                slope = data[k + j + 1] - data[k + j]
+                scratch[j] = slope if abs(slope) > 1e-15 * reach else 0.0
+            roots = data[after : after + degree]
+            for j in range(sign_changes(scratch, degree - 1, stack, scratch[STRIDE // 2 :], roots)):
+                if 1e-12 < roots[j] < 1.0 - 1e-12:
+                    roots[count] = u0 + roots[j] * extent
+                    count += 1
+        data[to + c] = count
+        after += count
     return after

@@ -156,7 +156,8 @@ def possible_gain(
         if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or (j > 0.0 and v > 0.0 and r > first)):
             total += row["duration"] * (1.0 - v / lowest)
         if a < 0.0 < j:
-            reached = v + row["duration"] * 0.5 * a
+            # At a stop the sum may be negative by rounding, and the bound of the speed there is 0.
+            reached = max(v + row["duration"] * 0.5 * a, 0.0)
             if reached < FASTEST * lowest:
                 both = min(row["duration"], slows_again(rows, r, last))
                 total += both * (1.0 - reached / lowest)
