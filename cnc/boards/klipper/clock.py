@@ -24,6 +24,8 @@ SAMPLES = 120
 """Answers that the estimate uses."""
 MAX_DRIFT = 0.01
 """Largest relative deviation of a clock that is believed: a ceramic resonator has 0.005."""
+JUMP_S = 0.02
+"""Error of a time of this computer that makes no clock wrong: virtual machines have such jumps."""
 LEAST_SPAN_S = 2.0
 """Time between the first and the last answer from which the frequency is estimated."""
 
@@ -88,8 +90,9 @@ class BoardClock:
         for middle, earlier, trip in self._samples:
             ticks = clock - earlier
             longest, shortest = received - middle + 0.5 * trip, sent - middle - 0.5 * trip
-            fast = ticks > self.frequency * (1.0 + MAX_DRIFT) * longest
-            if fast or ticks < self.frequency * (1.0 - MAX_DRIFT) * shortest:
+            passed = ticks / self.frequency
+            fast = passed > (1.0 + MAX_DRIFT) * longest + JUMP_S
+            if fast or passed < (1.0 - MAX_DRIFT) * shortest - JUMP_S:
                 self.wrong = ticks / (0.5 * (longest + shortest))
                 return
 

@@ -38,7 +38,7 @@ CLOCK_PERIOD_S = 0.25
 """Time between two questions for the clock."""
 FIRST_CLOCKS = 8
 """Questions for the clock when the connection is opened."""
-FIRST_SPAN_S = 0.15
+FIRST_SPAN_S = 0.2
 """Time before the last of them, so that a clock with a wrong rate is found before any motion."""
 RESET_S, RESTART_S = 0.05, 0.5
 """Time in which the command to reset reaches the board, and least time of a restart."""

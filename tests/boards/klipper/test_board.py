@@ -223,7 +223,7 @@ def test_drift_of_the_clock(small: Path, tmp_path: Path, drift: float) -> None:
 
 
 @pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
-@pytest.mark.parametrize("rate", [1 / 3, 2 / 3, 0.9, 1.5])
+@pytest.mark.parametrize("rate", [1 / 3, 2 / 3, 0.8, 1.25, 1.5])
 def test_clock_of_another_rate_is_refused(
     small: Path, tmp_path: Path, mcu: str, rate: float
 ) -> None:
@@ -240,11 +240,11 @@ def test_clock_of_another_rate_is_refused(
 
 
 def test_clock_that_is_slightly_wrong_stops_the_motion(tmp_path: Path) -> None:
-    """1.2 % is certain only after some time."""
-    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X40 F300\nM2\n")
+    """3 % are certain only after some time."""
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X40 F600\nM2\n")
     known = machine()
     simulator = simulator_for(known)
-    simulator.frequency = simulator.firmware.frequency * 1.012
+    simulator.frequency = simulator.firmware.frequency * 1.03
     report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
     [fault] = [each.diagnostic for each in report.faults]
     assert fault.code == "board-clock"

@@ -57,6 +57,17 @@ def test_drift_within_its_bound_is_believed(drift: float, seed: int) -> None:
     assert clock.wrong == 0.0
 
 
+def test_jump_of_a_time_makes_no_clock_wrong() -> None:
+    """A virtual machine that was held up: 15 ms without a tick, which come later."""
+    clock = BoardClock(1e6)
+    clock.set(0, 0.0, 0.0)
+    for k in range(1, 40):
+        now = 0.25 * k
+        held = 0.015 if k % 4 == 0 else 0.0
+        clock.add(round(1e6 * (now - held)) % WRAP, now - 1e-4, now)
+    assert clock.wrong == 0.0
+
+
 @pytest.mark.parametrize("drift", [-2 / 3, -0.02, 0.013, 0.5])
 def test_wrong_rate_is_found(drift: float) -> None:
     clock, _ = estimated(drift, (0.001, 0.002), 3)
