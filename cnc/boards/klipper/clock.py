@@ -9,6 +9,10 @@ seconds, each weighted by its round trip beyond the shortest one.
         │               x  / x
         │          x / x
         └──────────────────────────── time of this computer
+
+An answer lies between the times of its question and of its receipt. So two answers bound the rate,
+however long they took. A rate beyond these bounds is no drift: the firmware was built for another
+crystal than the board has.
 """
 
 from __future__ import annotations
@@ -20,6 +24,8 @@ SAMPLES = 120
 """Answers that the estimate uses."""
 MAX_DRIFT = 0.01
 """Largest relative deviation of a clock that is believed: a ceramic resonator has 0.005."""
+JUMP_S = 0.02
+"""Error of a time of this computer that makes no clock wrong: virtual machines have such jumps."""
 LEAST_SPAN_S = 2.0
 """Time between the first and the last answer from which the frequency is estimated."""
 
@@ -33,12 +39,14 @@ class BoardClock:
     Attributes:
         frequency: Nominal ticks per second.
         rate: Estimated ticks per second of this computer.
+        wrong: Rate of a clock that deviates by more than MAX_DRIFT for certain; 0 if none does.
         half_trip_s: Half of the shortest round trip.
     """
 
     def __init__(self, frequency: float) -> None:
         self.frequency = frequency
         self.rate = frequency
+        self.wrong = 0.0
         self.half_trip_s = 0.0
         self._samples: deque[tuple[float, int, float]] = deque(maxlen=SAMPLES)
         self._time = 0.0
@@ -57,6 +65,7 @@ class BoardClock:
     def set(self, clock: int, sent: float, received: float) -> None:
         """Start again from an answer with all 64 bits."""
         self._samples.clear()
+        self.wrong = 0.0
         self._add(clock, sent, received)
 
     def add(self, clock32: int, sent: float, received: float) -> None:
@@ -76,8 +85,21 @@ class BoardClock:
         """Return the time of a clock, s."""
         return self._time + (clock - self._clock) / self.rate
 
+    def _check(self, clock: int, sent: float, received: float) -> None:
+        """Compare the ticks since each earlier answer with the shortest and the longest time."""
+        for middle, earlier, trip in self._samples:
+            ticks = clock - earlier
+            longest, shortest = received - middle + 0.5 * trip, sent - middle - 0.5 * trip
+            passed = ticks / self.frequency
+            fast = passed > (1.0 + MAX_DRIFT) * longest + JUMP_S
+            if fast or passed < (1.0 - MAX_DRIFT) * shortest - JUMP_S:
+                self.wrong = ticks / (0.5 * (longest + shortest))
+                return
+
     def _add(self, clock: int, sent: float, received: float) -> None:
         trip = max(received - sent, 1e-9)
+        if not self.wrong:
+            self._check(clock, sent, received)
         self._samples.append((0.5 * (sent + received), clock, trip))
         least = min(each[2] for each in self._samples)
         self.half_trip_s = 0.5 * least

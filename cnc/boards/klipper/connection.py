@@ -38,6 +38,8 @@ CLOCK_PERIOD_S = 0.25
 """Time between two questions for the clock."""
 FIRST_CLOCKS = 8
 """Questions for the clock when the connection is opened."""
+FIRST_SPAN_S = 0.2
+"""Time before the last of them, so that a clock with a wrong rate is found before any motion."""
 RESET_S, RESTART_S = 0.05, 0.5
 """Time in which the command to reset reaches the board, and least time of a restart."""
 RESTART_TIMEOUT_S = 10.0
@@ -80,7 +82,7 @@ class Connection:
         self.link = KlipperLink()
         self.dictionary = Dictionary()
         self.board_clock = BoardClock(1.0)
-        self._asked_clock: float | None = None
+        self._asked_clock: tuple[int, float] | None = None
         self._asked_at = self.clock.now()
         self._answers: list[Message] = []
 
@@ -107,9 +109,7 @@ class Connection:
         """
         now = self.clock.now()
         if self.board_clock.known and now - self._asked_at >= CLOCK_PERIOD_S:
-            self._asked_at = now
-            self._asked_clock = now
-            self.send("get_clock")
+            self._ask_clock()
         try:
             out = self.link.outgoing(now)
         except WireError as error:
@@ -119,18 +119,33 @@ class Connection:
         data = self.port.read(seconds)
         now = self.clock.now()
         found: list[Message] = []
-        for contents in self.link.receive(data, now):
+        for block in self.link.receive(data, now):
             try:
-                found += self.dictionary.decode_responses(contents)
+                messages = list(self.dictionary.decode_responses(block.contents))
             except RemoteError as error:
                 if self.board_clock.known:
                     raise self._foreign(str(error)) from error
                 log.debug("%s: %s", self.name, error)
-        for message in found:
-            if message.name == "clock" and self._asked_clock is not None:
-                self.board_clock.add(message["clock"], self._asked_clock, now)
-                self._asked_clock = None
+                continue
+            found += messages
+            for message in messages:
+                if message.name == "clock":
+                    self._take_clock(message["clock"], block.acknowledged, now)
         return found
+
+    def _ask_clock(self) -> None:
+        """Ask for the clock, unless the board has not taken the last such question yet."""
+        if self._asked_clock is not None and self.link.acknowledged < self._asked_clock[0]:
+            return
+        self._asked_at = self.clock.now()
+        self.send("get_clock")
+        self._asked_clock = self.link.appended, self._asked_at
+
+    def _take_clock(self, clock32: int, acknowledged: int, now: float) -> None:
+        """Take an answer to the last question; one to an earlier question is too old."""
+        if self._asked_clock is not None and acknowledged >= self._asked_clock[0]:
+            self.board_clock.add(clock32, self._asked_clock[1], now)
+            self._asked_clock = None
 
     def ask(
         self, command: str, response: str, pump: Callable[[float], list[Message]], **values: Value
@@ -172,11 +187,17 @@ class Connection:
         while link.acknowledged < end and not link.idle:
             pump(POLL_S)
 
+    def wait(self, seconds: float, pump: Pump) -> None:
+        """Exchange bytes for some time."""
+        began = self.clock.now()
+        while self.clock.now() - began < seconds:
+            pump(POLL_S)
+
     def open(self, timeout: float = IDENTIFY_S) -> None:
         """Read the dictionary and the clock.
 
         Raises:
-            BoardError: ``board-silent``, ``board-not-klipper``.
+            BoardError: ``board-silent``, ``board-not-klipper``, ``board-clock``.
         """
         while self.port.read(0.0):
             pass  # Bytes from an earlier connection.
@@ -244,8 +265,8 @@ class Connection:
             if out:
                 self.port.write(out)
             received = self.port.read(POLL_S)
-            for contents in self.link.receive(received, self.clock.now()):
-                part = _identify_part(first, contents)
+            for block in self.link.receive(received, self.clock.now()):
+                part = _identify_part(first, block.contents)
                 if part is None or part[0] != len(data):
                     continue
                 heard, asked = self.clock.now(), -1.0
@@ -267,9 +288,25 @@ class Connection:
         uptime = self.ask("get_uptime", "uptime", self.pump)
         clock = uptime["high"] << 32 | uptime["clock"]
         self.board_clock.set(clock, sent, self.clock.now())
-        for _ in range(FIRST_CLOCKS):
-            self._asked_clock = self._asked_at = self.clock.now()
+        for k in range(FIRST_CLOCKS):
+            if k == FIRST_CLOCKS - 1:
+                self.wait(FIRST_SPAN_S, self.pump)
+            self._asked_clock = self.link.appended + 1, self.clock.now()
             self.ask("get_clock", "clock", self.pump)
+        self._asked_at = self.clock.now()
+        if self.board_clock.wrong:
+            code, message, hint = self.wrong_clock()
+            raise board_error(code, message, hint=hint)
+
+    def wrong_clock(self) -> tuple[str, str, str]:
+        """Return code, message and hint for a clock with another rate than the firmware says."""
+        clock = self.board_clock
+        message = (
+            f"the clock of the board on {self.name} runs at about {clock.wrong * 1e-6:.1f} MHz, "
+            f"but its firmware was built for {clock.frequency * 1e-6:g} MHz"
+        )
+        hint = "build the firmware for the crystal of the board; home the machine before a run"
+        return "board-clock", message, hint
 
     def silent(self) -> BoardError:
         """Return the fault of a board that does not answer."""

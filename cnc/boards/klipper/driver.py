@@ -223,7 +223,7 @@ class Klipper(PulseBoard):
             sender.until_ns = max(sender.until_ns, time_ns + round(seconds * 1e9))
         elif seconds:
             supervisor.set_outputs(after)
-            supervisor.wait(seconds + AHEAD_S)
+            supervisor.connection.wait(seconds + AHEAD_S, supervisor.pump)
 
     def _end(self) -> None:
         """Play the rest of the motion, then switch spindle, coolant and fan off."""

@@ -23,6 +23,7 @@ from cnc.boards.klipper.motion_limits import DENSE_DRY_S, RUN, MotionLimits, Pac
 from cnc.boards.klipper.ramp import stretched
 from cnc.boards.klipper.slots import Slots
 from cnc.boards.klipper.steps import StepEncoder
+from cnc.boards.klipper.waiting_moves import Moves, WaitingMoves
 from cnc.kernels.klipper.step_runs import Runs
 from cnc.model.streams import PulseChunk
 
@@ -37,6 +38,8 @@ GAP_TICKS = 2**28
 
 Timers compare clocks by the sign of a 32-bit difference.
 """
+BOARD_LATE_S = 0.001
+"""Longest delay of a step: the firmware shuts down when one is later."""
 SPARE_SLOTS = 4
 """Slots of the queue that stay free, besides two for each output."""
 
@@ -58,6 +61,7 @@ class Sender:
         cut: A trigger has ended the motion, so that moves are dropped.
         running: The program's clock is bound to the board's clock.
         ramped: An emergency ramp has ended the motion.
+        stopped_clock: Clock of a shutdown that has ended the motion, None if none has.
         tracker: Source lines of the motion.
         most_slots: Most entries in use so far.
         moves: Number of entries sent.
@@ -75,6 +79,7 @@ class Sender:
         self.position = np.zeros(axes, np.int64)
         self.until_ns = 0
         self.cut = self.running = self.ramped = False
+        self.stopped_clock: int | None = None
         self.tracker = LineTracker()
         self.slots = Slots(max(slots - SPARE_SLOTS - 2 * len(layout.outputs), 8))
         self.most_slots = self.moves = 0
@@ -89,8 +94,7 @@ class Sender:
         self._motors: list[list[MotorObject]] = []
         self.select(None)
         self._levels: dict[int, int] = {}
-        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]] = []
-        self._points: list[NDArray[np.int64]] = []
+        self._waiting = WaitingMoves()
         self._base_ns = self._base_clock = 0
         self._sent_ns = 0
         self._end_clock = 0
@@ -124,6 +128,12 @@ class Sender:
     def now(self) -> int:
         """Present clock of the board."""
         return self._connection.board_clock.at(self._connection.clock.now())
+
+    @property
+    def last_clock(self) -> int:
+        """Clock after which the board has made no step so far."""
+        now = self.now
+        return now if self.stopped_clock is None else min(now, self.stopped_clock)
 
     def clock_of(self, time_ns: int) -> int:
         """Return the clock of a time of the program."""
@@ -180,10 +190,9 @@ class Sender:
         if not self._waiting and self._flushed:
             self._sent_ns = max(self._sent_ns, min(first, self.until_ns) if self.running else first)
         self._flushed = False
-        self._waiting.append((chunk.time_ns, chunk.step, chunk.line))
-        self._points.append(points)
+        self._waiting.append(Moves(chunk.time_ns, chunk.step, chunk.line, points))
         if not self.running:
-            begin = int(self._waiting[0][0][0])
+            begin = self._waiting.first_ns
             if last - begin < self._reserve_ns + self._pace.prefill_s * 1e9:
                 return
             self.start(begin)
@@ -193,9 +202,9 @@ class Sender:
         """Send everything: the motion ends at rest."""
         if self._waiting and not (self.cut or self.ramped):
             if not self.running:
-                self.start(int(self._waiting[0][0][0]))
+                self.start(self._waiting.first_ns)
             self._flushed = True
-            self._release(int(self._waiting[-1][0][-1]) + 1)
+            self._release(self._waiting.last_ns + 1)
         self._flushed = True
         self._begun = False
 
@@ -205,8 +214,11 @@ class Sender:
         self.until_ns = max(self.until_ns, time_ns)
         self._base_clock = self.now + round(self._pace.start_s * self._frequency)
         self._end_clock = self._base_clock
+        late_s = self._connection.board_clock.half_trip_s + BOARD_LATE_S
+        self.slots.slack = round(late_s * self._frequency)
         self.running = True
         self._begun = False
+        self.stopped_clock = None
         self._levels.clear()
         # The first interval must not be empty.
         reference = self._base_clock - round(SETTLE_S * self._frequency)
@@ -250,26 +262,18 @@ class Sender:
         self.ramped = True
         if not self._waiting:
             return
-        time_ns, step, line, points = self._joined()
-        late = stretched(time_ns, self._sent_ns, self.ramp_s)
-        rows = len(late)
+        moves = self._waiting.joined()
+        late = stretched(moves.time_ns, self._sent_ns, self.ramp_s)
         self._drop()
-        if rows:
+        if len(late):
             # The tolerance may round two stretched moves of an axis to one clock only at rest.
-            self._put(late, step[:rows], line[:rows], points[:rows])
+            self._put(moves.part(slice(len(late)))._replace(time_ns=late))
             self.until_ns = max(self.until_ns, int(late[-1]))
         self._flushed = True
 
     def _drop(self) -> None:
         self._waiting.clear()
-        self._points.clear()
         self._flushed = True
-
-    def _joined(
-        self,
-    ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32], NDArray[np.int64]]:
-        time_ns, step, line = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
-        return time_ns, step, line, np.concatenate(self._points)
 
     def _release(self, until_ns: int) -> None:
         """Send the moves before a time, piece by piece."""
@@ -287,28 +291,25 @@ class Sender:
             and not (self.cut or self.ramped)
             and (self._sent_ns + piece <= until_ns or self._flushed)
         ):
-            time_ns, step, line, points = self._joined()
-            begin = int(time_ns[0])
+            begin = self._waiting.first_ns
             if self._sent_ns + piece < begin:
                 # Nothing moves for a while: only the horizon passes.
                 self._sent_ns = min(begin, until_ns)
                 self._wait_for_horizon(self._sent_ns)
                 continue
             end_ns = min(self._sent_ns + piece, until_ns)
-            rows = int(np.searchsorted(time_ns, end_ns))
+            moves = self._waiting.joined()
+            rows = int(np.searchsorted(moves.time_ns, end_ns))
             if rows and not self._begun:
                 self._renew_base(begin)
                 end_ns = max(end_ns, self._sent_ns)
             self._wait_for_horizon(end_ns)
             if self.cut or self.ramped:
                 return
-            self._waiting[:] = (
-                [(time_ns[rows:], step[rows:], line[rows:])] if rows < len(time_ns) else []
-            )
-            self._points[:] = [points[rows:]] if rows < len(time_ns) else []
+            self._waiting.drop(rows)
             self._sent_ns = end_ns
             if rows:
-                self._put(time_ns[:rows], step[:rows], line[:rows], points[:rows])
+                self._put(moves.part(slice(rows)))
         if self._flushed:
             self.until_ns = max(self.until_ns, self._sent_ns)
 
@@ -328,14 +329,9 @@ class Sender:
                 return
             self._guard.pump(min(max(left, 1e-4), 5 * POLL_S))
 
-    def _put(
-        self,
-        time_ns: NDArray[np.int64],
-        step: NDArray[np.int8],
-        line: NDArray[np.int32],
-        points: NDArray[np.int64],
-    ) -> None:
+    def _put(self, moves: Moves) -> None:
         """Encode and send moves in the order of their clocks."""
+        time_ns, step, line, points = moves
         ticks = np.rint((time_ns - self._base_ns) * (1e-9 * self._frequency))
         clocks = self._base_clock + ticks.astype(np.int64)
         found: list[tuple[int, int, int, Runs]] = []

@@ -10,10 +10,15 @@ class Slots:
 
     Args:
         count: Number of entries.
+
+    Attributes:
+        slack: Ticks that an entry counts longer: the board may be late, and the present clock is
+            an estimate.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
+        self.slack = 0
         self._ends: list[int] = []
 
     def add(self, clock: int) -> None:
@@ -22,7 +27,7 @@ class Slots:
 
     def used(self, clock: int) -> int:
         """Return the number of entries in use at a clock."""
-        while self._ends and self._ends[0] <= clock:
+        while self._ends and self._ends[0] <= clock - self.slack:
             heapq.heappop(self._ends)
         return len(self._ends)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, alarm_of, reset_error
-from cnc.boards.klipper.connection import POLL_S, Connection, Reopen
+from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
 from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, InputObject, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
@@ -106,7 +106,7 @@ class Supervisor(PulseSupervisor):
     def motion_state(self) -> MotionState:
         """State by the estimate of the board's clock."""
         sender = self.sender
-        point = sender.tracker.played(sender.now) if sender.running else None
+        point = sender.tracker.played(sender.last_clock) if sender.running else None
         mm = self.position.mm(sender.position if point is None else point)
         return MotionState(sender.tracker.line, mm, sender.ahead_s)
 
@@ -136,9 +136,14 @@ class Supervisor(PulseSupervisor):
             raise self._lost(error, self.sender.end_of_queue) from error
         for message in messages:
             self._check(message)
+        if watching and self.connection.board_clock.wrong:
+            raise self._dead_stop(*self.connection.wrong_clock())
         return messages
 
     def _check(self, message: Message) -> None:
+        if message.name == "shutdown":
+            clock = self.connection.board_clock
+            self.sender.stopped_clock = clock.extend(message["clock"], self.connection.clock.now())
         if self._stopping:
             self._stop.take(message)
         match message.name:
@@ -359,11 +364,11 @@ class Supervisor(PulseSupervisor):
         try:
             point = self.take_position()
         except BoardError:
-            known = tracker.played(self.sender.now)
+            known = tracker.played(self.sender.last_clock)
             if known is not None:
                 self.sender.position, self.stopped_short = known, True
         else:
-            kept = held and tracker.unmoved(point, self.sender.now)
+            kept = held and tracker.unmoved(point, self.sender.last_clock)
             line = tracker.line_at(point)
             doubt = "and nothing has moved" if kept else "which may be wrong"
             message += f"; the machine is at {self.position.text(point)}, {doubt}"
@@ -392,9 +397,3 @@ class Supervisor(PulseSupervisor):
         super().fail(error)
         self.store(moving=False)
         return error
-
-    def wait(self, seconds: float) -> None:
-        """Exchange bytes for some time."""
-        began = self.connection.clock.now()
-        while self.connection.clock.now() - began < seconds:
-            self.pump(POLL_S)

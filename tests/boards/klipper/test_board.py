@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.boards.protocols import PulseSink
 from cnc.machine.load import load_machine
+from cnc.model.diagnostics import BoardError
 from tests.support.boards.board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance
 from tests.support.boards.klipper_rig import (
     MCUS,
@@ -218,6 +220,36 @@ def test_drift_of_the_clock(small: Path, tmp_path: Path, drift: float) -> None:
     report, _ = played(small, tmp_path, known, simulator)
     assert report.ok, report.faults
     check_pulses(known, simulator, tmp_path, tolerance_us("rp2040"))
+
+
+@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+@pytest.mark.parametrize("rate", [1 / 3, 2 / 3, 0.8, 1.25, 1.5])
+def test_clock_of_another_rate_is_refused(
+    small: Path, tmp_path: Path, mcu: str, rate: float
+) -> None:
+    """Firmware for another crystal: all speeds would be wrong, and the queue would overflow."""
+    known = machine(mcu)
+    simulator = simulator_for(known)
+    simulator.frequency = simulator.firmware.frequency * rate
+    with pytest.raises(BoardError, match="board-clock") as caught:
+        played(small, tmp_path, known, simulator)
+    told = re.search(r"runs at about ([0-9.]+) MHz", str(caught.value))
+    assert told and float(told[1]) == pytest.approx(simulator.frequency * 1e-6, rel=0.1)
+    assert not simulator.edges_of
+    assert simulator.reason == ""
+
+
+def test_clock_that_is_slightly_wrong_stops_the_motion(tmp_path: Path) -> None:
+    """3 % are certain only after some time."""
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X40 F600\nM2\n")
+    known = machine()
+    simulator = simulator_for(known)
+    simulator.frequency = simulator.firmware.frequency * 1.03
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    [fault] = [each.diagnostic for each in report.faults]
+    assert fault.code == "board-clock"
+    assert "which may be wrong" in fault.message
+    assert 0 < place(known, simulator)[0] < 0.5 * 40 * known.axes["x"].steps_per_mm
 
 
 def test_report_from_before_the_end_is_no_alarm(small: Path, tmp_path: Path) -> None:

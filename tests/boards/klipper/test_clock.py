@@ -49,6 +49,31 @@ def test_drift_is_limited() -> None:
     assert abs(clock.drift) <= MAX_DRIFT * 1.0001
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("drift", [-0.0095, 0.0, 0.0095])
+def test_drift_within_its_bound_is_believed(drift: float, seed: int) -> None:
+    """No delay makes a clock look wrong, for it counts as what it is: an uncertain time."""
+    clock, _ = estimated(drift, (0.001, 0.02), seed)
+    assert clock.wrong == 0.0
+
+
+def test_jump_of_a_time_makes_no_clock_wrong() -> None:
+    """A virtual machine that was held up: 15 ms without a tick, which come later."""
+    clock = BoardClock(1e6)
+    clock.set(0, 0.0, 0.0)
+    for k in range(1, 40):
+        now = 0.25 * k
+        held = 0.015 if k % 4 == 0 else 0.0
+        clock.add(round(1e6 * (now - held)) % WRAP, now - 1e-4, now)
+    assert clock.wrong == 0.0
+
+
+@pytest.mark.parametrize("drift", [-2 / 3, -0.02, 0.013, 0.5])
+def test_wrong_rate_is_found(drift: float) -> None:
+    clock, _ = estimated(drift, (0.001, 0.002), 3)
+    assert clock.wrong == pytest.approx(180e6 * (1 + drift), rel=0.03)
+
+
 def test_time_and_clock_are_inverse() -> None:
     clock, _ = estimated(1e-5, (0.001, 0.001), 2)
     assert clock.at(clock.time_of(10**11)) == 10**11

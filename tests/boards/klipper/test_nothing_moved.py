@@ -201,3 +201,31 @@ def test_tracker_knows_an_axis_that_was_there_and_back() -> None:
         assert tracker.unmoved(HOMED[:2], first - 1)
         assert tracker.unmoved(HOMED[:2], first) == (not back)
         assert not tracker.unmoved(HOMED[:2] + [0, 1], 0)
+
+
+@pytest.mark.parametrize(("mcu", "steps"), [("atmega328p", 0), ("rp2040", 0), ("rp2040", 400)])
+def test_shutdown_of_a_board_that_falls_silent_tells_where_it_stopped(
+    mcu: str, steps: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its counts cannot be read, but the shutdown has told its clock."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    known = machine(mcu)
+    simulator = simulator_for(known)
+    driver = connected(known, simulator, identity="mill")
+
+    def stop() -> None:
+        simulator.shut_down("Missed scheduling of next hard pwm event")
+        soon = simulator.clock + simulator.firmware.frequency // 100
+        simulator.at(soon, simulator.cable.unplug)
+
+    fault = stopped(
+        driver,
+        simulator,
+        lambda: queued(simulator) and max(map(abs, place(known, simulator))) >= steps,
+        stop,
+    )
+    assert fault.code == "klipper-shutdown"
+    moved = np.array(place(known, simulator))
+    # The last step before the shutdown may have been a little late.
+    assert np.abs(driver._supervisor.grid_point - HOMED - moved).max() <= (1 if steps else 0)
+    assert None in driver.known_steps

@@ -134,7 +134,7 @@ def test_slow_host_comes_to_rest_on_the_path() -> None:
             if sent >= 8000:
                 break
         with pytest.raises(BoardError) as caught:
-            driver._supervisor.wait(2.0)
+            driver._supervisor.connection.wait(2.0, driver._supervisor.pump)
         assert caught.value.diagnostic.code == "board-underrun"
         assert "came to rest on the path" in caught.value.diagnostic.message
         made = place(known, simulator)

@@ -205,7 +205,7 @@ def test_dense_motion_that_fills_the_queue_early(stops: bool) -> None:
             driver._supervisor.pump(0.0)
             if stops and part.line[-1] >= 1500:
                 with pytest.raises(BoardError) as caught:
-                    driver._supervisor.wait(2.0)
+                    driver._supervisor.connection.wait(2.0, driver._supervisor.pump)
                 assert "came to rest on the path" in caught.value.diagnostic.message
                 assert driver.known_steps == tuple(place(known, simulator))
                 break

@@ -64,6 +64,19 @@ class _Sent:
     repeated: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A block from the board.
+
+    Attributes:
+        contents: Its responses.
+        acknowledged: Number of the last command that the board had taken when it sent the block.
+    """
+
+    contents: bytes
+    acknowledged: int
+
+
 class RoundTrip:
     """Estimate of the round trip, s, and of the timeout (RFC 6298, section 2)."""
 
@@ -197,13 +210,13 @@ class KlipperLink:
         self._wire_free = max(now, self._wire_free) + len(data) * self.byte_s
         return data
 
-    def receive(self, data: bytes, now: float) -> list[bytes]:
-        """Take received bytes; return the contents of the blocks that have some."""
-        found: list[bytes] = []
+    def receive(self, data: bytes, now: float) -> list[Received]:
+        """Take received bytes; return the blocks that have contents."""
+        found: list[Received] = []
         for block in self._reader.receive(data):
             self._acknowledge(block.sequence, now, empty=not block.contents)
             if block.contents:
-                found.append(block.contents)
+                found.append(Received(block.contents, self.acknowledged))
         return found
 
     def _acknowledge(self, expected: int, now: float, *, empty: bool) -> None:
