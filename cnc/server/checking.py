@@ -53,24 +53,28 @@ class CheckOrder:
 
 
 class Checker:
-    """Carries out checks, one after the other."""
+    """Carries out checks, one after the other, and beside them coarse pictures.
+
+    Attributes:
+        pool: The process of the checks.
+        sketches: The process of the coarse pictures: none waits for the check of another job.
+    """
 
     def __init__(self) -> None:
-        self._pool = ProcessPoolExecutor(
-            1, mp_context=get_context("spawn"), initializer=_begin_worker
-        )
-
-    @property
-    def pool(self) -> ProcessPoolExecutor:
-        """The process."""
-        return self._pool
+        self.pool, self.sketches = _process(), _process()
 
     def close(self) -> None:
-        """End the process, with the check that it carries out."""
-        workers = list((self._pool._processes or {}).values())
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        for worker in workers:
-            worker.terminate()
+        """End the processes, with what they carry out."""
+        for pool in (self.pool, self.sketches):
+            workers = list((pool._processes or {}).values())
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.terminate()
+
+
+def _process() -> ProcessPoolExecutor:
+    """Return a pool of one process, which begins with its first task."""
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin_worker)
 
 
 def prepare() -> None:

@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from collections import deque
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -81,8 +81,10 @@ class Console:
         self.session.close()
 
     def prepare(self) -> None:
-        """Start the process of the checks before the first one."""
-        self._pool().submit(prepare)
+        """Start the processes of checks and coarse pictures before the first one."""
+        workers = self._workers()
+        workers.pool.submit(prepare)
+        workers.sketches.submit(prepare)
 
     # Jobs
 
@@ -114,9 +116,9 @@ class Console:
                 return known
             order = replace(self._order(name), height_map=height_map)
             if self.library.path(name).stat().st_size >= SKETCHED:
-                sketched = self._pool().submit(sketch_job, order)
+                sketched = self._workers().sketches.submit(sketch_job, order)
                 sketched.add_done_callback(lambda done: self._sketched(name, done))
-            future = self._pool().submit(check_job, order)
+            future = self._workers().pool.submit(check_job, order)
             self._checking[name, height_map] = future
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
@@ -138,13 +140,13 @@ class Console:
             raise UsageError(Diagnostic("stock-missing", message, hint=hint))
         with self._lock:
             order = CutOrder(self._order(name), stock, resolution, zero)
-            future = self._pool().submit(cut_job, order)
+            future = self._workers().pool.submit(cut_job, order)
         future.add_done_callback(lambda done: self._cut(name, done))
 
-    def _pool(self) -> ProcessPoolExecutor:
+    def _workers(self) -> Checker:
         if self._checker is None:
             self._checker = Checker()
-        return self._checker.pool
+        return self._checker
 
     def _order(self, name: str) -> CheckOrder:
         session = self.session
@@ -180,7 +182,13 @@ class Console:
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
 
     def _sketched(self, name: str, done: Future[bool]) -> None:
-        if not self._closing and not done.cancelled() and not done.exception() and done.result():
+        if self._closing or done.cancelled():
+            return
+        if isinstance(done.exception(), BrokenExecutor):
+            # The next picture begins with a new process.
+            with self._lock:
+                self._checker = None
+        elif not done.exception() and done.result():
             self.hub.publish_object({"event": "job-sketched", "time": time.time(), "name": name})
 
     def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
