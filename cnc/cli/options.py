@@ -161,6 +161,7 @@ class CommonOptions:
             negative="",
         ),
     ] = ()
+    optional_stop: Annotated[bool, option("Stop at M1 as at M0.")] = False
     terminal: TerminalOptions = field(default_factory=TerminalOptions)
 
     def prepare(
@@ -196,6 +197,7 @@ class CommonOptions:
             height_map=self.height_map,
             default_feed=self.default_feed,
             block_delete=frozenset(self.block_delete),
+            optional_stop=self.optional_stop,
             outputs=Outputs(*self._outputs, picture=picture, stl=stl),  # type: ignore[arg-type]
             **others,  # type: ignore[arg-type]
         )

@@ -202,6 +202,7 @@ async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
         from_line=body.from_line,
         home=body.home,
         trust_position=body.trust_position,
+        optional_stop=body.optional_stop,
         height_map=None if height_map is None else str(console.library.height_map_file(height_map)),
     )
     await console.run(name, options)

@@ -148,6 +148,7 @@ class RunJob(_Body):
     trust_position: bool = Field(
         default=False, description="Confirm the position that the board reports."
     )
+    optional_stop: bool = Field(default=False, description="Stop at M1 as at M0.")
     height_map: str | None = Field(default=None, description="Height map that warps the job.")
 
 

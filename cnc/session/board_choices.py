@@ -28,7 +28,11 @@ def reading_policy(options: RunOptions, machine: Machine, board: Board | None) -
         moves = board is not None and not traits.simulated
         lengths = "table" if moves or options.outputs.lines is not None else "zero"
     return ReadingPolicy(
-        lengths, options.unknown_codes, machine.program.codes, options.default_feed
+        lengths,
+        options.unknown_codes,
+        machine.program.codes,
+        options.default_feed,
+        options.optional_stop,
     )
 
 

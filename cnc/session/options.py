@@ -52,6 +52,7 @@ class RunOptions:
         height_map: File of the height map that warps the program; None for none.
         default_feed: Feed before the first F word, mm/min; None for none.
         block_delete: Switches of block delete that are on, 1 to 9.
+        optional_stop: Stop at M1 as at M0.
         pauses: How M0 and M6 are treated on a board that plans for itself.
         from_line: Source line to begin at, from 1; None for the first line. The state of the lines
             before it is restored at a safe height.
@@ -75,6 +76,7 @@ class RunOptions:
     height_map: str | None = None
     default_feed: float | None = None
     block_delete: frozenset[int] = frozenset()
+    optional_stop: bool = False
 
     pauses: Pauses = "wait"
     from_line: int | None = None

@@ -16,7 +16,7 @@ _KEYWORD = re.compile(r"\s*(?:MSG|PRINT|DEBUG|LOG)\s*,", re.IGNORECASE)
 def pause_reason(block: Block) -> str:
     """Return why the machine waits for the operator at a block; empty if it does not wait.
 
-    As in GRBL, M1 does not stop the machine.
+    The machine does not wait at M1, unless the user has turned the optional stop on.
     """
     if isinstance(block, Tool) and block.change:
         return f"put in tool {block.number}"

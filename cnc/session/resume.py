@@ -180,6 +180,7 @@ class RestartPoint:
         self.file = file
         self.steps: tuple[str, ...] = ()
         self.approach: list[Floats] = []
+        self._unnamed = np.zeros(len(axes), np.bool_)
         self._letters = tuple(axis.upper() for axis in axes)
         self._z = axes.index("z") if "z" in axes else None
         self._top = math.inf if top is None else top
@@ -210,6 +211,7 @@ class RestartPoint:
             for letter, differs, touched in zip(self._letters, differ, first.touched, strict=True)
             if differs and touched
         ]
+        self._unnamed = differ & ~first.touched
         if unknown:
             where = f"the position of {unknown[0]} at line {self.line}"
             message = f"{where} depends on the position before the program"
@@ -318,6 +320,13 @@ class RestartPoint:
             yield self._traverse(across, line)
             places = zip(self._letters, across, strict=True)
             steps.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in places))
+        if self._unnamed.any():
+            kept = " ".join(
+                f"{letter}{value:.3f}"
+                for letter, value, unnamed in zip(self._letters, start, self._unnamed, strict=True)
+                if unnamed
+            )
+            steps.append(f"stay at {kept}: no line before gives a place there")
         yield from self._restore(state, line, steps)
         if z is not None and across[z] > target[z] + SAME:
             if math.isnan(feed):

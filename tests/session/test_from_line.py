@@ -149,6 +149,22 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_plunge() -> No
 
 
 @pytest.mark.parametrize(
+    ("lines", "reported"),
+    [
+        ("G1 X1 F100\nG1 X5\n", "stay at Y-3.000 Z2.000: no line before gives a place there"),
+        ("G0 X1 Z9\nG1 Y5 F100\n", "stay at Y-3.000: no line before gives a place there"),
+        # A place that the machine has already is a place all the same.
+        ("G0 X1 Y-3 Z9\nG1 Y5 F100\n", ""),
+        ("G1 Z1 X0 Y0 F100\nY5\n", ""),
+    ],
+)
+def test_axes_that_no_line_before_names_are_reported(lines: str, reported: str) -> None:
+    start = np.array([-3.0, -3.0, 2.0])
+    _, restart = from_line(f"G21 G90\n{lines}M2\n", 3, start)
+    assert [step for step in restart.steps if "stay" in step] == [reported] * bool(reported)
+
+
+@pytest.mark.parametrize(
     ("text", "line", "code"),
     [
         ("G1 X1 F100\nG38.2 Z-5 F50\nG1 X2\n", 3, "from-line-unknown"),

@@ -24,6 +24,8 @@ def pauses_of(
     tools: str = "",
     box: GrblSimulator | None = None,
     warnings: list[Diagnostic] | None = None,
+    *,
+    optional_stop: bool = True,
 ) -> list[tuple[int, str]]:
     """Return line and reason of each pause of a program on a simulated board."""
     program, table = tmp_path / "p.nc", tmp_path / "tools.tbl"
@@ -42,7 +44,12 @@ def pauses_of(
     board = GrblBoard(port, machine, port.clock, "the simulator")
     board.connect()
     report = run_with(
-        program, machine, board=board, control=control, callbacks=Callbacks(on_sent=go_on)
+        program,
+        machine,
+        board=board,
+        control=control,
+        callbacks=Callbacks(on_sent=go_on),
+        optional_stop=optional_stop,
     )
     board.close()
     assert report.ok, report.faults
@@ -63,6 +70,7 @@ def pauses_of(
         ("G1 X1 F600\nM0 ; turn it\nG1 X2\n", "", (2, "the program stops here: turn it")),
         ("(first)\nG1 X1 F600\nM0\nG1 X2\n", "", (3, "the program stops here")),
         ("G1 X1 F600 (not this)\nM60\nG1 X2\n", "", (2, "change the pallet")),
+        ("G1 X1 F600\nM1 (look)\nG1 X2\n", "", (2, "the program stops here: look")),
     ],
 )  # fmt: skip
 def test_a_pause_has_its_line_and_text(
@@ -71,6 +79,14 @@ def test_a_pause_has_its_line_and_text(
     assert pauses_of(tmp_path, "G21 G90\n" + text + "M2\n", tools) == [
         (expected[0] + 1, expected[1])
     ]
+
+
+def test_without_the_optional_stop_m1_does_not_wait_and_one_note_reports_it(tmp_path: Path) -> None:
+    notes: list[Diagnostic] = []
+    text = "G21 G90\nG1 X1 F600\nM1\nG1 X2\nM1\nM2\n"
+    assert pauses_of(tmp_path, text, warnings=notes, optional_stop=False) == []
+    found = [note for note in notes if note.code == "optional-stop-off"]
+    assert [(note.line, note.severity) for note in found] == [(3, "note")]
 
 
 @pytest.mark.parametrize(

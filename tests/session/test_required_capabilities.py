@@ -102,6 +102,7 @@ def test_a_rotary_axis_must_be_the_fourth(tmp_path: Path) -> None:
 
 PAUSES = [
     ("M0", "the program stops here"),
+    ("M1", "the program stops here"),
     ("M60", "change the pallet"),
     ("T2 M6", "put in tool 2"),
 ]
@@ -109,7 +110,7 @@ PAUSES = [
 
 @pytest.mark.parametrize(("words", "why"), PAUSES)
 def test_a_pause_waits_or_is_refused_or_skipped(tmp_path: Path, words: str, why: str) -> None:
-    refused, made = ran(tmp_path, words, pauses="refuse", control=Control())
+    refused, made = ran(tmp_path, words, pauses="refuse", control=Control(), optional_stop=True)
     assert [fault.diagnostic.code for fault in refused.faults] == ["needs-operator"]
     assert refused.faults[0].diagnostic.line == 2
     assert made.rows == 0 and not made.commands
@@ -120,9 +121,10 @@ def test_a_pause_waits_or_is_refused_or_skipped(tmp_path: Path, words: str, why:
             reported.append((sent.line, sent.hold_reason))
             control.resume()
 
-    assert ran(tmp_path, words, control=control, callbacks=Callbacks(on_sent=on_sent))[0].ok
+    callbacks = Callbacks(on_sent=on_sent)
+    assert ran(tmp_path, words, control=control, callbacks=callbacks, optional_stop=True)[0].ok
     assert reported == [(2, why)]
-    assert ran(tmp_path, words, pauses="skip", control=Control())[0].ok
+    assert ran(tmp_path, words, pauses="skip", control=Control(), optional_stop=True)[0].ok
 
 
 @pytest.mark.parametrize("words", [words for words, _ in PAUSES])
@@ -137,7 +139,7 @@ def test_a_pause_needs_a_terminal(
 
     monkeypatch.setattr("cnc.api.open_board", opened)
     (tmp_path / "p.ngc").write_text(f"G21 G90\n{words}\nG1 X1 F600\nM2\n")
-    arguments = [str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--quiet"]
+    arguments = [str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--quiet", "--optional-stop"]
     assert exit_code(arguments) == 1
     assert boards[-1].rows == 0
     assert exit_code([*arguments, "--yes"]) == 0

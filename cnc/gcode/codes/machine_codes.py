@@ -59,14 +59,27 @@ class MachineCodes:
         unused_words: UnusedWords,
         *,
         laser: bool = False,
+        optional_stop: bool = False,
     ) -> None:
-        """``laser``: S is the power of a laser, which changes in motion."""
+        """Create the executor.
+
+        Args:
+            dialect: the dialect of the program.
+            here: the place in the program.
+            state: the modal state.
+            out: receives the blocks.
+            unused_words: collects words without effect.
+            laser: S is the power of a laser, which changes in motion.
+            optional_stop: M1 stops like M0.
+        """
         self._dialect = dialect
         self._here = here
         self._state = state
         self._out = out
         self._unused_words = unused_words
         self._laser = laser
+        self._optional_stop = optional_stop
+        self._passed_over = False
 
     # Speed, tool, spindle
 
@@ -335,10 +348,15 @@ class MachineCodes:
         """
         here, state = self._here, self._state
         if code.number in (M.M0, M.M1, M.M60):
-            self._out.add(
-                Stop(
-                    here.file, here.line, optional=code.number == M.M1, pallet=code.number == M.M60
+            optional = code.number == M.M1 and not self._optional_stop
+            if optional and not self._passed_over:
+                self._passed_over = True
+                message = "M1 does not stop: the optional stop is off"
+                here.report_note(
+                    "optional-stop-off", message, code.word, "--optional-stop turns it on"
                 )
+            self._out.add(
+                Stop(here.file, here.line, optional=optional, pallet=code.number == M.M60)
             )
             return False
         self._spindle_off()

@@ -110,8 +110,9 @@ class Interpreter:
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
-        )
+            dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser,
+            optional_stop=policy.optional_stop,
+        )  # fmt: skip
         self._dwells = Dwells(dialect, self.here, self.modal, self.out)
         self.input_output_codes = InputOutputCodes(
             self.here, self.out, parameters, tilting=policy.tool_tip is not None

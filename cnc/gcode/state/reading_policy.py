@@ -19,6 +19,7 @@ class ReadingPolicy:
         unknown_codes: Refuse M-codes without a known meaning, or skip them with a warning.
         codes: Effects of a builder's M-codes by number.
         default_feed: Feed before the first F word, mm/min; None for none.
+        optional_stop: M1 stops like M0.
         laser: S is the power of a laser, which changes in motion.
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
@@ -28,6 +29,7 @@ class ReadingPolicy:
     unknown_codes: UnknownCodes = "error"
     codes: Mapping[int, CodeAction] = field(default_factory=dict)
     default_feed: float | None = None
+    optional_stop: bool = False
     laser: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.stock.cutter import BALL, CONE, FLAT, ROUNDS, Cutter, height, lead
+from cnc.kernels.stock.cutter import BALL, CONE, FLAT, ROUNDS, Cutter, first_bounds, height, lead
 
 Floats = NDArray[np.float64]
 
@@ -80,21 +80,26 @@ def cut_column(column: Floats, y: float, cell: float, x: float, move: Move, cutt
             r = math.sqrt(v * v + (u - t) * (u - t))
             column[k] = min(column[k], low - slope * t + rise * max(0.0, r - flat))
     else:
+        steep, share, spread = slope * slope, 0.0, 0.0
+        if slope > 0.0:
+            share, spread = first_bounds(cutter, slope)
         for k in range(len(column)):
             b = y + k * cell
             u, v = x * dx + b * dy, b * dx - x * dy
             s = 0.0
             if slope > 0.0:
-                rim = math.sqrt(max(0.0, square - v * v))
-                edge = math.sqrt(max(0.0, flat * flat - v * v))
-                span = 0.5 * (rim - edge)
-                s = edge + span
+                beside = v * v
+                contact = math.sqrt(beside + share * share * max(0.0, square - beside))
+                sine = max(0.0, (abs(v) - flat) / rise) + spread
+                sine = max(0.0, min((contact - flat) / rise, sine, 1.0))
                 for _ in range(ROUNDS):
-                    r = math.sqrt(v * v + s * s)
-                    beyond = r - flat
-                    side = math.sqrt(max(0.0, rise * rise - beyond * beyond))
-                    span *= 0.5
-                    s += span if beyond * s < slope * r * side else -span
+                    r = flat + rise * sine
+                    value = ((1.0 + steep) * r * r - beside) * sine * sine - steep * r * r
+                    rate = (1.0 + steep) * sine * r * (r + rise * sine) - beside * sine
+                    rate -= steep * rise * r
+                    sine = max(0.0, sine - max(0.0, 0.5 * value / max(rate, 1e-300)))
+                r = flat + rise * sine
+                s = math.sqrt(max(0.0, r * r - beside))
             t = min(max(u + s, 0.0), along)
             beyond = max(0.0, math.sqrt(v * v + (u - t) * (u - t)) - flat)
             corner = rise - math.sqrt(max(0.0, rise * rise - beyond * beyond))

@@ -20,7 +20,12 @@ lead of the tool. Without ends it lies where h'(r) s / r = m:
     FLAT        s = sqrt(R^2 - v^2)                  (the rim behind)
     BALL        s = m sqrt(R^2 - v^2) / sqrt(1 + m^2)
     CONE        s = m v / sqrt(k^2 - m^2), at least the edge of the tip, at most the rim
-    BULL        by bisection between the edge of the flat part and the rim
+    BULL        s = sqrt(r^2 - v^2), r = a + c x, x the root in 0..1 of
+                P(x) = (1 + m^2) x^2 r^2 - v^2 x^2 - m^2 r^2, by Newton's method
+
+x is the sine of the slope of the surface at the contact. The iteration begins above the root, at
+the lesser of two bounds: s is at most its largest share of the rim's, which it has at v = 0 or at
+v = R; and x is at most (v - a) / c + cbrt(m^2 R / 2 c), the second term being that for v = a.
 
 t = u + s is then limited to the move. If the tool does not reach the cell there, it does not reach
 it at all.
@@ -35,9 +40,10 @@ from cnc.kernels.jit import njit
 
 FLAT, BALL, BULL, CONE = range(4)
 """Shapes of a tool."""
-ROUNDS = 7
-"""Rounds of the bisection for a bull nose. Any lead lies on the tool's way. So an error of the lead
-leaves material and never removes too much. It enters in the second order.
+ROUNDS = 3
+"""Steps of Newton's method for a bull nose. Any lead lies on the tool's way. So an error of the
+lead leaves material and never removes too much: less than 1e-5 of the radius for slopes from 0.001
+to 100.
 """
 
 
@@ -98,14 +104,27 @@ def lead(cutter: Cutter, slope: float, v: float) -> float:
     if cutter.shape == CONE:
         steep = cutter.rise * cutter.rise - slope * slope
         return rim if steep <= 0.0 else min(rim, max(edge, slope * abs(v) / math.sqrt(steep)))
-    low, high = edge, rim
+    share, spread = first_bounds(cutter, slope)
+    flat, rise, steep = cutter.flat, cutter.rise, slope * slope
+    x = (math.sqrt(square + share * share * rim * rim) - flat) / rise
+    x = max(0.0, min(x, max(0.0, (abs(v) - flat) / rise) + spread, 1.0))
     for _ in range(ROUNDS):
-        s = 0.5 * (low + high)
-        r = math.sqrt(square + s * s)
-        beyond = r - cutter.flat
-        side = math.sqrt(max(0.0, cutter.rise * cutter.rise - beyond * beyond))
-        if beyond * s < slope * r * side:
-            low = s
-        else:
-            high = s
-    return 0.5 * (low + high)
+        r = flat + rise * x
+        value = (1.0 + steep) * x * x * r * r - square * x * x - steep * r * r
+        rate = (1.0 + steep) * x * r * (r + rise * x) - square * x - steep * rise * r
+        x = max(0.0, x - max(0.0, 0.5 * value / rate if rate > 0.0 else 0.0))
+    r = flat + rise * x
+    return math.sqrt(max(0.0, r * r - square))
+
+
+@njit
+def first_bounds(cutter: Cutter, slope: float) -> tuple[float, float]:
+    """Return the largest share of the rim's lead, and the bound of x at v = a, for a bull nose.
+
+    The slope is greater than 0.
+    """
+    radius, rise = cutter.radius, cutter.rise
+    steep = slope * slope
+    middle = (cutter.flat + rise * slope / math.sqrt(1.0 + steep)) / radius
+    at_rim = 1.0 / math.sqrt(1.0 + rise / (steep * radius))
+    return max(middle, at_rim), (0.5 * steep * radius / rise) ** (1.0 / 3.0)

@@ -182,7 +182,7 @@ async function run() {
   const from = Number(element("from-line").value) || null;
   picture.restart();
   say("");
-  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked, height_map: heights.chosen()}));
+  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked, optional_stop: element("optional-stop").checked, height_map: heights.chosen()}));
 }
 
 function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {

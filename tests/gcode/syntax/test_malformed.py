@@ -299,7 +299,7 @@ unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
-rotary-axis-place tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
+rotary-axis-place optional-stop-off tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 """
 """Warnings, and errors of files and names. They have their own tests."""
 
