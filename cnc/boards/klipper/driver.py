@@ -138,7 +138,7 @@ class Klipper(PulseBoard):
                 limits = supervisor.layout.limits(column)
                 if not limits:
                     break
-                found.append(tuple(supervisor.is_pressed(limit) for limit in limits))
+                found.append(tuple(self._is_pressed(limit) for limit in limits))
         return tuple(found)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
@@ -234,16 +234,20 @@ class Klipper(PulseBoard):
         supervisor.active = False
         supervisor.store(moving=False)
 
+    def _is_pressed(self, each: InputObject) -> bool:
+        supervisor = self._supervisor
+        return supervisor.guards.is_pressed(each, supervisor.pump)
+
     def _refuse_pressed(self, watched: set[int]) -> None:
         """Raise a fault if the e-stop or a limit switch that is watched is pressed."""
         supervisor = self._supervisor
         stop = supervisor.layout.input("e-stop")
-        if stop is not None and supervisor.is_pressed(stop):
+        if stop is not None and self._is_pressed(stop):
             raise board_error("board-emergency-stop", "the e-stop is pressed", hint=RELEASE)
         pressed = [
             self._position.letter(each.column)
             for each in supervisor.layout.inputs
-            if each.column in watched and each.column >= 0 and supervisor.is_pressed(each)
+            if each.column in watched and each.column >= 0 and self._is_pressed(each)
         ]
         if pressed:
             hint = (
@@ -271,7 +275,7 @@ class Klipper(PulseBoard):
                 board_error("board-senseless", message, line=block.line, hint=hint)
             )
         supervisor.rest(time_ns)
-        if any(supervisor.is_pressed(each) == towards for each in found):
+        if any(self._is_pressed(each) == towards for each in found):
             state = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 start in contact"
             message = f"the {name} {state}"

@@ -139,6 +139,16 @@ class Guards:
             )
         self._homing.clear()
 
+    def is_armed(self, reason: int) -> bool:
+        """Return whether a trigger for this reason comes from an armed input."""
+        return any(each.input.reason == reason for each in self.armed)
+
+    def is_pressed(self, each: InputObject, pump: Callable[[float], list[Message]]) -> bool:
+        """Return whether an input is pressed."""
+        ask = self._connection.ask
+        state = ask("endstop_query_state", "endstop_state", pump, oid=each.oid)
+        return state["pin_value"] == each.active
+
     def trigger(self) -> None:
         """Stop all motors at once."""
         self._connection.send("trsync_trigger", oid=self._layout.trigger, reason=BY_HOST)

@@ -13,7 +13,7 @@ from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, alarm_of, reset_error
 from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
-from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, InputObject, LayoutBuilder, section
+from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
 from cnc.boards.klipper.position import MotorPosition
@@ -159,13 +159,16 @@ class Supervisor(PulseSupervisor):
 
     def _triggered(self, reason: int) -> None:
         """Act on a trigger, which has stopped all motors."""
-        armed = {each.input.reason for each in self.guards.armed}
-        if self.probing and reason in armed:
-            self.sender.cut = True
+        if self._cut_by(reason):
             self.connection.link.drop_waiting()
-            return
-        if self.active and not self._stopping and reason != BY_HOST:
+        elif self.active and not self._stopping and reason != BY_HOST:
             raise self._alarm(reason)
+
+    def _cut_by(self, reason: int) -> bool:
+        """Return whether a trigger is the contact of a probing or homing move, which ends it."""
+        contact = self.probing and self.guards.is_armed(reason)
+        self.sender.cut |= contact
+        return contact
 
     def _driver_fault(self, text: str) -> None:
         """Stop the motors at once after a fault of a motor driver, whose motor is off."""
@@ -176,12 +179,6 @@ class Supervisor(PulseSupervisor):
         """Let one motor of an axis (column, motor) take part in the next motion, or all."""
         self.position.select(alone)
         self.sender.select(alone)
-
-    def is_pressed(self, each: InputObject) -> bool:
-        """Return whether an input is pressed."""
-        ask = self.connection.ask
-        state = ask("endstop_query_state", "endstop_state", self.pump, oid=each.oid)
-        return state["pin_value"] == each.active
 
     def read_positions(self) -> list[int]:
         """Return the position of each motor as the board counts it."""
@@ -218,6 +215,8 @@ class Supervisor(PulseSupervisor):
         if sender.cut or not was_running:
             return
         self._disarm()
+        if sender.cut:
+            return
         sent = sender.position
         positions = self.read_positions()
         point = self.position.of(positions)
@@ -249,7 +248,8 @@ class Supervisor(PulseSupervisor):
             raise self._shut_down(self._stop.shutdown) from None
         finally:
             self._stopping = False
-        if reason != BY_HOST:
+        # A computer that was late may see the contact only here.
+        if reason != BY_HOST and not self._cut_by(reason):
             raise self._alarm(reason)
 
     def end_cut(self) -> NDArray[np.int64]:

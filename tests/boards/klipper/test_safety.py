@@ -113,6 +113,30 @@ def test_probe_position_is_exact_to_a_step(kind: int, tmp_path: Path) -> None:
     assert place(known, simulator) == [400, 0, 0]
 
 
+def test_contact_that_is_read_after_the_end_of_its_move_is_a_contact(tmp_path: Path) -> None:
+    """The probe closes near the end of its move, and a slow computer reads that later."""
+    known = machine()
+    (tmp_path / "p.ngc").write_text("G21 G90\nG38.2 X4 F300\nG1 X#5061 Y2 F600\nM2\n")
+    simulator = simulator_for(known)
+    probe = str(pins(known).probe).strip("^!")
+    simulator.set_pin(probe, lambda: int(count(known, simulator, "x") < 1590))
+    advance, late = simulator.advance, []
+
+    def slows_down(until: float, *, answer: bool = False) -> None:
+        advance(min(until, simulator.now + 1e-3), answer=answer)
+        if not late and count(known, simulator, "x") >= 1550:
+            late.append(simulator.now)
+            simulator.cable.latency_s += 0.06
+
+    simulator.advance = slows_down  # type: ignore[method-assign]
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert report.ok, report.faults
+    assert late
+    x, y = place(known, simulator)[:2]
+    assert 1590 <= x <= 1592
+    assert y == 800
+
+
 def test_probe_without_contact(tmp_path: Path) -> None:
     known = machine()
     (tmp_path / "p.ngc").write_text("G21 G90\nG38.2 X4 F600\nM2\n")
