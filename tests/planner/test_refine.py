@@ -79,7 +79,9 @@ def known_with_a_stop() -> Intervals:
 def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
     rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
     limits = np.full(3, 100.0)
-    gain = possible_gain(rows, 0, 1, known_with_a_stop(), SumLimits(limits, limits))
+    gain = possible_gain(
+        rows, 0, 1, known_with_a_stop(), SumLimits(limits, limits, 1.0 / limits, 1.0 / limits)
+    )
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
 
 
@@ -91,13 +93,17 @@ def test_rounding_at_a_stop_does_not_hide_the_gain_before_it(direction):
         [(0.1, 0.5, 5.0, 0.0, 0.0), (1.0, 3.0 - 1.0 / 6.0 + 1e-12, ramp, -1.0, 1.0)], PHASE
     )
     limits = np.full(3, 1.0)
-    gain = possible_gain(rows, 0, 2, known_with_a_stop(), SumLimits(limits, limits))
+    gain = possible_gain(
+        rows, 0, 2, known_with_a_stop(), SumLimits(limits, limits, 1.0 / limits, 1.0 / limits)
+    )
     assert gain == pytest.approx(0.1 * 0.5)
 
 
 def test_the_examination_of_a_phase_finds_peaks_between_its_points():
     rng = np.random.default_rng(7)
-    limits = SumLimits(np.full(2, 100.0), np.full(2, 1000.0))
+    limits = SumLimits(
+        np.full(2, 100.0), np.full(2, 1000.0), np.full(2, 1 / 100.0), np.full(2, 1 / 1000.0)
+    )
     scratch = np.empty((SCRATCH, 2))
     for _ in range(share(300, 100)):
         length, duration = 1.0, 0.06

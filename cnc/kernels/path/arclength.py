@@ -25,17 +25,22 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import (
+    AXES,
     LENGTH,
     METRIC,
     METRICS,
     ROW,
     SINGULAR,
+    SPAN,
+    SPAN_BODY,
+    START,
     TABLE,
     U0,
     U1,
     Floats,
     curve_eval,
     curve_speed,
+    is_plain_quintic,
 )
 
 MAX_ROWS = 1024
@@ -75,8 +80,47 @@ class Rates(NamedTuple):
 
 
 @njit
+def _quintic_panel(data: Floats, at: int, ua: float, ub: float) -> float:
+    """Return the arc length from ua to ub of a span that :func:`is_plain_quintic`.
+
+    The weights of the slope, a Bernstein polynomial of degree 4, are the same for all axes. It
+    takes a third of the time of :func:`curve_speed`.
+    """
+    body = at + START + 2 * int(data[at + AXES]) + SPAN_BODY
+    metrics = int(data[at + METRICS])
+    # Without a second or third axis, the first is counted with the factor 0.
+    x = body + 6 * (int(data[at + METRIC]) + 1)
+    y = body + 6 * (int(data[at + METRIC + 1]) + 1) if metrics > 1 else x
+    z = body + 6 * (int(data[at + METRIC + 2]) + 1) if metrics > 2 else x
+    with_y = 1.0 if metrics > 1 else 0.0
+    with_z = 1.0 if metrics > 2 else 0.0
+    x0, x1, x2 = data[x + 1] - data[x], data[x + 2] - data[x + 1], data[x + 3] - data[x + 2]
+    x3, x4 = data[x + 4] - data[x + 3], data[x + 5] - data[x + 4]
+    y0, y1, y2 = data[y + 1] - data[y], data[y + 2] - data[y + 1], data[y + 3] - data[y + 2]
+    y3, y4 = data[y + 4] - data[y + 3], data[y + 5] - data[y + 4]
+    z0, z1, z2 = data[z + 1] - data[z], data[z + 2] - data[z + 1], data[z + 3] - data[z + 2]
+    z3, z4 = data[z + 4] - data[z + 3], data[z + 5] - data[z + 4]
+    per_u = 1.0 / (data[at + U1] - data[at + U0])
+    middle = (0.5 * (ua + ub) - data[at + U0]) * per_u
+    half = 0.5 * (ub - ua) * per_u
+    total = 0.0
+    for k in range(6):
+        t = middle + half * GAUSS_X[k]
+        s = 1.0 - t
+        tt, ss = t * t, s * s
+        w0, w1, w2, w3, w4 = ss * ss, 4.0 * t * s * ss, 6.0 * tt * ss, 4.0 * t * tt * s, tt * tt
+        dx = (w0 * x0 + w1 * x1) + (w2 * x2 + w3 * x3) + w4 * x4
+        dy = (w0 * y0 + w1 * y1) + (w2 * y2 + w3 * y3) + w4 * y4
+        dz = (w0 * z0 + w1 * z1) + (w2 * z2 + w3 * z3) + w4 * z4
+        total += GAUSS_W[k] * math.sqrt(dx * dx + with_y * dy * dy + with_z * dz * dz)
+    return total * 5.0 * half
+
+
+@njit
 def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
     """Return the arc length from ua to ub by one panel of 6-point Gauss-Legendre."""
+    if kind == SPAN and is_plain_quintic(data, at):
+        return _quintic_panel(data, at, ua, ub)
     middle = 0.5 * (ua + ub)
     half = 0.5 * (ub - ua)
     total = 0.0

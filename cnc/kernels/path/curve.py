@@ -84,6 +84,26 @@ def curve_range(kind: int, data: Floats, at: int) -> tuple[float, float]:
 
 
 @njit
+def is_one(data: Floats, first: int, count: int) -> bool:
+    """Return whether so many numbers from ``first`` on are 1."""
+    one = True
+    for k in range(first, first + count):
+        one = one and data[k] == 1.0
+    return one
+
+
+@njit
+def is_plain_quintic(data: Floats, at: int) -> bool:
+    """Return whether a span is of degree 5 and its weight function is 1.
+
+    By far the most are: those of fitted paths. What is done for each point of a path does it for
+    them without arrays and loops.
+    """
+    body = at + START + 2 * int(data[at + AXES])
+    return data[body] == 5.0 and is_one(data, body + SPAN_BODY, 6)
+
+
+@njit
 def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
     """Write position and first three derivatives by u (mm, mm per unit of u) into out (4, n).
 
@@ -101,19 +121,24 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
         # the nearer end, so that each weight follows from the one before without loss.
         p = int(data[body])
         body += SPAN_BODY
-        m = p - 3
+        m, p2 = p - 3, p * (p - 1.0)
         t = done * per_u
         near = t <= 0.5
         base = 1.0 - t if near else t
         ratio = (t if near else 1.0 - t) / base
         step = 1 if near else -1
-        p2 = p * (p - 1.0)
-        inverse = 1.0
-        w1 = w2 = w3 = 0.0
-        for c in range(n + 1):
+        inverse, w1, w2, w3 = 1.0, 0.0, 0.0, 0.0
+        # Of degree 5 are the spans of fitted paths, by far the most: their weights are not worked
+        # out anew for each axis. Most weight functions are 1.
+        g0, g1, g2 = (1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t
+        for c in range(1 if is_one(data, body, p + 1) else 0, n + 1):
             k = body + c * (p + 1)
             c0, c1, c2, c3 = data[k], data[k + 1], data[k + 2], data[k + 3]
-            if m > 0:
+            if m == 2:
+                c0, c1 = g0 * c0 + g1 * c1 + g2 * c2, g0 * c1 + g1 * c2 + g2 * c3
+                c2 = g0 * c2 + g1 * c3 + g2 * data[k + 4]
+                c3 = g0 * c3 + g1 * data[k + 4] + g2 * data[k + 5]
+            elif m > 0:
                 weight = base
                 for _ in range(m - 1):
                     weight *= base

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.bspline import MAX_DEGREE
-from cnc.kernels.path.curve import METRIC, METRICS, SPAN, SPAN_BODY, START, U0, U1, curve_eval
+from cnc.kernels.path.curve import (
+    METRIC,
+    METRICS,
+    SPAN,
+    SPAN_BODY,
+    START,
+    U0,
+    U1,
+    curve_eval,
+    is_plain_quintic,
+)
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
     CHORD_ERROR,
@@ -48,6 +58,17 @@ def span_point(data: Floats, at: int, u: float, weight: Floats, out: Floats) -> 
     k += SPAN_BODY
     x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
     y = 1.0 - x
+    row = out.shape[0] - 1
+    if is_plain_quintic(data, at):
+        xx, yy = x * x, y * y
+        w0, w1, w2 = y * yy * yy, 5.0 * x * yy * yy, 10.0 * xx * y * yy
+        w3, w4, w5 = 10.0 * x * xx * yy, 5.0 * xx * xx * y, x * xx * xx
+        for i in range(n):
+            k += p + 1
+            low = w0 * data[k] + w1 * data[k + 1] + w2 * data[k + 2]
+            high = w3 * data[k + 3] + w4 * data[k + 4] + w5 * data[k + 5]
+            out[row, i] = data[start + i] + (low + high)
+        return
     # C(p, m) x^m from one end, times y^(p - m) from the other: no step loses digits.
     rising = 1.0
     for m in range(p + 1):
@@ -60,7 +81,6 @@ def span_point(data: Floats, at: int, u: float, weight: Floats, out: Floats) -> 
         falling *= y
         divisor += weight[m] * data[k + m]
     inverse = 1.0 / divisor
-    row = out.shape[0] - 1
     for i in range(n):
         k += p + 1
         total = 0.0

@@ -7,8 +7,6 @@ accelerations at the ends of the cell.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,40 +33,6 @@ def start_with_time(weight: float, h: float, dx: Floats, rest: Floats, block: Fl
         rest[m] = 2.0 * weight * dx[H, m]
         for o in range(4):
             block[m, o] = curved * dx[H, m] * dx[H, o]
-
-
-@njit
-def add_constraint(
-    taken: float,
-    slack: float,
-    by_v: float,
-    by_a: float,
-    by_j: float,
-    gradient: Floats,
-    curved: Floats,
-) -> None:
-    """Add a constraint on an absolute value to the barrier's derivatives at a point.
-
-    Args:
-        taken: the share of the limit, with its sign.
-        slack: 1 less its square.
-        by_v: derivative of ``taken`` by the speed there.
-        by_a: by the acceleration.
-        by_j: by the jerk.
-        gradient: (3,): by speed, acceleration and jerk.
-        curved: (3, 3): the Gauss-Newton Hessian, of which the upper half counts.
-    """
-    pull = 2.0 * taken / slack
-    stiff = 2.0 * (1.0 + taken * taken) / (slack * slack)
-    gradient[0] += pull * by_v
-    gradient[1] += pull * by_a
-    gradient[2] += pull * by_j
-    curved[0, 0] += stiff * by_v * by_v
-    curved[0, 1] += stiff * by_v * by_a
-    curved[0, 2] += stiff * by_v * by_j
-    curved[1, 1] += stiff * by_a * by_a
-    curved[1, 2] += stiff * by_a * by_j
-    curved[2, 2] += stiff * by_j * by_j
 
 
 @njit
@@ -101,36 +65,53 @@ def point_barrier(
     """
     product = 1.0
     worst = 0.0
-    if slopes:
-        gradient[:] = 0.0
-        curved[:] = 0.0
+    per_allowed = 1.0 / allowed
+    # Sums kept in the arrays would be read and written again for each limit.
+    g_v = g_a = g_j = 0.0
+    c_vv = c_va = c_vj = c_aa = c_aj = c_jj = 0.0
     for i in range(q.shape[1]):
         q1, q2, q3 = q[0, i], q[1, i], q[2, i]
         if q1 == 0.0 and q2 == 0.0 and q3 == 0.0:
             continue
-        if limits.a[i] < math.inf:
-            scale = 1.0 / (limits.a[i] * allowed)
-            taken = scale * (q1 * accel + q2 * speed * speed)
-            slack = 1.0 - taken * taken
-            worst = max(worst, abs(taken))
-            if not slack > 0.0:
-                return 0.0, worst
-            product *= slack
-            if slopes:
-                by_v = 2.0 * scale * q2 * speed
-                add_constraint(taken, slack, by_v, scale * q1, 0.0, gradient, curved)
-        if limits.j[i] < math.inf:
-            scale = 1.0 / (limits.j[i] * allowed)
-            taken = scale * (q1 * jerk + speed * (3.0 * q2 * accel + q3 * speed * speed))
-            slack = 1.0 - taken * taken
-            worst = max(worst, abs(taken))
-            if not slack > 0.0:
-                return 0.0, worst
-            product *= slack
-            if slopes:
-                by_v = 3.0 * scale * (q2 * accel + q3 * speed * speed)
-                by_a = 3.0 * scale * q2 * speed
-                add_constraint(taken, slack, by_v, by_a, scale * q1, gradient, curved)
+        per_a = per_allowed * limits.per_a[i]
+        share_a = per_a * (q1 * accel + q2 * speed * speed)
+        slack_a = 1.0 - share_a * share_a
+        per_j = per_allowed * limits.per_j[i]
+        share_j = per_j * (q1 * jerk + speed * (3.0 * q2 * accel + q3 * speed * speed))
+        slack_j = 1.0 - share_j * share_j
+        worst = max(worst, abs(share_a), abs(share_j))
+        if not (slack_a > 0.0 and slack_j > 0.0):
+            return 0.0, worst
+        product *= slack_a * slack_j
+        if slopes:
+            inverse = 1.0 / (slack_a * slack_j)
+            pull = 2.0 * share_a * slack_j * inverse
+            stiff = 2.0 * (1.0 + share_a * share_a) * (slack_j * inverse) * (slack_j * inverse)
+            by_v = 2.0 * per_a * q2 * speed
+            by_a = per_a * q1
+            g_v += pull * by_v
+            g_a += pull * by_a
+            c_vv += stiff * by_v * by_v
+            c_va += stiff * by_v * by_a
+            c_aa += stiff * by_a * by_a
+            pull = 2.0 * share_j * slack_a * inverse
+            stiff = 2.0 * (1.0 + share_j * share_j) * (slack_a * inverse) * (slack_a * inverse)
+            by_v = 3.0 * per_j * (q2 * accel + q3 * speed * speed)
+            by_a = 3.0 * per_j * q2 * speed
+            by_j = per_j * q1
+            g_v += pull * by_v
+            g_a += pull * by_a
+            g_j += pull * by_j
+            c_vv += stiff * by_v * by_v
+            c_va += stiff * by_v * by_a
+            c_vj += stiff * by_v * by_j
+            c_aa += stiff * by_a * by_a
+            c_aj += stiff * by_a * by_j
+            c_jj += stiff * by_j * by_j
+    if slopes:
+        gradient[0], gradient[1], gradient[2] = g_v, g_a, g_j
+        curved[0, 0], curved[0, 1], curved[0, 2] = c_vv, c_va, c_vj
+        curved[1, 1], curved[1, 2], curved[2, 2] = c_aa, c_aj, c_jj
     return product, worst
 
 

@@ -49,7 +49,7 @@ FIRST_DAMPING, DAMPING_STEP, MOST_DAMPING = 0.1, 5.0, 1e5
 SLOWEST = 0.01
 """A step lowers the square of a speed to this share at most: no step leads back from rest."""
 
-CENTRED = 0.1
+CENTRED = 0.3
 """The descent for one weight ends when a step would gain less than this for each cell."""
 
 NEAR = 0.99999

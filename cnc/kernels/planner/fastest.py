@@ -5,7 +5,8 @@ holds the limits at four points of a cell. So the search
 
 1. slows the clock first: if the motion is made in 1 / l of its speed, velocity, acceleration and
    jerk of every axis fall to l, l^2 and l^3 of theirs;
-2. raises the weight of the time in steps, and keeps the motion of each step;
+2. raises the weight of the time in steps, which are shorter where one fails, and keeps the motion
+   of the last step;
 3. examines the motion between the points when the weight is large enough. Cells that exceed a
    limit there are cut or allowed less (:mod:`cnc.kernels.planner.examination`), and the descent
    goes on from the last motion that was kept, or anew from the first one if only that is inside the
@@ -46,15 +47,24 @@ from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
-FIRST_WEIGHT = 2.0
-WEIGHT_STEP = 6.0
-LEVELS = 5
-"""The weight of the time, per cell and relative to the time: in the first step of the descent, its
-factor from one step to the next, and the number of steps.
+FIRST_WEIGHT, WEIGHT_STEP, LAST_WEIGHT = 12.0, 15.0, 2700.0
+"""The weight of the time, per cell and relative to the time: in the first step of the descent
+between rests, its factor from one step to the next, and in the last step.
 """
 
-CHECKED_LEVEL = 2
-"""From this step on the motion is good enough to be examined between the points of the cells."""
+SMALL_STEP = 6.0
+"""The factor in a second search, where the first finds no legal motion."""
+
+LEAST_STEP = 2.0
+"""Least factor by which the weight is raised."""
+
+INWARD_WEIGHT = 2.0
+"""The weight for a motion that is not inside the limits, or not far enough to raise the weight."""
+
+CHECKED_WEIGHT = 100.0
+"""From this weight on the motion is good enough to be examined between the points of the cells.
+Until a first try has failed only that of the last step is examined.
+"""
 
 TRIES = 30
 """Largest number of steps of the descent that may fail."""
@@ -226,6 +236,28 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
     Returns:
         Whether a legal motion was found; the cells, cut where necessary, with that motion.
     """
+    again = Cells(
+        cells.s,
+        cells.v.copy(),
+        cells.a.copy(),
+        cells.length,
+        cells.top,
+        cells.share.copy(),
+        cells.pace.copy(),
+        cells.q,
+    )
+    solved, found = search(cells, known, limits, WEIGHT_STEP)
+    if not solved:
+        describe(again, known)
+        solved, found = search(again, known, limits, SMALL_STEP)
+    return solved, found
+
+
+@njit
+def search(
+    cells: Cells, known: Intervals, limits: SumLimits, weight_step: float
+) -> tuple[bool, Cells]:
+    """Search as :func:`fastest` does, with one factor from a weight of the time to the next."""
     cells = passable(cells, known)
     moving = cells.v[0] > 0.0 or cells.v[-1] > 0.0
     if not moving:
@@ -233,57 +265,51 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         slow_until(cells, limits, INSIDE)
     good = with_motion(cells, cells.v.copy(), cells.a.copy())
     first = with_motion(cells, cells.v.copy(), cells.a.copy())
-    good_level = -1
-    level = tries = failed = 0
-    kept = 1
-    kept_v, kept_a = np.empty((LEVELS + 2, len(cells.v))), np.empty((LEVELS + 2, len(cells.v)))
-    copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
+    good_weight = reached = 0.0
+    lowest = INWARD_WEIGHT if moving else FIRST_WEIGHT
+    weight = lowest
+    tries = failed = 0
+    kept = with_motion(cells, cells.v.copy(), cells.a.copy())
     shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
-    while level < LEVELS and tries <= TRIES:
-        copy_motion(kept_v[kept - 1], kept_a[kept - 1], cells.v, cells.a)
-        weight = FIRST_WEIGHT * WEIGHT_STEP**level
+    while reached < LAST_WEIGHT and tries <= TRIES:
+        copy_motion(kept.v, kept.a, cells.v, cells.a)
         legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
         used = 0.0
-        if level >= CHECKED_LEVEL:
+        examined = weight == LAST_WEIGHT or (tries > 0 and weight >= CHECKED_WEIGHT)
+        if examined:
             used = examine(cells, known, limits, shares)
         if legal and used <= 1.0 + TOUCH:
-            if level >= CHECKED_LEVEL:
+            if examined:
                 good = with_motion(cells, cells.v.copy(), cells.a.copy())
-                good_level = level
-            copy_motion(cells.v, cells.a, kept_v[kept], kept_a[kept])
-            kept += 1
-            level += 1
+                good_weight = weight
+            copy_motion(cells.v, cells.a, kept.v, kept.a)
+            reached = weight
+            weight = min(weight * weight_step, LAST_WEIGHT)
             continue
         tries += 1
         if used <= 1.0 + TOUCH:
-            if kept > 1:
-                kept -= 1
-                level -= 1
+            if weight > LEAST_STEP * LEAST_STEP * reached > 0.0:
+                weight = math.sqrt(weight * reached)
             else:
                 # The descent goes on towards the inside from where it ended, or a little slower.
-                level = 0
+                weight, reached = INWARD_WEIGHT, 0.0
                 failed += 1
                 if failed % 3 == 0:
                     slow_clock(cells, SLOWER)
-                copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
+                copy_motion(cells.v, cells.a, kept.v, kept.a)
             continue
-        last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
-        cells = after_violation(last, cells, shares, known, limits)
-        level = max(level - 1, 0)
+        cells = after_violation(kept, cells, shares, known, limits)
+        weight = max(weight / weight_step, lowest)
         begun = with_motion(cells, cells.v.copy(), cells.a.copy())
         if moved_to(begun, first) and inside_instead(begun, cells, limits):
             cells = begun
-            level = 0
+            weight = lowest
         n = len(cells.length)
-        if n + 1 != kept_v.shape[1]:
-            kept_v, kept_a = np.empty((LEVELS + 2, n + 1)), np.empty((LEVELS + 2, n + 1))
+        if n + 1 != len(kept.v):
             shares = Shares(np.empty(n), np.empty(n))
-        kept = 1
-        copy_motion(cells.v, cells.a, kept_v[0], kept_a[0])
-    if good_level < LEVELS - 1 and not moving:
-        last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
-        if slowed_to_legal(last, known, limits) and (
-            good_level < 0 or duration_of(last) < duration_of(good)
-        ):
-            return True, last
-    return good_level >= 0, good
+        kept = with_motion(cells, cells.v.copy(), cells.a.copy())
+        reached = 0.0
+    slower = good_weight < LAST_WEIGHT and not moving and slowed_to_legal(kept, known, limits)
+    if slower and (good_weight == 0.0 or duration_of(kept) < duration_of(good)):
+        return True, kept
+    return good_weight > 0.0, good

@@ -62,10 +62,14 @@ class SumLimits(NamedTuple):
     Attributes:
         a: (axes + 1,): mm/s^2.
         j: (axes + 1,): mm/s^3.
+        per_a: (axes + 1,): 1 / a.
+        per_j: (axes + 1,): 1 / j.
     """
 
     a: Floats
     j: Floats
+    per_a: Floats
+    per_j: Floats
 
 
 @njit
@@ -158,7 +162,7 @@ def largest_shares(
         in which the phase ends.
     """
     end, top = known.end, known.top
-    limit_a, limit_j = limits.a, limits.j
+    per_a, per_j = limits.per_a, limits.per_j
     worst = 0.0
     fastest = 0.0
     t_before = 0.0
@@ -205,10 +209,10 @@ def largest_shares(
             fastest = max(fastest, speed / top[k])
             derivatives(k, here, known, q)
             for i in range(q.shape[1]):
-                taken = (q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i]
+                taken = (q[0, i] * accel + q[1, i] * speed * speed) * per_a[i]
                 sudden = (
                     q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed
-                ) / limit_j[i]
+                ) * per_j[i]
                 worst = max(worst, abs(taken), abs(sudden))
                 if evenly >= 0:
                     if evenly >= 2:

@@ -96,7 +96,7 @@ def sum_limits(limits: LimitArrays) -> SumLimits:
         j[i] = limits.axis_jerk[i] * (1.0 - JERK_MARGIN)
     a[axes] = limits.tangential_acceleration * (1.0 - 1e-6)
     j[axes] = limits.tangential_jerk * (1.0 - 1e-6)
-    return SumLimits(a, j)
+    return SumLimits(a, j, 1.0 / a, 1.0 / j)
 
 
 @njit
