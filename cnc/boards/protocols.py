@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk
 
@@ -315,9 +314,6 @@ class LineSink(Board, Protocol):
     @property
     def settings(self) -> Mapping[int, float]:
         """Number and value of each setting (``$$``)."""
-
-    def unlike(self, machine: Machine) -> list[Diagnostic]:
-        """Return warnings where the settings of the board differ from the machine file."""
 
     @property
     def planner_blocks(self) -> int:

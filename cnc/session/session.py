@@ -10,6 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from cnc.boards.comparison import ComparesItself
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
@@ -197,8 +198,9 @@ class Session:
             from cnc.session.known_position import locate
 
             locate(context, board)
-        if isinstance(board, LineSink):
+        if isinstance(board, ComparesItself):
             self._warn(board.unlike(report.machine))
+        if isinstance(board, LineSink):
             record.check_position(board)
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))

@@ -11,8 +11,9 @@ seconds, each weighted by its round trip beyond the shortest one.
         └──────────────────────────── time of this computer
 
 An answer lies between the times of its question and of its receipt. So two answers bound the rate,
-however long they took. A rate beyond these bounds is no drift: the firmware was built for another
-crystal than the board has.
+however long they took. A rate far beyond the nominal one is no drift: the firmware was built for
+another crystal than the board has. It shows in both halves of the time. A computer or a simulator
+that was held up shows in one half only, or catches up in the other.
 """
 
 from __future__ import annotations
@@ -22,10 +23,16 @@ from collections import deque
 WRAP = 2**32
 SAMPLES = 120
 """Answers that the estimate uses."""
-MAX_DRIFT = 0.01
-"""Largest relative deviation of a clock that is believed: a ceramic resonator has 0.005."""
-JUMP_S = 0.02
-"""Error of a time of this computer that makes no clock wrong: virtual machines have such jumps."""
+MAX_DRIFT = 0.1
+"""Largest relative deviation of a clock that is followed: a resistor and a capacitor inside a
+microcontroller keep this.
+"""
+USUAL_DRIFT = 0.01
+"""A larger deviation is told: a crystal has 1e-4 at most, a ceramic resonator 0.005."""
+JUMP_S = 0.25
+"""Error of a time of this computer that makes no clock wrong during motion: virtual machines have
+such jumps. A longer one ends the motion in any case.
+"""
 LEAST_SPAN_S = 2.0
 """Time between the first and the last answer from which the frequency is estimated."""
 
@@ -68,6 +75,12 @@ class BoardClock:
         self.wrong = 0.0
         self._add(clock, sent, received)
 
+    def restart(self) -> None:
+        """Forget all answers but the last."""
+        while len(self._samples) > 1:
+            self._samples.popleft()
+        self.wrong = 0.0
+
     def add(self, clock32: int, sent: float, received: float) -> None:
         """Add an answer to ``get_clock``: the lower 32 bits, and the times of the question, s."""
         self._add(self.extend(clock32, 0.5 * (sent + received)), sent, received)
@@ -85,22 +98,42 @@ class BoardClock:
         """Return the time of a clock, s."""
         return self._time + (clock - self._clock) / self.rate
 
-    def _check(self, clock: int, sent: float, received: float) -> None:
-        """Compare the ticks since each earlier answer with the shortest and the longest time."""
-        for middle, earlier, trip in self._samples:
-            ticks = clock - earlier
-            longest, shortest = received - middle + 0.5 * trip, sent - middle - 0.5 * trip
-            passed = ticks / self.frequency
-            fast = passed > (1.0 + MAX_DRIFT) * longest + JUMP_S
-            if fast or passed < (1.0 - MAX_DRIFT) * shortest - JUMP_S:
-                self.wrong = ticks / (0.5 * (longest + shortest))
-                return
+    def beyond(self, drift: float, jump: float = JUMP_S) -> float:
+        """Return the rate of the board's clock if it deviates by more than ``drift`` for certain.
+
+        Args:
+            drift: relative.
+            jump: error of a time that may have happened, s.
+
+        Returns:
+            Ticks per second; 0 if it may be nearer to the nominal rate, as far as is known.
+        """
+        first, last = self._samples[0], self._samples[-1]
+        half = 0.5 * (first[0] + last[0])
+        middle = min(self._samples, key=lambda each: abs(each[0] - half))
+        signs = {self._sign(drift, jump, *pair) for pair in ((first, middle), (middle, last))}
+        if len(signs) > 1 or 0 in signs:
+            return 0.0
+        return (last[1] - first[1]) / (last[0] - first[0])
+
+    def _sign(
+        self,
+        drift: float,
+        jump: float,
+        first: tuple[float, int, float],
+        last: tuple[float, int, float],
+    ) -> int:
+        """Return 1 if the clock was faster than ``drift`` for certain, -1 if it was slower."""
+        passed = (last[1] - first[1]) / self.frequency
+        time, margin = last[0] - first[0], 0.5 * (first[2] + last[2])
+        if passed > (1.0 + drift) * (time + margin) + jump:
+            return 1
+        return -1 if passed < (1.0 - drift) * (time - margin) - jump else 0
 
     def _add(self, clock: int, sent: float, received: float) -> None:
         trip = max(received - sent, 1e-9)
-        if not self.wrong:
-            self._check(clock, sent, received)
         self._samples.append((0.5 * (sent + received), clock, trip))
+        self.wrong = self.wrong or self.beyond(MAX_DRIFT)
         least = min(each[2] for each in self._samples)
         self.half_trip_s = 0.5 * least
         # The error of an answer is at most half of its round trip beyond the shortest.

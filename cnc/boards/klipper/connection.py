@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from cnc.boards.errors import board_error
-from cnc.boards.klipper.clock import BoardClock
+from cnc.boards.klipper.clock import MAX_DRIFT, USUAL_DRIFT, BoardClock
 from cnc.boards.klipper.protocol.dictionary import IDENTIFY_RESPONSE_ID, Dictionary, Message, Value
 from cnc.boards.klipper.protocol.errors import LocalError, ProtocolError, RemoteError, WireError
 from cnc.boards.klipper.protocol.link import STANDSTILL_S, KlipperLink
@@ -38,8 +38,14 @@ CLOCK_PERIOD_S = 0.25
 """Time between two questions for the clock."""
 FIRST_CLOCKS = 8
 """Questions for the clock when the connection is opened."""
-FIRST_SPAN_S = 0.2
-"""Time before the last of them, so that a clock with a wrong rate is found before any motion."""
+FIRST_SPAN_S = 0.25
+"""Time before each of the last two of them, so that a clock with a wrong rate is found before any
+motion.
+"""
+LONGER_S, LONGER_JUMP_S = 2.2, 0.02
+"""Time in which a clock is observed that may have a wrong rate, and the error of a time that counts
+then. This computer, or a simulator, may have been held up. From this time the rate is known, too.
+"""
 RESET_S, RESTART_S = 0.05, 0.5
 """Time in which the command to reset reaches the board, and least time of a restart."""
 RESTART_TIMEOUT_S = 10.0
@@ -289,11 +295,17 @@ class Connection:
         clock = uptime["high"] << 32 | uptime["clock"]
         self.board_clock.set(clock, sent, self.clock.now())
         for k in range(FIRST_CLOCKS):
-            if k == FIRST_CLOCKS - 1:
+            if k >= FIRST_CLOCKS - 2:
                 self.wait(FIRST_SPAN_S, self.pump)
             self._asked_clock = self.link.appended + 1, self.clock.now()
             self.ask("get_clock", "clock", self.pump)
         self._asked_at = self.clock.now()
+        if self.board_clock.beyond(USUAL_DRIFT, 0.0):
+            self.board_clock.restart()
+            self.wait(LONGER_S, self.pump)
+            drift = 100.0 * self.board_clock.drift
+            log.info("%s: its clock deviates by %.1f %%", self.name, drift)
+            self.board_clock.wrong = self.board_clock.beyond(MAX_DRIFT, LONGER_JUMP_S)
         if self.board_clock.wrong:
             code, message, hint = self.wrong_clock()
             raise board_error(code, message, hint=hint)

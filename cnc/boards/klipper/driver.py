@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
 from cnc.boards.klipper.alarms import RELEASE
+from cnc.boards.klipper.clock import USUAL_DRIFT
 from cnc.boards.klipper.connection import BAUD, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.guards import ArmedInput, TooLate
@@ -31,6 +32,7 @@ from cnc.boards.pulse_board.driver import PulseBoard, port_name
 from cnc.boards.pulse_board.outputs import OutputState
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell, Probe, Spindle, SwitchMove
+from cnc.model.diagnostics import Diagnostic
 from cnc.model.streams import PulseChunk
 
 BACKGROUND_S = 0.01
@@ -97,6 +99,19 @@ class Klipper(PulseBoard):
             for port in ports:
                 port.close()
             raise
+
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return a warning where the board's clock is far from the rate its firmware assumes."""
+        clock = self._supervisor.connection.board_clock
+        if abs(clock.drift) < USUAL_DRIFT:
+            return []
+        pace = "fast" if clock.drift > 0.0 else "slow"
+        message = (
+            f"the clock of the board runs {100.0 * abs(clock.drift):.1f} % too {pace}, "
+            "and so does the motion: its speeds differ from the plan's by as much"
+        )
+        hint = "build the firmware for the crystal of the board, or use a board with a crystal"
+        return [Diagnostic("board-clock-drift", message, hint=hint, severity="warning")]
 
     @property
     def capabilities(self) -> Capabilities:

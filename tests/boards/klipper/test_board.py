@@ -239,17 +239,25 @@ def test_clock_of_another_rate_is_refused(
     assert simulator.reason == ""
 
 
-def test_clock_that_is_slightly_wrong_stops_the_motion(tmp_path: Path) -> None:
-    """3 % are certain only after some time."""
-    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X40 F600\nM2\n")
-    known = machine()
+@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+@pytest.mark.parametrize("drift", [-0.08, 0.03])
+def test_clock_without_a_crystal_is_followed_and_told(
+    small: Path, tmp_path: Path, mcu: str, drift: float
+) -> None:
+    known = machine(mcu)
     simulator = simulator_for(known)
-    simulator.frequency = simulator.firmware.frequency * 1.03
-    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
-    [fault] = [each.diagnostic for each in report.faults]
-    assert fault.code == "board-clock"
-    assert "which may be wrong" in fault.message
-    assert 0 < place(known, simulator)[0] < 0.5 * 40 * known.axes["x"].steps_per_mm
+    simulator.frequency = simulator.firmware.frequency * (1 + drift)
+    report, _ = played(small, tmp_path, known, simulator)
+    assert report.ok, report.faults
+    [told] = [each for each in report.warnings if each.code == "board-clock-drift"]
+    assert f"{100 * abs(drift):.1f} % too {'fast' if drift > 0 else 'slow'}" in told.message
+    check_pulses(known, simulator, tmp_path, tolerance_us(mcu))
+
+
+def test_clock_of_a_board_with_a_crystal_is_not_told(small: Path, tmp_path: Path) -> None:
+    known = machine()
+    report, _ = played(small, tmp_path, known, simulator_for(known))
+    assert not [each for each in report.warnings if each.code == "board-clock-drift"]
 
 
 def test_report_from_before_the_end_is_no_alarm(small: Path, tmp_path: Path) -> None:

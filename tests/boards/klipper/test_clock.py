@@ -45,12 +45,12 @@ def test_clock_follows_the_board(drift: float, seed: int) -> None:
 
 
 def test_drift_is_limited() -> None:
-    clock, _ = estimated(0.05, (0.001, 0.0), 1)
+    clock, _ = estimated(0.2, (0.001, 0.0), 1)
     assert abs(clock.drift) <= MAX_DRIFT * 1.0001
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("drift", [-0.0095, 0.0, 0.0095])
+@pytest.mark.parametrize("drift", [-0.095, 0.0, 0.095])
 def test_drift_within_its_bound_is_believed(drift: float, seed: int) -> None:
     """No delay makes a clock look wrong, for it counts as what it is: an uncertain time."""
     clock, _ = estimated(drift, (0.001, 0.02), seed)
@@ -68,7 +68,19 @@ def test_jump_of_a_time_makes_no_clock_wrong() -> None:
     assert clock.wrong == 0.0
 
 
-@pytest.mark.parametrize("drift", [-2 / 3, -0.02, 0.013, 0.5])
+def test_clock_that_stood_still_and_catches_up_is_not_wrong() -> None:
+    """A simulator on a busy computer: 0.2 s without a tick, then twice as fast, again and again."""
+    clock = BoardClock(1e6)
+    clock.set(0, 0.0, 0.0)
+    for k in range(1, 100):
+        now = 0.05 * k
+        whole, part = divmod(now, 1.0)
+        ticked = whole + (part if part < 0.4 else max(0.4, min(2 * part - 0.8, part)))
+        clock.add(round(1e6 * ticked) % WRAP, now - 1e-4, now)
+        assert clock.wrong == 0.0
+
+
+@pytest.mark.parametrize("drift", [-2 / 3, -0.15, 0.12, 0.5])
 def test_wrong_rate_is_found(drift: float) -> None:
     clock, _ = estimated(drift, (0.001, 0.002), 3)
     assert clock.wrong == pytest.approx(180e6 * (1 + drift), rel=0.03)
