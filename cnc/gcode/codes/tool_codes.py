@@ -224,6 +224,12 @@ class ToolCodes:
         if number and self.table.file:
             self.entry(number, at)
 
+    def _report_diameter(self, at: Word) -> None:
+        """Report an offset that a setting of the control makes a diameter or a radius."""
+        message = f"{at.written} is read as a diameter, as Haas' controls have it by default"
+        hint = "a control with setting 40 on RADIUS reads a radius"
+        self.here.report_warning("offset-diameter", message, at, hint)
+
     # G10
 
     def g10(self, words: LineWords, kind: int, at: Word) -> None:
@@ -287,7 +293,10 @@ class ToolCodes:
         self.table.put(changed)
 
     def _write_memory(self, words: LineWords, kind: int, number: int, at: Word) -> None:
-        """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds."""
+        """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds.
+
+        L1 is Haas' other number of L11. Its L12 and L13 are diameters.
+        """
         word = words.take("R", "G10")
         if word is None:
             raise fault(
@@ -297,9 +306,13 @@ class ToolCodes:
                 "give R and the offset",
             )
         value = word.number * self.state.scale
+        if kind in (12, 13) and self._dialect.offset_diameters:
+            value /= 2.0
+            self._report_diameter(word)
         entry = self.table.tool(number) or ToolEntry(number)
         old = {
             10: entry.offsets.get("Z", 0.0),
+            1: entry.wear.get("Z", 0.0),
             11: entry.wear.get("Z", 0.0),
             12: entry.diameter / 2.0,
             13: entry.radius_wear,
@@ -307,7 +320,7 @@ class ToolCodes:
         value += 0.0 if self.state.absolute else old
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})
-        elif kind == 11:
+        elif kind in (1, 11):
             entry = replace(entry, wear=entry.wear | {"Z": value})
         elif kind == 12:
             entry = replace(entry, diameter=2.0 * value)

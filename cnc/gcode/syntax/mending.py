@@ -33,7 +33,7 @@ _LONG_NAMES = {
     )
 }  # fmt: skip
 _COMMENT = re.compile(r"\(([^)]*)\)")
-_WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
+_WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|[A-Za-z0-9\]>][ \t]*=")
 """Text that could be executed if it stood outside of a comment."""
 
 

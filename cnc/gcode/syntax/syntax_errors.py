@@ -23,6 +23,8 @@ from cnc.model.diagnostics import GcodeError
 if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
+_CHECKSUM = re.compile(r"\*[0-9]{1,3}")
+_COMPUTED = re.compile(r"[=#\[]")
 _SPLINE_WORDS = (
     "ASPLINE",
     "CSPLINE",
@@ -222,6 +224,14 @@ def between_words(context: ErrorContext) -> GcodeError:
         hint = "write a sum in [ ], such as X[1+2]"
         return context.fault(
             "number-malformed", f"the number after {letter} continues with {char!r}", hint=hint
+        )
+    if _CHECKSUM.fullmatch(context.text, context.at) and not _COMPUTED.search(context.text):
+        return context.fault(
+            "line-checksum",
+            f"{context.text[context.at :]} is the checksum of a line sent to a 3D printer",
+            context.at,
+            len(context.text),
+            hint="remove the checksums, or use --dialect marlin",
         )
     if char and char in "+-*/" and last:
         return context.fault(

@@ -43,7 +43,7 @@ CASES: dict[str, tuple[str, str]] = {
     "digit of another alphabet": ("character-unknown", "G0 X¦\u0663"),
     "long s is no S": ("character-unknown", "¦\u017f100 M3"),
     "question mark": ("character-unknown", "X1 ¦?"),
-    "checksum": ("expression-without-brackets", "G0 X1¦*71"),
+    "checksum": ("line-checksum", "G0 X1¦*71"),
     "exponent": ("word-unused", "G0 X1¦E5"),
     "subprogram": ("sub-not-closed", "¦o100 sub"),
     "named subprogram": ("sub-unknown", "¦O<drill> call"),
@@ -294,6 +294,7 @@ thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-unopened program-for-lathe
 program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
+dwell-short offset-diameter offset-variable-wear
 feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
 unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
