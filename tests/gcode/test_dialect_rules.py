@@ -100,7 +100,7 @@ def test_codes_of_printers_are_named(code: str) -> None:
 @pytest.mark.parametrize(
     ("dialect", "is_builders"), [("fanuc", True), ("haas", True), ("mach3", False)]
 )
-def test_a_printers_code_may_be_a_builders(dialect: str, is_builders: bool) -> None:  # noqa: FBT001
+def test_a_printers_code_may_be_a_builders(dialect: str, is_builders: bool) -> None:
     found = error_of("M107", dialect=dialect)
     assert ("a builder's code, or" in found.message) == is_builders
 

@@ -8,11 +8,9 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise, refuse
-from cnc.gcode.program.program import ProgramOptions, interpret
+from cnc.gcode.program.program import ProgramOptions
 from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.syntax.source_text import Text
-from cnc.model.blocks import Polyline
-from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.diagnostics import GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
 from tests.support.plain_reader import random_programs
 from tests.support.plain_reader.compare import difference
