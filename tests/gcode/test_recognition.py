@@ -36,6 +36,9 @@ EVIDENCE = [
     ("o<a> sub\no<a> endsub", "linuxcnc"),
     ("#<depth> = 5", "linuxcnc"),
     ("O100 (PART)\n#<depth> = 5", "linuxcnc"),
+    ("%\n\n(PART)\nO100 (PART)\nG0 X1", "fanuc"),
+    ("G21\nM98 P100 L5\nM2\nO100\nG4 P2\nM99", "auto"),
+    ("G21\nM98 P100 L5\nM30\nO100\nG12 I2. F9\nM99\nO200\nG65 P100", "fanuc"),
     ("$H\nG0 X1", "grbl"),
     ("; GRBL device profile\nG0 X1", "grbl"),
     ("N10 G71G91.1", "mach3"),
@@ -106,6 +109,12 @@ def test_a_program_with_y_words_is_no_lathe_program() -> None:
 def test_mirroring_of_haas_needs_other_evidence() -> None:
     assert recognise(["G101 X0"]).dialect == "auto"
     assert recognise(["O1234", "G101 X0"]).dialect == "haas"
+
+
+def test_the_number_of_a_program_counts_once() -> None:
+    found = recognise(["O100", "G64 P0.01", "M98 P100", "O200"])
+    assert (found.dialect, found.rival) == ("fanuc", "linuxcnc")
+    assert recognise(["O100", "G64 P0.01"]).rival == "fanuc or linuxcnc"
 
 
 def test_equal_evidence_for_two_dialects_decides_nothing() -> None:
