@@ -420,3 +420,15 @@ def test_a_lenient_program_keeps_its_comment_of_rules() -> None:
     assert [each.code for each in found] == ["comment-mended"]
     assert error_of("( a (b) #1=5 )\nG0 X1.", dialect=rules).code == "comment-nested"
     assert error_of("( a (b) R1 =5 )\nG0 X1.", dialect=rules).code == "comment-nested"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+def test_h0_may_stand_beside_g49(dialect: str) -> None:
+    """Both end the length on FANUC's controls, and CAM systems write both."""
+    program = "G43 H2 G0 Z5.\nG49 H0\nG0 Z6.\nM2"
+    assert points(program, dialect, tools=table())[-1][2] == 6
+
+
+def test_h_beside_g49_is_an_error_of_linuxcnc() -> None:
+    assert error_of("G49 H0\nM2", dialect="linuxcnc").code == "word-unused"
+    assert error_of("G49 H1\nM2", dialect="auto").code == "word-unused"

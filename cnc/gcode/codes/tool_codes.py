@@ -69,6 +69,8 @@ class ToolCodes:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.number
         self._length_on = number != G.G49
+        if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
+            self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
         if self.motion.compensated:
@@ -102,6 +104,13 @@ class ToolCodes:
         stays = G.G43_4 not in self._dialect.g and self._tip.active
         on = stays or number in (G.G43_4, G.G43_5)
         self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
+
+    @staticmethod
+    def _take_zero(words: LineWords) -> None:
+        """Take H0 beside G49: on FANUC's controls it ends the length, too."""
+        number = words.rest.get("H")
+        if number is not None and number.number == 0.0:
+            words.take("H", "G49")
 
     def _note_change(self, offset: list[float]) -> None:
         """Note the change of the offset along Z, for a move along Z under G91."""

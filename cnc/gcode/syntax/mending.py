@@ -12,6 +12,8 @@ from cnc.gcode.syntax.statement import Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
+_PROGRAM_NAME = re.compile(r"([ \t]*)(?=<[-A-Z0-9+_.]{1,32}>[ \t]*(?:[(;].*)?$)", re.I | re.DOTALL)
+"""A program's name in place of its number, on FANUC's Series 30i."""
 _ALIGNMENT = re.compile(r"[ \t]*:(?=[ \t]*[0-9]{1,8}[ \t]+[A-Z][ \t]*[-+.0-9])", re.I)
 """A colon in place of N, at which some posts let a program begin again."""
 _TEXT_CODE = re.compile(
@@ -56,12 +58,14 @@ class Mended(NamedTuple):
 def as_program_start(text: str) -> str:
     """Return a line with FANUC's other forms of a program's start as RS274/NGC has them.
 
-    ``:1000`` is O1000, and before other words N1000. Text after the % that begins a tape is its
+    ``:1000`` is O1000, and before other words N1000; ``<PART>`` is O<PART>. Text after the % that begins a tape is its
     name, not code.
     """
     begin = text.lstrip(" \t")
     if begin.startswith("%") and begin[1:].strip() and begin[1:].lstrip(" \t")[:1] not in "(;":
         return f"%({re.sub('[()]', ' ', begin[1:])})"
+    if begin.startswith("<") and (name := _PROGRAM_NAME.match(text)):
+        return f"{name[1]}O{text[name.end() :]}"
     if begin.startswith(":") and (colon := _ALIGNMENT.match(text)):
         return f"{text[: colon.end() - 1]}N{text[colon.end() :]}"
     if begin.startswith(":") and (colon := _PROGRAM_NUMBER.match(text)):
