@@ -58,8 +58,8 @@ class Mended(NamedTuple):
 def as_program_start(text: str) -> str:
     """Return a line with FANUC's other forms of a program's start as RS274/NGC has them.
 
-    ``:1000`` is O1000, and before other words N1000; ``<PART>`` is O<PART>. Text after the % that begins a tape is its
-    name, not code.
+    ``:1000`` is O1000, and before other words N1000; ``<PART>`` is O<PART>. Text after the % that
+    begins a tape is its name, not code.
     """
     begin = text.lstrip(" \t")
     if begin.startswith("%") and begin[1:].strip() and begin[1:].lstrip(" \t")[:1] not in "(;":

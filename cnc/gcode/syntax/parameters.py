@@ -85,6 +85,7 @@ class Parameters:
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
         self._rows: list[tuple[range, ReadRow, WriteRow]] = []
+        self._first_in_row = LAST_MACRO + 1
         self.changed: set[int | str] | None = None
         self.calls = 0
         self.kept: Container[int] = KEPT_MACRO if macro else USER
@@ -105,9 +106,9 @@ class Parameters:
             return self.values[number]
         if number in self._bound:
             return self._bound[number][0]()
-        for row, read, _ in self._rows:
-            if number in row:
-                return read(number - row.start)
+        if number >= self._first_in_row and (found := self._row_of(number)):
+            row, read, _ = found
+            return read(number - row.start)
         if not (number == 0 and self.macro):
             self._check(number, column)
         return self._unset
@@ -135,11 +136,10 @@ class Parameters:
             raise fault(
                 "parameter-read-only", "#0 is always vacant and cannot be set", column=column
             )
+        elif number >= self._first_in_row and (found := self._row_of(number)):
+            row, _, write = found
+            write(number - row.start, value)
         else:
-            for row, _, write in self._rows:
-                if number in row:
-                    write(number - row.start, value)
-                    return
             self._check(number, column)
             self._store(self.values, number, value)
 
@@ -246,6 +246,11 @@ class Parameters:
             write: Sets it.
         """
         self._rows.append((row, read, write))
+        self._first_in_row = min(self._first_in_row, row.start)
+
+    def _row_of(self, number: int) -> tuple[range, ReadRow, WriteRow] | None:
+        """Return the row that has a number, with its functions."""
+        return next((row for row in self._rows if number in row[0]), None)
 
     def push(self, arguments: Sequence[float]) -> None:
         """Enter a call, which has its own names and its own local numbers.
@@ -296,7 +301,7 @@ class Parameters:
         return number
 
     def _check(self, number: int, column: int) -> None:
-        if self.macro and not any(number in known for known in (COMMON_MACRO, SYSTEM, self.kept)):
+        if self.macro and not (number in COMMON_MACRO or number in SYSTEM or number in self.kept):
             hint = f"variables are #1 to #{LOCAL_MACRO}, #100 to #199 and #500 to #999"
             raise fault("parameter-number", f"there is no #{number} here", column=column, hint=hint)
         if not self.macro and not 1 <= number <= LAST:
