@@ -432,3 +432,20 @@ def test_h0_may_stand_beside_g49(dialect: str) -> None:
 def test_h_beside_g49_is_an_error_of_linuxcnc() -> None:
     assert error_of("G49 H0\nM2", dialect="linuxcnc").code == "word-unused"
     assert error_of("G49 H1\nM2", dialect="auto").code == "word-unused"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_outputs_of_macro_b_have_no_effect(dialect: str) -> None:
+    lines = ["POPEN", "N5 DPRNT[*X#100[44]*Y]", "/BPRNT [C#101[2]]", "PCLOS (DONE)", "G0 X1."]
+    program = "\n".join(lines)
+    assert points(program, dialect) == [(1, 0, 0)]
+    found = warnings(program, dialect)
+    assert [(each.code, each.line, each.severity) for each in found] == [
+        ("code-not-needed", line, "note") for line in (1, 2, 3, 4)
+    ]
+    assert points("IF [1 EQ 1] GOTO 5\nG0 X9.\nN5 DPRNT[A]\nG0 Y2.", dialect) == [(0, 2, 0)]
+
+
+def test_outputs_of_macro_b_are_an_error_of_linuxcnc() -> None:
+    assert error_of("POPEN\nM2", dialect="linuxcnc").code
+    assert error_of("DPRNT[X#1] G0 X1", dialect="fanuc").code == "function-unknown"

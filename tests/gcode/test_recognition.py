@@ -29,6 +29,7 @@ EVIDENCE = [
     ("O00001234\nG0 X1", "fanuc"),
     ("%\n<PART-1.NC>(OP 10)\nG0 X1", "fanuc"),
     ("G0 X1\n<PART>", "auto"),
+    ("G0 X1\nPOPEN\nDPRNT[X#100[44]]", "fanuc"),
     ("G98 G76 X1. Y2. Z-5. R2. Q0.1 F50.", "fanuc"),
     ("G76 P1.5 Z-20 I-1 J0.2 R1 K1.2 Q29.5", "auto"),
     ("G91 G81 X5. Z-5. R-8. F100. K3", "fanuc"),

@@ -43,6 +43,12 @@ _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]",
 """Block delete between two words."""
 _ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
 _SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF)\b", re.I)
+_OUTPUT = re.compile(
+    r"[ \t]*/?[ \t]*(?:N[0-9]+[ \t]*)?(POPEN|PCLOS|[DB]PRNT(?=[ \t]*\[.*\]))"
+    r"(?:[ \t]*\[.*\])?[ \t]*(?:[(;].*)?",
+    re.I | re.DOTALL,
+)
+"""A line that writes to a port of the control."""
 
 MENDED = "mended"
 """Kind of the remark that reports a repair."""
@@ -88,6 +94,15 @@ def inner_slash(text: str) -> int | None:
 def is_for_simulation(text: str) -> bool:
     """Whether a line is for the simulation of a training mill, such as ``[BILLET X50 Y50 Z25``."""
     return _SIMULATION.match(text) is not None
+
+
+def output_command(text: str) -> str:
+    """Return the command of macro B by which a line writes to a port; empty for other lines.
+
+    Source: FANUC Series 0i, "External output commands".
+    """
+    found = _OUTPUT.fullmatch(text)
+    return found[1].upper() if found else ""
 
 
 def with_whole_names(text: str) -> str:

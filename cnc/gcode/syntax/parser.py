@@ -23,6 +23,7 @@ from cnc.gcode.syntax.mending import (
     inner_slash,
     is_for_simulation,
     mend,
+    output_command,
     to_first_bracket,
     with_whole_names,
     without_printer_text,
@@ -157,6 +158,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return _board_line(text, syntax)
     if syntax.lenient and is_for_simulation(text):
         what = "a line for the simulation of a training mill has no effect here"
+        return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
+    if syntax.flavour == "macro-b" and (command := output_command(text)):
+        what = f"{command} (output to a port of the control) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
