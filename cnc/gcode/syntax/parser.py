@@ -27,7 +27,7 @@ from cnc.gcode.syntax.mending import (
     with_whole_names,
     without_printer_text,
 )
-from cnc.gcode.syntax.siemens import NOTED, translate
+from cnc.gcode.syntax.siemens import NOTED, Variables, translate
 from cnc.gcode.syntax.siemens_control import ControlLine
 from cnc.gcode.syntax.statement import Control, Remark, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
@@ -74,6 +74,7 @@ class Syntax:
             warning.
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
+        variables: Variables that a program of SINUMERIK defines.
     """
 
     flavour: Flavour = "ngc"
@@ -82,6 +83,7 @@ class Syntax:
     lenient: bool = False
     first_bracket: bool = False
     dialect: str = "auto"
+    variables: Variables = ()
 
     @property
     def skips_inside(self) -> bool:
@@ -171,8 +173,8 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
     if text.lstrip(" \t").startswith("%"):
         return Statement(percent=True)
-    found = translate(text)
-    ngc = replace(syntax, flavour="ngc", siemens=True)
+    found = translate(text, syntax.variables)
+    ngc = replace(syntax, flavour="ngc", siemens=True, variables=())
     begin = len(text) - len(text.lstrip())
     length = len(text.split(";", maxsplit=1)[0].strip())
     try:
