@@ -309,6 +309,7 @@ def test_variables_of_the_main_program() -> None:
         ("CYCLE840(1,2)", "CYCLE84"),
         ("DEF STRING[8] _NAME", "DEF REAL"),
         ("DEF REAL _N[3]", "DEF REAL"),
+        ("WARMUP(3600, 5)", "R parameters"),
     ],
 )
 def test_words_that_change_the_path_are_refused_by_name(line: str, said: str) -> None:

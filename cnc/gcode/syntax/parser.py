@@ -23,6 +23,7 @@ from cnc.gcode.syntax.mending import (
     inner_slash,
     is_for_simulation,
     mend,
+    shown_message,
     to_first_bracket,
     with_whole_names,
     without_printer_text,
@@ -160,6 +161,8 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     if syntax.lenient and is_for_simulation(text):
         what = "a line for the simulation of a training mill has no effect here"
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
+    if syntax.lenient and (message := shown_message(text)) is not None:
+        return Statement(remarks=(Remark("msg", message, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))

@@ -23,6 +23,7 @@ from cnc.gcode.syntax.siemens_control import (
     call_line,
     control_line,
     definition_line,
+    without_comment,
 )
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import fault
@@ -108,7 +109,7 @@ Variables = tuple[tuple[str, str], ...]
 
 def defined_variables(lines: Iterable[str]) -> Variables:
     """Return the variables that lines define by DEF."""
-    controls = (definition_line(_HEAD.sub("", _without_comment(line), count=1)) for line in lines)
+    controls = (definition_line(_HEAD.sub("", without_comment(line), count=1)) for line in lines)
     return tuple(pair for control in controls for pair in control)
 
 
@@ -130,7 +131,7 @@ class _Line:
     """A line that is being translated."""
 
     def __init__(self, text: str, variables: dict[str, str]) -> None:
-        self.text = _without_comment(text)
+        self.text = without_comment(text)
         self.variables = variables
         self.at = 0
         self.out: list[str] = []
@@ -286,7 +287,11 @@ class _Line:
         else:
             self.at = begin
             what = tables["refused"].get(name, "a name, or a word that is not known")
-            raise self._fault(f"{name} ({what})", len(name), tables["instead"].get(name, ""))
+            hint = tables["instead"].get(name, "")
+            if name not in tables["refused"] and self.text[begin + len(name) :].lstrip()[:1] == "(":
+                what = "call of a subprogram with values"
+                hint = "write its moves in place of the call, or hand values over in R parameters"
+            raise self._fault(f"{name} ({what})", len(name), hint)
 
     def _only_zero(self, name: str, what: str) -> None:
         """Pass a word whose value other than 0 would move the path otherwise."""
@@ -376,17 +381,6 @@ def variable_name(written: str) -> str:
 def _is_code(word: str) -> bool:
     """Whether letters and digits are one or more words such as G17 or M6."""
     return re.fullmatch(r"[A-Z][0-9]+", word, re.I) is not None
-
-
-def _without_comment(text: str) -> str:
-    """Return a line without the comment after a semicolon, which may not stand in quotes."""
-    quoted = False
-    for at, char in enumerate(text):
-        if char == '"':
-            quoted = not quoted
-        elif char == ";" and not quoted:
-            return text[:at]
-    return text
 
 
 def _closing(text: str, begin: int) -> int:

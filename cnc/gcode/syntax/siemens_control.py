@@ -113,6 +113,17 @@ def call_line(text: str, known: Container[str]) -> ControlLine | None:
     return ControlLine("s-call", f"{call[1].upper()} {call[2] or ''}".rstrip())
 
 
+def without_comment(text: str) -> str:
+    """Return a line without the comment after a semicolon, which may not stand in quotes."""
+    quoted = False
+    for at, char in enumerate(text):
+        if char == '"':
+            quoted = not quoted
+        elif char == ";" and not quoted:
+            return text[:at]
+    return text
+
+
 def _definition(kind: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
     """Return the line that defines variables: their names, and their values or 0."""
     found = [_DEFINED.fullmatch(part) for part in _arguments(text)]
