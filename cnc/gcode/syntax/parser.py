@@ -161,8 +161,8 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     if syntax.lenient and is_for_simulation(text):
         what = "a line for the simulation of a training mill has no effect here"
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
-    if syntax.lenient and (message := shown_message(text)) is not None:
-        return Statement(remarks=(Remark("msg", message, 1, len(text)),))
+    if syntax.lenient and (shown := shown_message(text)) is not None:
+        return Statement(remarks=(Remark("msg", shown, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
