@@ -44,6 +44,8 @@ EVIDENCE = [
     ("G28 X Y ; home", "marlin"),
     ("G28 X0 Y0", "auto"),
     ("M104 S200\nG1 X1 E0.5", "marlin"),
+    ("M104 S205.0", "marlin"),
+    ("M109 S0.010 (pulse of a laser)", "auto"),
     ("%_N_A_MPF\nG0 X1", "siemens"),
     ("G0 X=IC(5)", "siemens"),
     ("R1=5", "siemens"),
