@@ -108,8 +108,8 @@ class OffsetCodes:
     def _check_figure(self, at: Word) -> None:
         """Refuse an offset under G51, G51.1 or G68, in whose coordinates it would be unclear."""
         if self._coordinates.figure.changes:
-            message = f"{at.written} under G51, G51.1 or G68"
-            raise fault("figure-active", message, at, "give G50, G50.1 or G69 before")
+            message = f"{at.written} under a figure that G51, G51.1, G68 or G101 changed"
+            raise fault("figure-active", message, at, "give G50, G50.1, G69 or G100 before")
 
     def _check_compensation(self, at: Word) -> None:
         if self._motion.compensated:

@@ -42,6 +42,7 @@ _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|[A-Za-z0-9\]>][ \t]
 _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]", re.I)
 """Block delete between two words."""
 _ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
+_SHOWN = re.compile(r'[ \t]*(?:N[0-9]+[ \t]*)?(?:LOG|WARN)?MSG[ \t]+"([^"]*)"[ \t]*(?:;.*)?', re.I)
 _SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF)\b", re.I)
 _OUTPUT = re.compile(
     r"[ \t]*/?[ \t]*(?:N[0-9]+[ \t]*)?(POPEN|PCLOS|[DB]PRNT(?=[ \t]*\[.*\]))"
@@ -89,6 +90,12 @@ def inner_slash(text: str) -> int | None:
         return None
     found = _INNER_SLASH.search(_ANY_COMMENT.sub(lambda each: " " * len(each[0]), text))
     return found.start(1) if found else None
+
+
+def shown_message(text: str) -> str | None:
+    """Return the text of a line ``MSG "text"``, as EdingCNC has it; None for another line."""
+    found = _SHOWN.fullmatch(text)
+    return found and found[1]
 
 
 def is_for_simulation(text: str) -> bool:
