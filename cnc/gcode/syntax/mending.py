@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.statement import MENDED, Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
@@ -41,9 +41,6 @@ _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]",
 """Block delete between two words."""
 _ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
 _SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF)\b", re.I)
-
-MENDED = "mended"
-"""Kind of the remark that reports a repair."""
 
 
 class Mended(NamedTuple):
