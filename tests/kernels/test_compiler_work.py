@@ -121,7 +121,7 @@ def test_counts_of_references_are_looked_for_where_a_type_has_them() -> None:
 
     from cnc.kernels.compiler_work import repeated_work_left_out
 
-    context = cpu_target.target_context
+    context = cpu_target.target_context.subtarget(enable_nrt=True)
     context.refresh()
     array = types.Array(types.float64, 1, "C")
     with_references = types.Tuple((types.int64, array, types.UniTuple(array, 2)))
