@@ -51,8 +51,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.siemens import DIRECTION
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.statement import DIRECTION, Statement
 from cnc.gcode.syntax.words import LineWords, whole
 from cnc.model.blocks import Abort, BoardCommand
 

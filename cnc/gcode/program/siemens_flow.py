@@ -24,7 +24,6 @@ from cnc.gcode.program.control_flow import (
 )
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.siemens import variable_name
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.model.diagnostics import CncError
 
@@ -153,6 +152,8 @@ class _Definition:
             hint = "use R parameters in a subprogram"
             message = "DEF in a subprogram is not supported"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        from cnc.gcode.syntax.siemens import variable_name  # only its programs need that module
+
         flow.interpreter.begun = True
         for name, value in zip(self.names, self.values, strict=True):
             flow.parameters.set_name(variable_name(name), value(flow.parameters), 1)

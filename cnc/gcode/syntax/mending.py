@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.statement import MENDED, Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
@@ -50,9 +50,6 @@ _OUTPUT = re.compile(
     re.I | re.DOTALL,
 )
 """A line that writes to a port of the control."""
-
-MENDED = "mended"
-"""Kind of the remark that reports a repair."""
 
 
 class Mended(NamedTuple):

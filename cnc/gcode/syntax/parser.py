@@ -29,9 +29,7 @@ from cnc.gcode.syntax.mending import (
     with_whole_names,
     without_printer_text,
 )
-from cnc.gcode.syntax.siemens import NOTED, Variables, translate
-from cnc.gcode.syntax.siemens_control import ControlLine
-from cnc.gcode.syntax.statement import Control, Remark, Statement, Value
+from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -39,6 +37,9 @@ from cnc.version import __version__
 
 if TYPE_CHECKING:
     from lark import Lark
+
+    from cnc.gcode.syntax.siemens import Variables
+    from cnc.gcode.syntax.siemens_control import ControlLine
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
@@ -178,6 +179,8 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
 
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
+    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
+
     if text.lstrip(" \t").startswith("%"):
         return Statement(percent=True)
     found = translate(text, syntax.variables)

@@ -25,14 +25,10 @@ from cnc.gcode.syntax.siemens_control import (
     definition_line,
     without_comment,
 )
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.statement import DIRECTION, NOTED, Remark
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
-DIRECTION = "direction"
-"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
-NOTED = "noted"
-"""Kind of the remark that names a word without effect."""
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 """Range of the numbers of tools that a program calls by a name; a checksum gives the number."""
 

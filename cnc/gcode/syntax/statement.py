@@ -44,6 +44,14 @@ class Assignment:
     length: int
 
 
+DIRECTION = "direction"
+"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
+MENDED = "mended"
+"""Kind of the remark that reports a repair."""
+NOTED = "noted"
+"""Kind of the remark that names a word without effect."""
+
+
 @dataclass(frozen=True, slots=True)
 class Remark:
     """A command in a comment. ``kind`` is its first word in lower case: msg, debug, print, .."""
