@@ -349,6 +349,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         rtsys.initialize(context)
         library = KernelLibrary(context.codegen(), result.library.kernel)
         library.callees = {result.library.kernel: None}
+        library.returns_arrays = True  # as objects of Python
         library.add_linking_library(rtsys.library)
         descriptor = copy(result.fndesc)
         descriptor.env_name += ".wrapper"
