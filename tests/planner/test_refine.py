@@ -85,22 +85,6 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
 
 
-@pytest.mark.parametrize(("speed", "gains"), [(3.0, True), (3.99, False)])
-@pytest.mark.parametrize("rounding", [-1e-12, 0.0, 1e-12])
-def test_a_ramp_that_leaves_a_slow_place_at_its_bound_cannot_gain(rounding, speed, gains):
-    top = np.array([4.0, 10.0, 10.0, 10.0])
-    known = known_with_a_stop()._replace(top=top, speed=top, flat=np.zeros(4, bool))
-    rows = np.array(
-        [(1.0 / speed, 0.0, speed, 0.0, 0.0), (0.1, 1.0 + rounding, speed, 0.0, 100.0)], PHASE
-    )
-    limits = np.full(3, 100.0)
-    gain = possible_gain(rows, 0, 2, known, SumLimits(limits, limits, 1 / limits, 1 / limits))
-    cruise = (1.0 - speed / 4.0) / speed
-    # Its lowest bound is that of the slow place where it begins there.
-    lowest = 4.0 if rounding < 0.0 else 10.0
-    assert gain == pytest.approx(cruise + 0.1 * (1.0 - speed / lowest) if gains else 0.0)
-
-
 @pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
 def test_rounding_at_a_stop_does_not_hide_the_gain_before_it(direction):
     # The ramp to rest ends a little beyond the stop, with a speed that rounding makes negative.

@@ -25,10 +25,6 @@ STEEPEST = 0.85
 """The same for acceleration and jerk, as parts of their bounds on a straight path."""
 
 
-PLACE = 1e-9
-"""mm. A row that begins so near behind the end of an interval begins there."""
-
-
 class Stretch(NamedTuple):
     """Rows of a plan that are refined together.
 
@@ -135,8 +131,7 @@ def possible_gain(
 
     A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is below
     the limits that would hold on a straight path. So can one that ends its deceleration below the
-    speed bounds, where the motion decelerates again behind it. A row that speeds up from the end of
-    a slower place gains nothing by a higher bound of its own.
+    speed bounds, where the motion decelerates again behind it.
     """
     end, top, samples = known.end, known.top, known.samples
     axes = samples.shape[3]
@@ -148,7 +143,6 @@ def possible_gain(
         finish = phase_at(row["duration"], s, v, a, j)[0]
         k = interval_at(s, k, end)
         lowest = top[k]
-        leaves = j > 0.0 and k > 0 and s - end[k - 1] <= PLACE and v >= FASTEST * top[k - 1]
         highest = limits.j[axes] if j != 0.0 else limits.a[axes]
         while True:
             lowest = min(lowest, top[k])
@@ -159,8 +153,7 @@ def possible_gain(
             if not (k + 1 < len(end) and end[k] < finish):
                 break
             k += 1
-        speeds_up = j > 0.0 and v > 0.0 and r > first and not leaves
-        if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or speeds_up):
+        if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or (j > 0.0 and v > 0.0 and r > first)):
             total += row["duration"] * (1.0 - v / lowest)
         if a < 0.0 < j:
             # At a stop the sum may be negative by rounding, and the bound of the speed there is 0.
