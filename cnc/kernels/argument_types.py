@@ -22,7 +22,7 @@ def kind(value: Any) -> Any:
     if cls in _PLAIN:
         return cls
     if issubclass(cls, tuple):
-        return cls, *[kind(each) for each in value]
+        return cls, *map(kind, value)
     if issubclass(cls, np.ndarray):
         return kind(value.view(np.ndarray))
     if issubclass(cls, np.generic):

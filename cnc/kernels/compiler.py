@@ -14,6 +14,10 @@ into them, is left out.
 A kernel that Python calls needs a function that converts the arguments. It is made, and kept,
 apart, and only for kernels that are called so.
 
+numba counts the references to arrays wherever one is passed or indexed. A kernel that neither makes
+an array nor returns one needs no count: its caller holds all arrays until it returns. There the
+counting is left out.
+
 Nothing that is compiled here runs before it has been loaded from its file. numba would also
 generate machine code for each of its own functions that a kernel contains; that is left out.
 
@@ -62,6 +66,14 @@ OPTIONS = {
 LEFT_OUT = InlineClosureLikes, InlineOverloads
 """Passes of numba that kernels do not need: they have no functions or comprehensions inside."""
 
+NO_COUNT = """
+define linkonce_odr void @NRT_incref(ptr %0) alwaysinline nounwind { ret void }
+define linkonce_odr void @NRT_decref(ptr %0) alwaysinline nounwind { ret void }
+"""
+"""Counting of references where none is needed, in LLVM's language."""
+COUNTING = {"NRT_incref", "NRT_decref", "NRT_MemInfo_call_dtor", "NRT_Free"}
+"""Functions of numba that make no array. The third frees one, the last the text of an error."""
+
 Types = tuple[Any, ...]
 watchers: list[Callable[[Kernel], None]] = []
 """Functions that are called before a kernel is compiled."""
@@ -97,12 +109,14 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         symbol: name of its function.
         callees: kernels to which the code refers, in the order of their calls.
         code: the machine code, an object file.
+        returns_arrays: whether its caller takes over references to arrays.
     """
 
     def __init__(self, codegen: Any, kernel: Callee) -> None:
         super().__init__(codegen, kernel.name)
         self.kernel = kernel
         self.symbol, self.code = "", b""
+        self.returns_arrays = False
         self.callees: dict[Callee, None] = {}
         self._bitcode = b""
         self._linking_libraries: list[Any] = []
@@ -120,7 +134,25 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
                     continue
             linked.append(library)
         self._linking_libraries = linked
+        if self._only_borrows():
+            # The first definition of a function counts.
+            self._final_module.link_in(binding.parse_assembly(NO_COUNT), preserve=True)
         super().finalize()
+
+    def _only_borrows(self) -> bool:
+        """Return whether the callers hold all arrays, so that no reference has to be counted."""
+        if self.returns_arrays or any(
+            kernels[each.module, each.name].dispatcher.returns_arrays(each.arguments)
+            for each in self.callees
+        ):
+            return False
+        linked = (
+            library._get_module_for_linking()
+            for library in self._linking_libraries
+            if library is not rtsys.library
+        )
+        names = {each.name for module in (self._final_module, *linked) for each in module.functions}
+        return not any(name.startswith("NRT_") for name in names - COUNTING)
 
     def _finalize_final_module(self) -> None:
         self._verify_declare_only_symbols()
@@ -223,6 +255,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         with _no_inner_code(codegen), repeated_work_left_out():
             super().compile(arguments)
             result = self.overloads[arguments]
+            result.library.returns_arrays = self.returns_arrays(arguments)
             result.library.finalize()
         library, descriptor = result.library, result.fndesc
         descriptor.typemap = descriptor.calltypes = None
@@ -244,6 +277,12 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
     def file(self, arguments: Types) -> str:
         """Return the file of compiled code for these types."""
         return self._files[arguments]
+
+    def returns_arrays(self, arguments: Types) -> bool:
+        """Return whether the value for these types contains arrays."""
+        models = self.targetctx.data_model_manager
+        model = models[self.overloads[arguments].signature.return_type]
+        return bool(model.contains_nrt_meminfo())
 
     def _is_known(self, arguments: Types) -> bool:
         """Return whether there is code for these types; read the file if it is not known yet."""
@@ -318,6 +357,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         rtsys.initialize(context)
         library = KernelLibrary(context.codegen(), result.library.kernel)
         library.callees = {result.library.kernel: None}
+        library.returns_arrays = True  # as objects of Python
         library.add_linking_library(rtsys.library)
         descriptor = copy(result.fndesc)
         descriptor.env_name += ".wrapper"

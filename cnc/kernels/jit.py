@@ -48,7 +48,7 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function; compile it if need be."""
         entries = self._entries
-        entry = entries.get(tuple([kind(each) for each in arguments])) if entries else None
+        entry = entries.get(tuple(map(kind, arguments))) if entries else None
         return (entry or self._first_call)(*arguments)
 
     def _first_call(self, *arguments: Any) -> Any:

@@ -7,7 +7,7 @@ import pytest
 
 from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_range
-from cnc.kernels.planner.audit_samples import span_point
+from cnc.kernels.planner.audit_positions import span_point
 from cnc.kernels.planner.hull import derivative_bounds
 from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import PathLimits

@@ -44,9 +44,7 @@ x^7 with x the part of the row's length up to the place: the Hermite interpolant
 du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.path.arclength`).
 
 All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a
-constant) and u as float. The innermost ones call no other kernel and have one exit, behind the last
-use of every array. Only then does numba drop the counting of references to the arrays, which takes
-longer than a point of a cubic.
+constant) and u as float.
 """
 
 from __future__ import annotations

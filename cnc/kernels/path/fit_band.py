@@ -50,10 +50,19 @@ def solve(factor: Floats, b: Floats) -> None:
         for j in range(1, min(width, size - i)):
             b[i + j] -= factor[i, j] * value
     for i in range(size - 1, -1, -1):
-        total = b[i]
-        for j in range(1, min(width, size - i)):
+        # Three sums, so that an addition need not wait for the one before.
+        reach = min(width, size - i)
+        total, second, third = b[i], 0.0, 0.0
+        j = 1
+        while j + 2 < reach:
             total -= factor[i, j] * b[i + j]
-        b[i] = total / factor[i, 0]
+            second += factor[i, j + 1] * b[i + j + 1]
+            third += factor[i, j + 2] * b[i + j + 2]
+            j += 3
+        while j < reach:
+            total -= factor[i, j] * b[i + j]
+            j += 1
+        b[i] = (total - (second + third)) / factor[i, 0]
 
 
 @njit

@@ -20,7 +20,7 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.path.fit_chain import Chain, Flags
-from cnc.kernels.path.fit_spline import DEGREE, Spline, bernstein
+from cnc.kernels.path.fit_spline import DEGREE, Spline
 
 FORWARD = 0.2
 """Least part of a fifth of its chord that each leg of a span's control polygon advances along the
@@ -28,6 +28,8 @@ chord: no cusps, no loops.
 """
 CLOSE = 0.1
 """Part of the tolerance below which the foot of a vertex is not searched."""
+FOUND = 1e-4
+"""Part of its span by which the foot of a vertex moves in the last step of the search."""
 
 
 @njit
@@ -106,39 +108,60 @@ def _bends(b: Floats, metrics: Flags) -> tuple[float, float]:
 @njit
 def _from_move(b: Floats, tau: float, x0: Floats, x1: Floats, metrics: Flags) -> float:
     """Return the distance of a span at tau from the move x0 -> x1 (n,), as in span_distance."""
-    n = x0.shape[0]
-    weights = np.empty(DEGREE + 1)
-    here = np.empty(n)
-    bernstein(tau, weights)
-    dot = square = 0.0
-    for c in range(n):
-        here[c] = 0.0
-        for j in range(DEGREE + 1):
-            here[c] += weights[j] * b[j, c]
+    left = 1.0 - tau
+    a2 = left * left
+    t2 = tau * tau
+    w0, w1, w2 = a2 * a2 * left, 5.0 * tau * a2 * a2, 10.0 * t2 * a2 * left
+    w3, w4, w5 = 10.0 * t2 * tau * a2, 5.0 * t2 * t2 * left, t2 * t2 * tau
+    dot = along = square = other = 0.0
+    for c in range(x0.shape[0]):
         if metrics[c]:
-            dot += (here[c] - x0[c]) * (x1[c] - x0[c])
-            square += (x1[c] - x0[c]) ** 2
-    part = min(max(dot / square, 0.0), 1.0) if square > 0.0 else 0.0
-    distance = 0.0
-    other = 0.0
-    for c in range(n):
-        r = here[c] - x0[c] - part * (x1[c] - x0[c])
+            off = (w0 * b[0, c] + w1 * b[1, c] + w2 * b[2, c]) + (
+                w3 * b[3, c] + w4 * b[4, c] + w5 * b[5, c] - x0[c]
+            )
+            move = x1[c] - x0[c]
+            dot += off * move
+            along += move * move
+    part = min(max(dot / along, 0.0), 1.0) if along > 0.0 else 0.0
+    for c in range(x0.shape[0]):
+        off = (w0 * b[0, c] + w1 * b[1, c] + w2 * b[2, c]) + (
+            w3 * b[3, c] + w4 * b[4, c] + w5 * b[5, c] - x0[c]
+        )
+        off -= part * (x1[c] - x0[c])
         if metrics[c]:
-            distance += r * r
+            square += off * off
         else:
-            other = max(other, abs(r))
-    return max(math.sqrt(distance), other)
+            other = max(other, abs(off))
+    return max(math.sqrt(square), other)
 
 
 @njit
 def _near(
-    b: Floats, before: float, after: float, x0: Floats, x1: Floats, metrics: Flags, allowed: float
+    b: Floats,
+    before: float,
+    after: float,
+    apart: float,
+    x0: Floats,
+    x1: Floats,
+    metrics: Flags,
+    bends: tuple[float, float],
+    allowed: float,
 ) -> bool:
     """Return whether a span keeps within ``allowed`` of the move x0 -> x1 between two places.
 
-    b: (6, n): Bezier points of the span. before, after: from 0 to 1.
+    Args:
+        b: (6, n): Bezier points of the span.
+        before: the first place, from 0 to 1.
+        after: the second.
+        apart: largest distance of the curve from the ends of the move there, mm, or infinity. From
+            the move it is no farther.
+        x0: (n,): start of the move.
+        x1: (n,): its end.
+        metrics: whether each axis is a metric one.
+        bends: of the span, see _bends.
+        allowed: mm.
     """
-    metric_bend, other_bend = _bends(b, metrics)
+    metric_bend, other_bend = bends
     square = 0.0
     moved = 0.0
     for c in range(x0.shape[0]):
@@ -150,7 +173,8 @@ def _near(
         # The others are compared where the curve is, seen along the move.
         other_bend += metric_bend * moved / math.sqrt(square)
     sagitta = 0.125 * max(metric_bend, other_bend) * (after - before) ** 2
-    good = False
+    # Other axes are compared at another point of the move than its end.
+    good = moved == 0.0 and apart + sagitta <= allowed
     count = 1
     while count <= 64 and not good:
         good = sagitta < allowed * count * count
@@ -201,9 +225,10 @@ def _foot(
         distance, tau = span_distance(spline.bezier[k], (t - start) / h, x, metrics, True)
         if distance < best:
             best, best_k, best_t = distance, k, t
-        if distance <= near or low == high:
+        following = min(max(start + tau * h, low), high)
+        if distance <= near or abs(following - t) <= FOUND * h:
             break
-        t = min(max(start + tau * h, low), high)
+        t = following
     return best_t, best_k, best
 
 
@@ -239,6 +264,8 @@ def _prove_range(
     while knots[k + 1]["t"] <= before and k + 1 < last_knot:
         k += 1
     wrong[k] = wrong[k] or not _forward(spline.bezier[k], metrics)
+    bends = _bends(spline.bezier[k], metrics)
+    apart = math.inf
     while i < end:
         i += 1
         ends = i == end
@@ -256,13 +283,20 @@ def _prove_range(
             stop = min(t, knots[k + 1]["t"])
             if stop > before and not wrong[k]:
                 low_tau, high_tau = (before - start) / h, (stop - start) / h
-                wrong[k] = not _near(spline.bezier[k], low_tau, high_tau, x0, x1, metrics, allowed)
+                apart = max(apart, distance if stop == t else math.inf)
+                wrong[k] = not _near(
+                    spline.bezier[k], low_tau, high_tau, apart, x0, x1, metrics, bends, allowed
+                )
             before = max(before, stop)
+            apart = math.inf
             if k + 1 == last_knot or t < knots[k + 1]["t"]:
                 break
             k += 1
             wrong[k] = wrong[k] or not _forward(spline.bezier[k], metrics)
+            bends = _bends(spline.bezier[k], metrics)
         x0 = x1
+        # Where the curve is before t, nothing is known of its distance there.
+        apart = distance if before == t else math.inf
 
 
 @njit

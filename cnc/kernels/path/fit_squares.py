@@ -36,85 +36,108 @@ def _add_place(
     x: float,
     ref: Floats,
     keeps: Flags,
+    begin: int,
     band: Floats,
     right: Floats,
     work: Floats,
 ) -> None:
     """Add the squared distance from ``ref`` (n,) at x of span k to the least-squares system.
 
-    keeps: (N,): control points that keep their places. work: (2, 6).
+    keeps: (N,): control points that keep their places. begin: control point of the system's first
+    row. work: (2, 6).
     """
     bernstein(x, work[0])
     first = spline.first[k]
+    row = first - begin
     phi = work[1]
     for i in range(ORDER):
         phi[i] = 0.0
-        for j in range(ORDER):
-            phi[i] += work[0, j] * spline.extract[k, j, i]
+    for j in range(ORDER):
+        weight = work[0, j]
+        for i in range(ORDER):
+            phi[i] += weight * spline.extract[k, j, i]
     for c in range(ref.shape[0]):
         off = ref[c]
         for i in range(ORDER):
             if keeps[first + i]:
                 off -= phi[i] * spline.points[first + i, c]
         for i in range(ORDER):
-            right[first + i, c] += phi[i] * off
+            right[row + i, c] += phi[i] * off
     for i in range(ORDER):
         for j in range(i + 1):
-            band[first + j, i - j] += phi[i] * phi[j]
+            band[row + j, i - j] += phi[i] * phi[j]
+
+
+@njit
+def _changes(spline: Spline, keeps: Flags, k: int) -> bool:
+    """Return whether a control point of span k does not keep its place."""
+    changes = False
+    for i in range(ORDER):
+        changes = changes or not keeps[spline.first[k] + i]
+    return changes
 
 
 @njit
 def least_squares(chain: Chain, spline: Spline, keeps: Flags) -> None:
     """Lay the control points that do not keep their places so that vertices are passed closely.
 
-    Bezier points of all spans that change are set.
+    Bezier points of all spans that change are set. Spans that follow each other and change are a
+    system of their own: between two of these, all control points keep their places.
     """
+    spans = spline.knots.shape[0] - 1
+    low = 0
+    while low < spans:
+        high = low
+        while high < spans and _changes(spline, keeps, high):
+            high += 1
+        if high > low:
+            _lay(chain, spline, keeps, low, high)
+        low = high + 1
+
+
+@njit
+def _lay(chain: Chain, spline: Spline, keeps: Flags, low: int, high: int) -> None:
+    """Lay the control points of the spans from ``low`` to before ``high``; see least_squares."""
     knots, _, first, p, extract, points, _, _ = spline
     n = points.shape[1]
-    size = points.shape[0]
+    begin = first[low]
+    size = first[high - 1] + ORDER - begin
     band = np.zeros((size, ORDER))
     right = np.zeros((size, n))
     work = np.empty((2, ORDER))
-    spans = knots.shape[0] - 1
-    changes = np.zeros(spans, np.bool_)
-    for k in range(spans):
-        for i in range(ORDER):
-            changes[k] = changes[k] or not keeps[first[k] + i]
-        if changes[k]:
-            h = knots[k + 1]["t"] - knots[k]["t"]
-            add_energy(extract[k], h, STIFF * h**DEGREE, first[k], band)
+    for k in range(low, high):
+        h = knots[k + 1]["t"] - knots[k]["t"]
+        add_energy(extract[k], h, STIFF * h**DEGREE, first[k] - begin, band)
     for j in range(size):
         for i in range(1, min(j, DEGREE) + 1):
             for c in range(n):
-                if keeps[j - i]:
-                    right[j, c] -= band[j - i, i] * points[j - i, c]
-                if keeps[j]:
-                    right[j - i, c] -= band[j - i, i] * points[j, c]
-    for k in range(spans):
-        if changes[k]:
-            low = knots[k]["t"]
-            h = knots[k + 1]["t"] - low
-            _add_place(spline, k, 0.0, p[k], keeps, band, right, work)
-            for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"]):
-                if chain.along[i] > chain.along[i - 1]:
-                    x = (chain.along[i] - low) / h
-                    _add_place(spline, k, x, chain.x[i], keeps, band, right, work)
+                if keeps[begin + j - i]:
+                    right[j, c] -= band[j - i, i] * points[begin + j - i, c]
+                if keeps[begin + j]:
+                    right[j - i, c] -= band[j - i, i] * points[begin + j, c]
+    for k in range(low, high):
+        start = knots[k]["t"]
+        h = knots[k + 1]["t"] - start
+        _add_place(spline, k, 0.0, p[k], keeps, begin, band, right, work)
+        for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"]):
+            if chain.along[i] > chain.along[i - 1]:
+                x = (chain.along[i] - start) / h
+                _add_place(spline, k, x, chain.x[i], keeps, begin, band, right, work)
     for j in range(size):
         for i in range(min(j, DEGREE) + 1):
-            if keeps[j] or keeps[j - i]:
+            if keeps[begin + j] or keeps[begin + j - i]:
                 band[j - i, i] = 1.0 if i == 0 else 0.0
     factorise(band)
     column = np.empty(size)
     for c in range(n):
         for j in range(size):
-            column[j] = 0.0 if keeps[j] else right[j, c]
+            column[j] = 0.0 if keeps[begin + j] else right[j, c]
         solve(band, column)
         for j in range(size):
-            if not keeps[j]:
-                points[j, c] = column[j]
-    for k in range(spans):
-        if changes[k]:
-            set_bezier(spline, k)
+            if not keeps[begin + j]:
+                points[begin + j, c] = column[j]
+    for k in range(low, high):
+        set_bezier(spline, k)
 
 
 @njit
@@ -139,17 +162,21 @@ def _missed(chain: Chain, spline: Spline, k: int) -> float:
     knots = spline.knots
     low = knots[k]["t"]
     h = knots[k + 1]["t"] - low
-    weights = np.empty(ORDER)
     worst = 0.0
+    b = spline.bezier
     for i in range(knots[k]["vertex"] + int(not knots[k]["on"]), knots[k + 1]["vertex"] + 1):
         t = chain.along[i]
         if (i == 0 or t > chain.along[i - 1]) and low <= t <= low + h:
-            bernstein((t - low) / h, weights)
+            x = (t - low) / h
+            y = 1.0 - x
+            x2, y2 = x * x, y * y
+            w0, w1, w2 = y2 * y2 * y, 5.0 * x * y2 * y2, 10.0 * x2 * y2 * y
+            w3, w4, w5 = 10.0 * x2 * x * y2, 5.0 * x2 * x2 * y, x2 * x2 * x
             square = 0.0
             for c in range(spline.p.shape[1]):
-                off = -chain.x[i, c]
-                for j in range(ORDER):
-                    off += weights[j] * spline.bezier[k, j, c]
+                off = (w0 * b[k, 0, c] + w1 * b[k, 1, c] + w2 * b[k, 2, c]) + (
+                    w3 * b[k, 3, c] + w4 * b[k, 4, c] + w5 * b[k, 5, c] - chain.x[i, c]
+                )
                 if chain.metrics[c]:
                     square += off * off
                 else:

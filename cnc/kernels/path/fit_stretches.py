@@ -148,11 +148,10 @@ def _beside(chain: Chain, i: int, size: float, tolerance: float) -> float:
 
 @njit
 def _stretch(
-    chain: Chain, corner: Flags, counted: Ints, a: int, b: int, tolerance: float
+    chain: Chain, corner: Flags, counted: Ints, a: int, b: int, tolerance: float, unit: Floats
 ) -> Stretch:
-    """Return the stretch between two places in ``counted``."""
+    """Return the stretch between two places in ``counted``; ``unit`` (n,) is work space."""
     x, along, metric, _ = chain
-    n = x.shape[1]
     first, last = counted[a], counted[b]
     size = along[last] - along[first]
     left_hard = a == 0 or corner[first]
@@ -160,7 +159,6 @@ def _stretch(
     low = 0.0
     high = size
     if not (left_hard and right_hard):
-        unit = np.zeros(n)
         for c in metric:
             unit[c] = (x[last, c] - x[first, c]) / (SPARE * BENDS)
         left = right = 0.0
@@ -265,10 +263,11 @@ def first_knots(chain: Chain, corner: Flags, tolerance: float, carried: Knots) -
         while counted[a] < vertex:
             a += 1
     knots[0]["ends"] = True
+    unit = np.zeros(chain.x.shape[1])
     since = 0
     while a < counted.shape[0] - 1:
         b = _stretch_end(chain.x, chain.metric, corner, counted, a)
-        found = _stretch(chain, corner, counted, a, b, tolerance)
+        found = _stretch(chain, corner, counted, a, b, tolerance, unit)
         edge = b == counted.shape[0] - 1 or corner[counted[b]]
         straight = found.high > found.low
         if straight:

@@ -13,13 +13,7 @@ from cnc.kernels.path.bspline import MAX_DEGREE
 from cnc.kernels.path.curve import (
     METRIC,
     METRICS,
-    SPAN,
-    SPAN_BODY,
-    START,
-    U0,
-    U1,
     curve_eval,
-    is_plain_quintic,
 )
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
@@ -30,63 +24,13 @@ from cnc.kernels.planner.audit import (
     Largest,
     next_piece,
 )
+from cnc.kernels.planner.audit_positions import INSTANTS, KEPT, Run, write_positions
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import is_timed
 
 Floats = NDArray[np.float64]
-
-
-@njit
-def span_point(data: Floats, at: int, u: float, weight: Floats, out: Floats) -> None:
-    """Write the position at ``u`` of a span to the last row of ``out``.
-
-    It computes no derivatives, which would take most of the time.
-
-    Args:
-        data: the records.
-        at: index of the record of the span.
-        u: its parameter.
-        weight: (degree + 1,): scratch for the Bernstein polynomials.
-        out: (rows, axes).
-    """
-    n = out.shape[1]
-    start = at + START
-    k = start + 2 * n
-    p = int(data[k])
-    k += SPAN_BODY
-    x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
-    y = 1.0 - x
-    row = out.shape[0] - 1
-    if is_plain_quintic(data, at):
-        xx, yy = x * x, y * y
-        w0, w1, w2 = y * yy * yy, 5.0 * x * yy * yy, 10.0 * xx * y * yy
-        w3, w4, w5 = 10.0 * x * xx * yy, 5.0 * xx * xx * y, x * xx * xx
-        for i in range(n):
-            k += p + 1
-            low = w0 * data[k] + w1 * data[k + 1] + w2 * data[k + 2]
-            high = w3 * data[k + 3] + w4 * data[k + 4] + w5 * data[k + 5]
-            out[row, i] = data[start + i] + (low + high)
-        return
-    # C(p, m) x^m from one end, times y^(p - m) from the other: no step loses digits.
-    rising = 1.0
-    for m in range(p + 1):
-        weight[m] = rising
-        rising *= x * (p - m) / (m + 1)
-    falling = 1.0
-    divisor = 0.0
-    for m in range(p, -1, -1):
-        weight[m] *= falling
-        falling *= y
-        divisor += weight[m] * data[k + m]
-    inverse = 1.0 / divisor
-    for i in range(n):
-        k += p + 1
-        total = 0.0
-        for m in range(p + 1):
-            total += weight[m] * data[k + m]
-        out[row, i] = data[start + i] + total * inverse
 
 
 @njit
@@ -149,12 +93,15 @@ def _step_and_sagitta(
 
 
 @njit
-def raise_by_differences(last: Floats, known: int, period: float, largest: Largest) -> None:
-    """Raise the maxima of the axes to the differences of the last positions.
+def _raise_by_differences(
+    position: Floats, known: int, count: int, period: float, largest: Largest
+) -> None:
+    """Raise the maxima of the axes to the differences of positions.
 
     Args:
-        last: (5, axes): the new position in row 4, those before in rows 0 to 2.
+        position: (axes, KEPT + count): those at three instants before, then the new ones.
         known: number of valid positions before.
+        count: number of new positions.
         period: s.
         largest: the maxima.
     """
@@ -162,26 +109,27 @@ def raise_by_differences(last: Floats, known: int, period: float, largest: Large
     per_a = per_v * per_v
     per_j = per_a * per_v
     for i in range(len(largest.axis_v)):
-        v = last[4, i] - last[0, i]
-        a = v - (last[0, i] - last[1, i])
-        j = a - (last[0, i] - 2.0 * last[1, i] + last[2, i])
-        if known > 0:
-            largest.axis_v[i] = max(largest.axis_v[i], abs(v) * per_v)
-        if known > 1:
-            largest.axis_a[i] = max(largest.axis_a[i], abs(a) * per_a)
-        if known > 2:
-            largest.axis_j[i] = max(largest.axis_j[i], abs(j) * per_j)
-
-
-@njit
-def chord_of(pieces: Pieces, piece: int, last: Floats) -> float:
-    """Return the distance of rows 0 and 4 of ``last`` along the axes that measure a piece, mm."""
-    data, at = pieces.data, pieces.at[piece]
-    squared = 0.0
-    for m in range(int(data[at + METRICS])):
-        c = int(data[at + METRIC + m])
-        squared += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
-    return math.sqrt(squared)
+        here = position[i, KEPT - 1]
+        v_before = here - position[i, KEPT - 2]
+        a_before = v_before - (position[i, KEPT - 2] - position[i, KEPT - 3])
+        v_most, a_most, j_most = 0.0, 0.0, 0.0
+        for k in range(count):
+            v = position[i, KEPT + k] - here
+            a = v - v_before
+            j = a - a_before
+            if known + k >= KEPT:
+                v_most, a_most, j_most = (
+                    max(v_most, abs(v)),
+                    max(a_most, abs(a)),
+                    max(j_most, abs(j)),
+                )
+            else:
+                v_most = max(v_most, abs(v)) if known + k > 0 else v_most
+                a_most = max(a_most, abs(a)) if known + k > 1 else a_most
+            here, v_before, a_before = position[i, KEPT + k], v, a
+        largest.axis_v[i] = max(largest.axis_v[i], v_most * per_v)
+        largest.axis_a[i] = max(largest.axis_a[i], a_most * per_a)
+        largest.axis_j[i] = max(largest.axis_j[i], j_most * per_j)
 
 
 @njit
@@ -206,6 +154,85 @@ def instants_to_skip(v: float, left: float, period: float) -> int:
         period: s.
     """
     return min(int(CLOSE / (v * period)), int(left / period)) - 2 * POINTS
+
+
+@njit
+def _instants(
+    plan: PlanArrays, t0: float, period: float, index: int, known: int, phase: int, run: Run
+) -> tuple[int, int, int]:
+    """Write arc length and piece at the next instants; the entries are those of :class:`Run`.
+
+    Returns:
+        The number of instants, the phase of the last one, and the number of instants behind it that
+        need no sample.
+    """
+    piece_s, last_phase = plan.piece_s, len(plan.j) - 1
+    end = t0 + plan.t[last_phase + 1]
+    piece = run.piece[0]
+    count, skipped = 0, 0
+    while count < INSTANTS and skipped <= 0 and (index + count) * period <= end:
+        t = max((index + count) * period - t0, 0.0)
+        stopped = False
+        while phase < last_phase and t > plan.t[phase + 1]:
+            phase += 1
+            stopped = stopped or plan.v[phase] == 0.0
+        v, a, j = plan.v[phase], plan.a[phase], plan.j[phase]
+        s = phase_at(t - plan.t[phase], plan.s[phase], v, a, j)[0]
+        piece = next_piece(piece, s, piece_s)
+        count += 1
+        run.s[count], run.piece[count], run.stopped[count] = s, piece, stopped
+        if a == 0.0 and j == 0.0 and v > 0.0 and known + count >= KEPT and not run.timed[piece]:
+            left = plan.t[phase + 1] + t0 - (index + count) * period
+            skipped = instants_to_skip(v, left, period)
+    return count, phase, max(skipped, 0)
+
+
+@njit
+def _raise_by_steps(
+    pieces: Pieces, piece_s: Floats, shortest: float, count: int, run: Run, largest: Largest
+) -> None:
+    """Raise step deviation and chord error to those of the steps that end at ``count`` instants.
+
+    A step counts as in :func:`audit_samples`.
+    """
+    data, along, position, bounds = pieces.data, largest.along, run.position, run.bounds
+    n = position.shape[0]
+    bounded = -1
+    bent, at = math.inf, 0
+    for k in range(1, count + 1):
+        step = run.s[k] - run.s[k - 1]
+        if run.s[k - 1] < 0.0 or run.stopped[k] or step <= shortest:
+            continue
+        piece, before = run.piece[k], run.piece[k - 1]
+        if piece != bounded:
+            bounded, at = piece, pieces.at[piece]
+            derivative_bounds(pieces.kind[piece], data, at, bounds)
+            bent = bounds[n, 1] / 8.0
+        if piece == before and step * step * bent <= along[CHORD_ERROR]:
+            # The chord alone: the curve is nearer to it than the chord error so far.
+            squared = 0.0
+            for m in range(int(data[at + METRICS])):
+                c = int(data[at + METRIC + m])
+                off = position[c, KEPT - 1 + k] - position[c, KEPT - 2 + k]
+                squared += off * off
+            apart = 0.0
+            timed = False
+        else:
+            for i in range(n):
+                run.last[0, i] = position[i, KEPT - 2 + k]
+                run.last[4, i] = position[i, KEPT - 1 + k]
+            chord, apart = _step_and_sagitta(
+                pieces, piece_s, before, piece, run.s[k - 1], run.s[k], run.last, run.q
+            )
+            squared = chord * chord
+            timed = some_timed(pieces, before, piece)
+        # Most steps deviate less than one before: that takes no root.
+        least = max(1.0 - along[STEP_DEVIATION], 0.0) * step
+        most = (1.0 + along[STEP_DEVIATION]) * step
+        if not (timed or least * least <= squared <= most * most):
+            off = abs(math.sqrt(squared) - step)
+            along[STEP_DEVIATION] = max(along[STEP_DEVIATION], off / step)
+        along[CHORD_ERROR] = max(along[CHORD_ERROR], apart)
 
 
 @njit
@@ -242,68 +269,40 @@ def audit_samples(
     Returns:
         The next index and the new ``known``.
     """
-    kind, data, piece_s = pieces.kind, pieces.data, plan.piece_s
-    along, n = largest.along, len(largest.axis_v)
-    q = np.zeros((4, n))
-    weight = np.zeros(MAX_DEGREE + 1)
-    bounds = np.zeros((n + 1, BOUNDS))
-    bent = math.inf
-    bounded = -1
-    piece = 0
+    n = len(largest.axis_v)
+    run = Run(
+        np.zeros(INSTANTS + 1),
+        np.zeros(INSTANTS + 1, np.int64),
+        np.zeros(INSTANTS + 1, np.bool_),
+        np.zeros((n, KEPT + INSTANTS)),
+        np.zeros(len(pieces.kind), np.bool_),
+        np.zeros((n + 1, BOUNDS)),
+        np.zeros(MAX_DEGREE + 1),
+        np.zeros((4, n)),
+        last,
+    )
+    for k in range(len(pieces.kind)):
+        run.timed[k] = is_timed(pieces.kind[k], pieces.data, pieces.at[k])
+    position = run.position
+    for i in range(n):
+        for k in range(KEPT):
+            position[i, k] = last[KEPT - 1 - k, i]
+    run.s[0] = -1.0
     phase = 0
-    s_before = -1.0
-    piece_before = 0
     end = t0 + plan.t[-1]
     while index * period <= end:
-        t = max(index * period - t0, 0.0)
-        stopped = False
-        while phase + 1 < len(plan.j) and t > plan.t[phase + 1]:
-            phase += 1
-            stopped = stopped or plan.v[phase] == 0.0
-        v, a, j = plan.v[phase], plan.a[phase], plan.j[phase]
-        s = phase_at(t - plan.t[phase], plan.s[phase], v, a, j)[0]
-        piece = next_piece(piece, s, piece_s)
-        local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
-        here = kind[piece]
-        where = pieces.at[piece]
-        u = curve_inv_arclen(here, data, where, local)
-        if here == SPAN:
-            span_point(data, where, u, weight, last)
-        else:
-            curve_eval(here, data, where, u, q)
-            for i in range(n):
-                last[4, i] = q[0, i]
-        raise_by_differences(last, known, period, largest)
-        if s_before >= 0.0 and not stopped and s - s_before > shortest:
-            if piece != bounded:
-                bounded = piece
-                derivative_bounds(here, data, where, bounds)
-                bent = bounds[n, 1] / 8.0
-            step = s - s_before
-            if piece == piece_before and step * step * bent <= along[CHORD_ERROR]:
-                # The chord alone: the curve is nearer to it than the chord error so far.
-                chord = chord_of(pieces, piece, last)
-                along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(chord - step) / step)
-            else:
-                chord, apart = _step_and_sagitta(
-                    pieces, piece_s, piece_before, piece, s_before, s, last, q
-                )
-                if not some_timed(pieces, piece_before, piece):
-                    along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(chord - step) / step)
-                along[CHORD_ERROR] = max(along[CHORD_ERROR], apart)
+        count, phase, skipped = _instants(plan, t0, period, index, known, phase, run)
+        write_positions(pieces, plan.piece_s, count, run)
+        _raise_by_differences(position, known, count, period, largest)
+        _raise_by_steps(pieces, plan.piece_s, shortest, count, run, largest)
         for i in range(n):
-            last[2, i] = last[1, i]
-            last[1, i] = last[0, i]
-            last[0, i] = last[4, i]
-        s_before = s
-        piece_before = piece
-        known = min(known + 1, 3)
-        index += 1
-        steady = a == 0.0 and j == 0.0 and v > 0.0 and not is_timed(here, data, where)
-        if known == 3 and steady:
-            skipped = instants_to_skip(v, plan.t[phase + 1] + t0 - index * period, period)
-            if skipped > 0:
-                index += skipped
-                known = 0
-                s_before = -1.0
+            for k in range(KEPT):
+                position[i, k] = position[i, count + k]
+        index += count + skipped
+        known = 0 if skipped > 0 else min(known + count, KEPT)
+        run.s[0] = -1.0 if skipped > 0 else run.s[count]
+        run.piece[0] = run.piece[count]
+    for i in range(n):
+        for k in range(KEPT):
+            last[KEPT - 1 - k, i] = position[i, k]
     return index, known

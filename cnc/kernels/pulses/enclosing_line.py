@@ -41,7 +41,7 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.pulses.grid_moves import Moves, slack
-from cnc.kernels.pulses.polynomial import approach, derivatives, value, value_less
+from cnc.kernels.pulses.polynomial import approach, bends, derivatives, slope, value, value_less
 
 CLOSE = 1e-8
 """BLU: largest distance of an axis from its line at a row."""
@@ -106,7 +106,7 @@ def window_rows(
     step, s = moves
     n = len(grid)
     position = np.empty(n)
-    rates = np.empty((n, 3))
+    rates = np.empty(n)
     heading = np.empty(n)
     goal = np.empty(n)  # the end along the heading, BLU
     for i in range(n):
@@ -121,7 +121,7 @@ def window_rows(
     while True:
         for i in range(n):
             position[i] = value(poly[i], near)
-            rates[i, 0], rates[i, 1], rates[i, 2] = derivatives(poly[i], near)
+            rates[i] = slope(poly[i], near)
         if moving:
             sought = -1
             if not exact and not (x <= near <= 1.0 and abs(position[lead] - line) <= CLOSE):
@@ -156,7 +156,7 @@ def window_rows(
             sign = heading[i]
             if goal[i] - sign * grid[i] > 1.0:
                 off = 1.0 - sign * (position[i] - grid[i])
-                rate = abs(rates[i, 0])
+                rate = abs(rates[i])
                 # the geometric factor
                 if lead < 0 or off * lead_rate < lead_off * rate:
                     lead = i
@@ -167,8 +167,8 @@ def window_rows(
             break
         sign = heading[lead]
         line = grid[lead] + sign
-        r = rates[lead]
-        ahead = approach(min(-lead_off, 0.0), sign * r[0], sign * r[1], sign * r[2])
+        second, third = bends(poly[lead], x)
+        ahead = approach(min(-lead_off, 0.0), sign * rates[lead], sign * second, sign * third)
         near = min(x + ahead, BEYOND)
         exact = False
         high = BEYOND

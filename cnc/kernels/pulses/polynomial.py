@@ -83,14 +83,28 @@ def value(c: Floats, x: float) -> float:
 
 
 @njit
-def derivatives(c: Floats, x: float) -> tuple[float, float, float]:
-    """Return the first three derivatives at x of the polynomial c (POLYNOMIAL,)."""
+def slope(c: Floats, x: float) -> float:
+    """Return the first derivative at x of the polynomial c (POLYNOMIAL,)."""
     x2 = x * x
     x4 = x2 * x2
-    f1 = (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
+    return (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
+
+
+@njit
+def bends(c: Floats, x: float) -> tuple[float, float]:
+    """Return the second and the third derivative at x of the polynomial c (POLYNOMIAL,)."""
+    x2 = x * x
+    x4 = x2 * x2
     f2 = (c[15] + c[16] * x) + (c[17] + c[18] * x) * x2 + (c[19] + c[20] * x) * x4
     f3 = (c[21] + c[22] * x) + (c[23] + c[24] * x) * x2 + c[25] * x4
-    return f1, f2, f3
+    return f2, f3
+
+
+@njit
+def derivatives(c: Floats, x: float) -> tuple[float, float, float]:
+    """Return the first three derivatives at x of the polynomial c (POLYNOMIAL,)."""
+    f2, f3 = bends(c, x)
+    return slope(c, x), f2, f3
 
 
 @njit
@@ -111,11 +125,11 @@ def approach(f: float, f1: float, f2: float, f3: float) -> float:
         # Euler's irrational method: the osculating parabola also gives a crossing beside a turning
         # point.
         under = f1 * f1 - 2.0 * f * f2
-        slope = f1 + math.sqrt(max(under, 0.0))
-        if under >= 0.0 and f1 >= 0.0 and slope > 0.0:
-            step = -2.0 * f / slope
+        rise = f1 + math.sqrt(max(under, 0.0))
+        if under >= 0.0 and f1 >= 0.0 and rise > 0.0:
+            step = -2.0 * f / rise
             # The cubic term moves the parabola's root by one Newton step.
-            slope = f1 + step * (f2 + 0.5 * step * f3)
-            if slope > 0.0:
-                step -= step * step * step * f3 / (6.0 * slope)
+            rise = f1 + step * (f2 + 0.5 * step * f3)
+            if rise > 0.0:
+                step -= step * step * step * f3 / (6.0 * rise)
     return step
