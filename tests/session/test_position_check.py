@@ -375,6 +375,12 @@ def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert state_folder.folder() == tmp_path / "local" / "cnc" / "positions"
 
 
+def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
+    (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
+    assert "own cycle" in fault.diagnostic.message
+    assert "cncrun home" in fault.diagnostic.hint
+
+
 def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
     control = Control()

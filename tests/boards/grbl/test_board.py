@@ -7,9 +7,8 @@ import random
 import pytest
 
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.grbl.simulator.faults import Unplug
+from cnc.boards.grbl.simulator.faults import Alarm, Unplug
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL
-from cnc.boards.grbl.simulator.faults import Alarm
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.port import port_lost
 from cnc.boards.protocols import LineSink
