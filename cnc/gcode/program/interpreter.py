@@ -29,6 +29,7 @@ from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
+from cnc.gcode.codes.offset_variables import OffsetVariables
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
@@ -181,13 +182,10 @@ class Interpreter:
         system_parameters.bind(parameters, modal, self.here)
         if parameters.macro:
             macro_variables.bind(
-                parameters,
-                modal,
-                self.here,
-                self.coordinates,
-                self.out,
+                parameters, modal, self.here, self.coordinates, self.out,
                 lambda: self.motion.position,
-            )
+            )  # fmt: skip
+            OffsetVariables(self.dialect, self.here, self.tool_codes, self.coordinates)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:

@@ -24,6 +24,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.tool_tip import ToolTip
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
+from cnc.gcode.syntax.siemens import defined_variables
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.blocks import Block, ToolOffset
@@ -122,6 +123,7 @@ def interpret(
         lenient=rules.lenient,
         first_bracket=rules.first_bracket,
         dialect=rules.name,
+        variables=defined_variables(text.first_lines()) if rules.flavour == "siemens" else (),
     )
     listing = Listing(text, syntax, block_delete=options.block_delete)
     if options.mark_tool_offsets:

@@ -114,12 +114,14 @@ class _Block:
 
 
 class _For:
-    """``FOR R1 = first TO last``: the parameter counts up by 1."""
+    """``FOR R1 = first TO last``: the parameter or variable counts up by 1."""
 
     __slots__ = ("first", "last", "loop", "name")
 
     def __init__(self, control: Control, loop: Loop) -> None:
-        self.name = f"_r{control.label}"
+        assert isinstance(control.label, str)
+        name = control.label
+        self.name = f"_r{int(name[1:])}" if re.fullmatch("r[0-9]+", name) else variable_name(name)
         self.first, self.last = control.values
         self.loop = loop
 
@@ -136,7 +138,7 @@ class _For:
 
 
 class _Definition:
-    """``DEF REAL _NAME=1.5, _OTHER``: variables of the main program."""
+    """``DEF REAL NAME=1.5, OTHER``: variables of the main program."""
 
     __slots__ = ("at", "names", "values")
 
