@@ -274,15 +274,16 @@ class LineSink(Board, Protocol):
         """Machine position of each axis in mm (degrees), as last reported."""
 
     @property
+    def position_lost(self) -> bool:
+        """Whether the motors may have lost steps, so that the reported position is unreliable."""
+
+    @property
     def homed_position(self) -> tuple[float, ...]:
         """Machine position of each axis in mm (degrees) after homing, by the board's settings."""
 
     @property
     def ceiling(self) -> float | None:
-        """Highest machine position of Z that keeps clear of its limit switch, mm.
-
-        None for a machine without switches.
-        """
+        """Highest machine position of Z clear of its limit switch, mm; None without a switch."""
 
     @property
     def holds(self) -> bool:

@@ -301,14 +301,14 @@ def home(
         BoardError: The board failed. The position of the current axis is lost.
         HomingStopped: ``control`` stopped the homing.
     """
-    if not isinstance(board, PulseSink) or not isinstance(board, HasLimitSwitches):
-        hint = (
-            "name the board that has them with --board; "
-            "a GRBL board homes by cncrun home, or by a program that begins with $H"
-        )
-        raise UsageError(
-            Diagnostic("no-switches", "this board has no limit switches for homing", hint=hint)
-        )
+    if isinstance(board, LineSink):
+        message = "a GRBL board homes by its own cycle, and not with --home"
+        hint = "home it with cncrun home before, or begin the program with $H"
+        raise UsageError(Diagnostic("no-switches", message, hint=hint))
+    if not isinstance(board, HasLimitSwitches):
+        message = "this board has no limit switches for homing"
+        hint = "name the board that has them with --board"
+        raise UsageError(Diagnostic("no-switches", message, hint=hint))
     switches, joints = len(board.switches), Joints(machine)
     if not joints.linear:
         machine, start = joints.machine, joints.at(start)

@@ -107,8 +107,8 @@ class LineOutcome:
     Attributes:
         position: Position of each axis that the board reports, mm.
         lines: Number of lines sent.
-        stopped_at_line: None after a complete run, else the last source line that the board has
-            accepted.
+        stopped_at_line: None after a complete run. After a stop, the source line of the last
+            motion, else the last line that the board has accepted.
     """
 
     position: tuple[float, ...]
@@ -231,7 +231,8 @@ class _Stream:
 
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
-        return LineOutcome(board.position, self.sent, board.confirmed_line if stopped else None)
+        line = board.moving_line or board.confirmed_line
+        return LineOutcome(board.position, self.sent, line if stopped else None)
 
 
 def stream(

@@ -111,7 +111,8 @@ class PositionCheck:
         elif ended in UNREPORTED:
             LastPosition(self._identity, seen or self._position(), ended, lost=True).write()
         else:
-            LastPosition(self._identity, self._position(), ended).write()
+            lost = self._board.position_lost
+            LastPosition(self._identity, self._position(), ended, lost=lost).write()
 
     def _expected(self, identity: str, checkpoint: Checkpoint | None) -> LastPosition | None:
         """Return the end of the last run; by the checkpoint if the run has no recorded end."""
@@ -143,6 +144,8 @@ class PositionCheck:
             f"the board {restarted}reports that the machine stands at {here}; "
             f"the last run {how} {there}"
         )
+        if last.lost and not self._differs(last.position):
+            message += ", and the motors may have lost steps then"
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
             return Diagnostic(

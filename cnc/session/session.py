@@ -216,13 +216,15 @@ class Session:
             self._cut_stock(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
+        control = context.observer.control
+        overrides = control.feed_override, float(control.rapid_override)
         timing = self._write_lines(board, capabilities)
         timing = self._run_pass(board, record, kept, check.depends_on_answers) or timing
         exact = report.stopped_at_line if isinstance(board, PulseSink) else None
         stopped = report.stopped_at_line is not None
         record.end("stopped" if stopped else "", report.end_position, exact)
         if timing is not None and capabilities.lines and not stopped:
-            report.duration_s = timing.seconds
+            report.duration_s = timing.remaining(0, *overrides)
         if board is None:
             self._warn(step_rate(report))
         if report.ok and not stopped:

@@ -75,6 +75,8 @@ def test_all_settings_are_saved_and_restored(cncrun, server: PtyServer, tmp_path
     [
         (["abc"], "setting-unknown"),
         (["1100=3"], "setting-unknown"),
+        (["110=abc"], "setting-value"),
+        (["110="], "setting-value"),
         (["77=1"], "setting-unknown"),
         (["99"], "setting-unknown"),
         (["110=1", "--save", "x"], "usage"),

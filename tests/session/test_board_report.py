@@ -20,7 +20,12 @@ FAST = {110: 6000.0, 111: 6000.0, 112: 3000.0, 120: 800.0, 121: 800.0, 122: 400.
 
 
 def ran(
-    tmp_path: Path, text: str, box: GrblSimulator, *, check_only: bool = False
+    tmp_path: Path,
+    text: str,
+    box: GrblSimulator,
+    *,
+    check_only: bool = False,
+    feed_override: float = 100.0,
 ) -> tuple[Report, str]:
     program = tmp_path / "p.nc"
     program.write_text(text)
@@ -28,7 +33,7 @@ def ran(
     board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     board.check_only = check_only
-    report = run_with(program, MACHINE, board=board)
+    report = run_with(program, MACHINE, board=board, feed_override=feed_override)
     board.close()
     assert report.ok, report.faults
     out = io.StringIO()
@@ -51,6 +56,20 @@ def test_the_time_of_a_run_is_measured(tmp_path: Path) -> None:
     moved = box.moves[-1].end_time - box.moves[0].begin_time
     assert moved < report.played_s < moved + 0.2
     assert "computed" in shown
+
+
+@pytest.mark.parametrize("percent", [40.0, 100.0, 160.0])
+def test_the_computed_time_has_the_override_of_the_beginning(
+    tmp_path: Path, percent: float
+) -> None:
+    text = "G21 G90\nG0 X20\nG1 X40 F900\nY30\nG3 X20 Y30 I-10 J0\nG1 Z-3 F300\nG0 Z0\nM2\n"
+    box = GrblSimulator(settings=FAST)
+    report, _ = ran(tmp_path, text, box, feed_override=percent)
+    moved = box.moves[-1].end_time - box.moves[0].begin_time
+    assert report.duration_s == pytest.approx(moved, rel=0.03)
+    # The feed moves have 20, 30, 31.4 and 3 mm.
+    at_feed = (81.4 / 15.0 + 3.0 / 5.0) * 100.0 / percent
+    assert at_feed < report.duration_s < at_feed + 1.2
 
 
 def test_a_check_on_the_board_does_not_claim_a_run(tmp_path: Path) -> None:

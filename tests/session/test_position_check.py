@@ -9,7 +9,7 @@ import pytest
 
 from cnc.api import Callbacks, Control, HomingStopped, Report, home, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Error, Unplug
+from cnc.boards.grbl.simulator.faults import Alarm, Error, Unplug
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
@@ -373,3 +373,55 @@ def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     monkeypatch.setattr(state_folder.sys, "platform", "win32")
     assert state_folder.folder() == tmp_path / "local" / "cnc" / "positions"
+
+
+def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
+    (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
+    assert "own cycle" in fault.diagnostic.message
+    assert "cncrun home" in fault.diagnostic.hint
+
+
+def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:
+    simulator = GrblSimulator(settings=FAST)
+    control = Control()
+    report = ran(simulator, program, control=control, callbacks=stopping(control, 11.0))
+    # Line 6 was sent 1.5 s ahead, at X9.5: line 5 has 100 mm/min.
+    assert 11.0 < report.end_position["x"] < 12.0
+    assert report.stopped_at_line == 5
+    assert report.resume_line == 5
+
+
+@pytest.mark.parametrize("text", [b"ALARM", b"ALRM"])
+def test_after_an_abrupt_stop_an_unlocked_board_is_not_trusted(program: Path, text: bytes) -> None:
+    simulator = GrblSimulator(settings=FAST)
+    port = GrblSimulatorPort(simulator, hang_up=False)
+    # An alarm with a damaged message may be any, even if it is a 4.
+    simulator.inject(Alarm(1 if text == b"ALARM" else 4), time=6.5)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
+    read = port.read
+    port.read = lambda timeout: read(timeout).replace(b"ALARM", text)  # type: ignore[method-assign]
+    board.connect()
+    (fault,) = run_with(program, MACHINE, board=board).faults
+    board.close()
+    assert fault.diagnostic.code == "board-alarm"
+    for _ in range(2):
+        simulator.advance(simulator.now + 1.0)
+        port = GrblSimulatorPort(simulator, hang_up=False)
+        board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+        board.connect()
+        board.link.ask("$X")
+        board.close()
+        assert "may have lost steps" in refused(ran(simulator, program))
+    assert ran(simulator, program, trust_position=True).ok
+    assert ran(simulator, program).ok
+
+
+def test_an_alarm_without_an_abrupt_stop_keeps_the_position(tmp_path: Path) -> None:
+    program = tmp_path / "probe.nc"
+    program.write_text("G21 G90\nG38.2 Z-3 F600\nM2\n")
+    simulator = GrblSimulator(settings=FAST)
+    assert [fault.diagnostic.code for fault in ran(simulator, program).faults] == [
+        "probe-no-contact"
+    ]
+    kept = LastPosition.read("the simulator")
+    assert kept is not None and (kept.position["z"], kept.lost) == (-3.0, False)

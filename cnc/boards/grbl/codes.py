@@ -198,6 +198,24 @@ ALARMS_HAL: dict[int, Meaning] = {
 """Alarms that GRBL lacks, or that differ from GRBL's."""
 
 
+ABRUPT = frozenset((1, 3))
+ABRUPT_HAL = ABRUPT | {10, 17}
+"""Alarms that stop the motors during a move, without a ramp."""
+NOT_HOMED = frozenset((6, 7, 8, 9, 10))
+NOT_HOMED_HAL = frozenset((6, 7, 8, 9, 11, 15, 18))
+"""Alarms of a homing cycle that did not reach its end, or that is due."""
+
+
+def stops_motors(code: int, *, hal: bool) -> bool:
+    """Return whether ``ALARM:code`` stops the motors during a move, without a ramp."""
+    return code in (ABRUPT_HAL if hal else ABRUPT)
+
+
+def loses_position(code: int, *, hal: bool) -> bool:
+    """Return whether the reported position is unreliable after ``ALARM:code``."""
+    return stops_motors(code, hal=hal) or code in (NOT_HOMED_HAL if hal else NOT_HOMED)
+
+
 def error_meaning(code: int, *, hal: bool) -> Meaning:
     """Return the meaning of ``error:code``; ``hal``: of grblHAL."""
     own = ERRORS_HAL.get(code) if hal else None

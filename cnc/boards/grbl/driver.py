@@ -26,8 +26,6 @@ from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 
-DOOR_SHUT = 0
-"""Phase of state Door: the door is closed, and the board waits for a resume."""
 SAME_POSITION = 0.002
 """mm: rounding of a reported position or offset, with three decimals, of inches even."""
 
@@ -169,6 +167,11 @@ class GrblBoard:
         return self._machine_axes(self.stream.position)
 
     @property
+    def position_lost(self) -> bool:
+        """Whether the motors may have lost steps since the connection: an alarm stopped them."""
+        return self.link.position_lost
+
+    @property
     def homed_position(self) -> tuple[float, ...]:
         """Machine position of each axis of the machine after homing, mm, by the settings."""
         return tuple(self.info.homed(column) for column in self._columns)
@@ -181,11 +184,7 @@ class GrblBoard:
     @property
     def hold_reason(self) -> str:
         """Why the machine itself holds, and how to go on: the safety door; "" if it does not."""
-        if self.status.state != "Door":
-            return ""
-        if self.status.phase == DOOR_SHUT and "D" not in self.status.pins:
-            return "the safety door was opened; it is closed now: resume"
-        return "the safety door is open: close it, then resume"
+        return self.status.door
 
     @property
     def ceiling(self) -> float | None:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 
 from cnc.boards.grbl import faults
+from cnc.boards.grbl.codes import stops_motors
 from cnc.boards.grbl.events import (
     Alarmed,
     Event,
@@ -139,8 +140,8 @@ class FaultMonitor:
             case Rejected(sent, code):
                 return faults.refused(code, sent.text, sent.line or line, hal=self._hal)
             case Alarmed(code, sent):
-                if sent is None:
-                    return faults.alarmed(code, line, hal=self._hal)
+                if sent is None or stops_motors(code, hal=self._hal):
+                    return faults.alarmed(code, self.tracker.line or line, hal=self._hal)
                 probing = sent.kind == "probe"
                 return faults.alarmed(code, sent.line or line, hal=self._hal, probing=probing)
             case Started():

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
+from cnc.boards.grbl.codes import loses_position
 from cnc.boards.grbl.events import (
     Alarmed,
     Confirmed,
@@ -69,6 +70,7 @@ class GrblLink:
         status: The last status report.
         status_at: Time of that report, s.
         alarm: Code of the present alarm; None without one.
+        position_lost: Whether the motors may have lost steps: an alarm stopped them in a move.
         greeted_unasked: Whether the board sent a welcome without a reset: it has just started, or a
             network connection was made.
     """
@@ -82,6 +84,7 @@ class GrblLink:
         self.status: Status | None = None
         self.status_at = -1.0
         self.alarm: int | None = None
+        self.position_lost = self._moved = False
         self.greeted_unasked = False
         self._queued = b""
         self._port = LoggedPort(port, name, log, text=True)
@@ -334,6 +337,9 @@ class GrblLink:
         events = self.protocol.receive(data)
         for event in events:
             if isinstance(event, Reported):
+                # An alarm whose message was lost may be any.
+                self.position_lost |= self._moved and event.status.locked
+                self._moved = not event.status.at_rest
                 self.status, self.status_at = event.status, self.clock.now()
                 self._unanswered_since = None
             elif isinstance(event, Confirmed) and self._unanswered_since is not None:
@@ -341,7 +347,8 @@ class GrblLink:
                 self._unanswered_since = self.clock.now()
             elif isinstance(event, Alarmed):
                 log.warning("%s: alarm %d", self.name, event.code)
-                self.alarm = event.code
+                self.alarm, self._moved = event.code, False
+                self.position_lost |= loses_position(event.code, hal=self.info.hal)
                 self._alarms.append(event.code)
             elif isinstance(event, Started):
                 log.info("%s: the board has started", self.name)

@@ -32,6 +32,7 @@ LISTING = 10.0
 SAME = 1e-3
 """Values that differ by less are equal: GRBL prints three decimals."""
 _LINE = re.compile(r"\$?(\d{1,5})\s*=\s*([^;]*)")
+_VALUE = re.compile(r"-?(\d+\.?\d*|\.\d+)")
 _NUMBER = re.compile(r"\$?\d{1,5}")
 
 
@@ -111,7 +112,8 @@ def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
     """Return the settings to write.
 
     Raises:
-        UsageError: ``setting-unknown``, where the board does not have one.
+        UsageError: ``setting-unknown``, where the board does not have one; ``setting-value`` for
+            a text in place of a number.
     """
     listed = []
     for number, value in wanted.items():
@@ -120,6 +122,9 @@ def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
             hint = "cncrun settings lists those that it has"
             message = f"the board has no setting ${number}"
             raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
+        if _VALUE.fullmatch(before) and not _VALUE.fullmatch(value):
+            message, hint = f"{value!r} is no number", f"give one, such as {number}={before}"
+            raise UsageError(Diagnostic("setting-value", f"${number}: {message}", hint=hint))
         if not _same(before, value):
             listed.append(Change(number, before, value))
     return listed

@@ -22,6 +22,8 @@ WAITING = frozenset(("Hold", "Door", "Tool"))
 """States in which the machine waits for the operator to resume."""
 STILL_MOVING = frozenset((("Hold", 1), ("Door", 2), ("Door", 3)))
 """States of braking or resuming, in which a reset would lose the position."""
+DOOR_SHUT = 0
+"""Phase of state Door: the door is closed, and the board waits for a resume."""
 _NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
 
 
@@ -55,6 +57,20 @@ class Status:
     def at_rest(self) -> bool:
         """Whether nothing moves: a completed hold, or a state without motion."""
         return self.state not in MOVING and (self.state, self.phase) not in STILL_MOVING
+
+    @property
+    def locked(self) -> bool:
+        """Whether an alarm locks the board."""
+        return self.state == "Alarm"
+
+    @property
+    def door(self) -> str:
+        """How to go on after the safety door was opened; "" in other states."""
+        if self.state != "Door":
+            return ""
+        if self.phase == DOOR_SHUT and "D" not in self.pins:
+            return "the safety door was opened; it is closed now: resume"
+        return "the safety door is open: close it, then resume"
 
 
 class StatusReader:

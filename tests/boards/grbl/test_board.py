@@ -7,7 +7,7 @@ import random
 import pytest
 
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.grbl.simulator.faults import Unplug
+from cnc.boards.grbl.simulator.faults import Alarm, Unplug
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.port import port_lost
@@ -167,6 +167,16 @@ def test_a_soft_limit_alarm_is_reported() -> None:
     found = fails(board, PREAMBLE, "G1 X-60 F600").diagnostic
     assert (found.code, found.line) == ("board-alarm", 2)
     assert "ALARM:2" in found.message
+
+
+def test_a_limit_switch_is_reported_with_the_line_of_the_motion() -> None:
+    simulator = GrblSimulator()
+    board = started(simulator)
+    simulator.inject(Alarm(1), time=simulator.now + 2.7)
+    # The board has accepted all lines by then.
+    found = fails(board, PREAMBLE, "G1 X3 F500", "G1 X20", "G1 X21", "G1 X22", "G1 X23").diagnostic
+    assert 15.0 < simulator.position[0] < 20.0
+    assert (found.code, found.line) == ("board-alarm", 3)
 
 
 def test_a_locked_board_is_not_unlocked() -> None:
