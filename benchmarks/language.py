@@ -1,9 +1,10 @@
 """Speed of the interpreter: lines of text to canonical blocks in a CPU second, by shape of lines.
 
 The measurement is made after compilation, in one process whose other objects are frozen for the
-garbage collector, as the command line does. The baseline is LinuxCNC's own interpreter on the same
-programs in the same run, its start included and its output discarded. If `rs274` is not installed,
-the baseline is this interpreter with every line read by the grammar.
+garbage collector, which looks for garbage as often as in the command line. The baseline is
+LinuxCNC's own interpreter on the same programs in the same run, its start included and its output
+discarded. If `rs274` is not installed, the baseline is this interpreter with every line read by the
+grammar.
 
 python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
@@ -26,6 +27,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from benchmarks import cam_programs
+from cnc.cli.options import NEW_OBJECTS
 from cnc.gcode.program import line_steps
 from cnc.gcode.program.program import interpret
 from cnc.gcode.state.tool_table import ToolTable
@@ -302,6 +304,7 @@ def main() -> None:
             moves_of(path)
             gc.collect()
             gc.freeze()
+            gc.set_threshold(NEW_OBJECTS)
             own, other = measured(path, lines, arguments.repeat), baseline(path, lines)
             ratio = own.lines_per_s / other.lines_per_s
             print(

@@ -40,7 +40,9 @@ from numba.core.lowering import Environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
+from numba.core.typed_passes import InlineOverloads
 from numba.core.types import unliteral  # type: ignore[attr-defined]
+from numba.core.untyped_passes import InlineClosureLikes
 
 from cnc.kernels import code_cache, loader
 from cnc.kernels.compiler_work import repeated_work_left_out
@@ -56,6 +58,9 @@ OPTIONS = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
+
+LEFT_OUT = InlineClosureLikes, InlineOverloads
+"""Passes of numba that kernels do not need: they have no functions or comprehensions inside."""
 
 Types = tuple[Any, ...]
 watchers: list[Callable[[Kernel], None]] = []
@@ -155,14 +160,17 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
     """numba's compiler, with :class:`KernelLibrary` and names without a count."""
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes."""
+        """Return numba's passes, without those that look for functions inside of functions."""
         state = self.state
         state.flags.no_compile = True  # the machine code is not loaded, but written to a file
         function = state.func_id
         function.unique_id, function.unique_name = 0, function.func_qualname
         kernel = Callee(function.modname, function.func_qualname, tuple(state.args))
         state.library = KernelLibrary(state.targetctx.codegen(), kernel)
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+        passes = DefaultPassBuilder.define_nopython_pipeline(state)
+        passes.passes = [each for each in passes.passes if each[0] not in LEFT_OUT]
+        passes.finalize()
+        return [passes]
 
 
 @contextmanager

@@ -59,12 +59,21 @@ def is_compiled(job: str) -> bool:
     """Return whether the kernels of a job are on disk, or kernels run as plain Python."""
     if not compiling():
         return True
-    name = f"{_file_name(job)}-*.done"
     places = code_cache.SHIPPED, code_cache.cache_folder()
-    # The marks of this text and processor have names that need the import of the compiler.
-    return any(next(place.glob(name), None) for place in places) and any(
+    # The marks of this text and processor have names that need the import of the loader.
+    return any(_has_mark(place, job) for place in places) and any(
         mark.exists() for mark in _marks(job)
     )
+
+
+def _has_mark(place: Path, job: str) -> bool:
+    """Return whether a folder has a record of the job, for whatever text and processor."""
+    with suppress(OSError):
+        beginning = f"{_file_name(job)}-"
+        return any(
+            each.startswith(beginning) and each.endswith(".done") for each in os.listdir(place)
+        )
+    return False
 
 
 def _file_name(job: str) -> str:

@@ -1,5 +1,6 @@
 """The command line: exit codes and last messages."""
 
+import gc
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ import pytest
 from cnc import api
 from cnc.boards.loopback import Loopback
 from cnc.cli.exit_status import EXIT_PIPE
+from cnc.cli.options import NEW_OBJECTS, library
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
@@ -276,6 +278,31 @@ def test_help_imports_no_numerics(arguments):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout
+
+
+def test_a_program_imports_no_reader_of_another_language(program):
+    code = (
+        "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
+        "sys.exit(code or 'cnc.gcode.syntax.siemens' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "check", program("G21 G90 G1 X5 F600\nM2\n")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_collector_looks_at_new_objects_less_often_than_by_default():
+    before = gc.get_threshold()
+    try:
+        library()
+        assert gc.get_threshold()[0] == NEW_OBJECTS > 700
+    finally:
+        gc.set_threshold(*before)
 
 
 def test_help_lists_the_options(cncrun):

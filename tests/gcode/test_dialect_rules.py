@@ -97,6 +97,14 @@ def test_codes_of_printers_are_named(code: str) -> None:
     assert "3D printer" in found.message
 
 
+@pytest.mark.parametrize(
+    ("dialect", "is_builders"), [("fanuc", True), ("haas", True), ("mach3", False)]
+)
+def test_a_printers_code_may_be_a_builders(dialect: str, is_builders: bool) -> None:
+    found = error_of("M107", dialect=dialect)
+    assert ("a builder's code, or" in found.message) == is_builders
+
+
 def test_a_repeated_word_says_who_takes_it() -> None:
     found = error_of("M3 S1000 S0", dialect="fanuc")
     assert found.code == "word-repeated"
@@ -380,3 +388,64 @@ def test_a_number_with_fanucs_repeats_is_explained(dialect: str) -> None:
     assert "P100 L2" in found.hint
     assert points(program, "fanuc") == [(1, 0, 0), (2, 0, 0), (3, 0, 0)]
     assert "times" not in error_of(program.replace("20100", "20200"), dialect=dialect).hint
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_g10_of_a_recognised_program_sets_g54_to_g59_only(dialect: str) -> None:
+    """P7 would be LinuxCNC's G59.1, which no later code of these controls selects."""
+    rules = dialects.load(dialect, lenient=True)
+    found = error_of("G10 L2 P7 X100.", dialect=rules)
+    assert (found.code, found.column) == ("value-out-of-range", 8)
+    assert points("G10 L2 P6 X100.\nG59 G0 X1.", dialect, lenient=True) == [(101, 0, 0)]
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("G4 P2", "dwell-short"), ("G4 P99", "dwell-short"), ("G4 P100", ""), ("G4 P0", ""),
+     ("G4 X2.", "")],
+)  # fmt: skip
+def test_a_short_dwell_in_milliseconds_is_reported(words: str, code: str) -> None:
+    """Controllers that count seconds wait a thousand times as long."""
+    assert [each.code for each in warnings(words, "fanuc")] == [code] * bool(code)
+
+
+def test_a_short_dwell_in_seconds_is_not_reported() -> None:
+    assert not warnings("G4 P2\nM2", "linuxcnc")
+
+
+def test_a_lenient_program_keeps_its_comment_of_rules() -> None:
+    """Equals signs behind the first bracket are no code if nothing stands before them."""
+    rules = dialects.load("fanuc", lenient=True)
+    found = warnings("(=== OFFSETS (edit as needed) ===)\nG0 X1.", "fanuc", lenient=True)
+    assert [each.code for each in found] == ["comment-mended"]
+    assert error_of("( a (b) #1=5 )\nG0 X1.", dialect=rules).code == "comment-nested"
+    assert error_of("( a (b) R1 =5 )\nG0 X1.", dialect=rules).code == "comment-nested"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+def test_h0_may_stand_beside_g49(dialect: str) -> None:
+    """Both end the length on FANUC's controls, and CAM systems write both."""
+    program = "G43 H2 G0 Z5.\nG49 H0\nG0 Z6.\nM2"
+    assert points(program, dialect, tools=table())[-1][2] == 6
+
+
+def test_h_beside_g49_is_an_error_of_linuxcnc() -> None:
+    assert error_of("G49 H0\nM2", dialect="linuxcnc").code == "word-unused"
+    assert error_of("G49 H1\nM2", dialect="auto").code == "word-unused"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_outputs_of_macro_b_have_no_effect(dialect: str) -> None:
+    lines = ["POPEN", "N5 DPRNT[*X#100[44]*Y]", "/BPRNT [C#101[2]]", "PCLOS (DONE)", "G0 X1."]
+    program = "\n".join(lines)
+    assert points(program, dialect) == [(1, 0, 0)]
+    found = warnings(program, dialect)
+    assert [(each.code, each.line, each.severity) for each in found] == [
+        ("code-not-needed", line, "note") for line in (1, 2, 3, 4)
+    ]
+    assert points("IF [1 EQ 1] GOTO 5\nG0 X9.\nN5 DPRNT[A]\nG0 Y2.", dialect) == [(0, 2, 0)]
+
+
+def test_outputs_of_macro_b_are_an_error_of_linuxcnc() -> None:
+    assert error_of("POPEN\nM2", dialect="linuxcnc").code
+    assert error_of("DPRNT[X#1] G0 X1", dialect="fanuc").code == "function-unknown"

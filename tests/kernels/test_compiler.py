@@ -314,41 +314,6 @@ print(json.dumps([value, []]))
     assert answer(warm.start(code)) == (in_python(), [])
 
 
-def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import operator
-
-    from numba.core import types
-    from numba.core.registry import cpu_target
-
-    from cnc.kernels import compiler_work
-
-    context, found = cpu_target.typing_context, []
-    context.refresh()
-    of_numba = types.Function.get_call_type
-
-    def find(*arguments: Any) -> Any:
-        found.append(arguments)
-        return of_numba(*arguments)
-
-    monkeypatch.setattr(compiler_work, "_find_call_type", find)
-    monkeypatch.setattr(compiler_work, "_call_types", {})
-    cases = [
-        (operator.add, (types.float64, types.int64)),
-        (operator.add, (types.int64, types.int64)),
-        (operator.lt, (types.float64, types.int64)),
-        (operator.getitem, (types.float64[:], types.int64)),
-        (operator.getitem, (types.float64[:, ::1], types.int64)),
-    ]
-    for _ in range(3):
-        for function, arguments in cases:
-            known = context.resolve_value_type(function)
-            signature = compiler_work._call_type(known, context, arguments, {})
-            assert signature == of_numba(known, context, arguments, {})
-    assert len(found) == len(cases)
-
-
 WITH_ALL_WORK = CALL.replace(
     "compiled = []",
     "import contextlib; compiler.repeated_work_left_out = contextlib.nullcontext; compiled = []",
@@ -370,30 +335,3 @@ def test_the_machine_code_is_that_of_a_compiler_that_repeats_its_work(
         codes.append({name: (each.symbol, each.code) for name, each in found.items()})
     assert len(codes[0]) == 4  # small, large, top, and its conversion of arguments
     assert codes[0] == codes[1]
-
-
-def triple() -> None:
-    """Stand for a function that a module of numba registers when it is imported."""
-
-
-def test_a_function_that_is_registered_later_becomes_known() -> None:
-    from numba.core import types
-    from numba.core.registry import cpu_target
-    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-
-    from cnc.kernels.compiler_work import repeated_work_left_out
-
-    context = cpu_target.typing_context
-
-    with repeated_work_left_out():
-        context.refresh()
-
-        @infer_global(triple)
-        class Triple(AbstractTemplate):  # type: ignore[misc]
-            key = triple
-
-            def generic(self, args: Any, kws: Any) -> Any:
-                return signature(types.int64, *args)
-
-        context.refresh()
-    assert context.resolve_function_type(triple, (types.int64,), {}).return_type == types.int64

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cnc.gcode.dialects import Dialect, NotedCode
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.dialects.rules import NotedCode
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.state.source_location import SourceLocation

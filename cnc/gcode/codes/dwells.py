@@ -9,8 +9,11 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative
 from cnc.model.blocks import Dwell
 
+_SHORT = 0.1
+"""s. A shorter dwell in milliseconds may be meant in seconds."""
 LONG_DWELL = 100.0
 """s. A dwell from here on without a decimal point may be meant in milliseconds."""
+_MILLISECOND = 0.001
 MAX_DWELL = 1e6
 """s. A longer dwell is a typing error: this is more than eleven days."""
 
@@ -48,7 +51,7 @@ class Dwells:
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def seconds(self, time: Word) -> float:
-        """Return the time of a word, s. A long one is reported.
+        """Return the time of a word, s. A long one is reported, and a short one in milliseconds.
 
         Raises:
             GcodeError: ``decimal-point-needed``, ``decimal-point-place``, ``value-out-of-range``.
@@ -68,6 +71,13 @@ class Dwells:
                 f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
                 time,
             )
+        if self._dialect.flavour == "macro-b" and unit == _MILLISECOND and 0.0 < seconds < _SHORT:
+            message = (
+                f"{time.written} is {seconds:g} s here; controls that count seconds "
+                f"take {time.number:g} s"
+            )
+            hint = f"write {time.letter}{time.number * 1000:g} if seconds are meant"
+            self._here.report_warning("dwell-short", message, time, hint)
         if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count milliseconds "

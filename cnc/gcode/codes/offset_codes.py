@@ -20,6 +20,7 @@ from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensat
 _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 """The code that goes to the position of each code."""
 _ORIGINS = (2, 20)
+_BASIC_SYSTEMS = 6
 
 
 class OffsetCodes:
@@ -107,8 +108,8 @@ class OffsetCodes:
     def _check_figure(self, at: Word) -> None:
         """Refuse an offset under G51, G51.1 or G68, in whose coordinates it would be unclear."""
         if self._coordinates.figure.changes:
-            message = f"{at.written} under G51, G51.1 or G68"
-            raise fault("figure-active", message, at, "give G50, G50.1 or G69 before")
+            message = f"{at.written} under a figure that G51, G51.1, G68 or G101 changed"
+            raise fault("figure-active", message, at, "give G50, G50.1, G69 or G100 before")
 
     def _check_compensation(self, at: Word) -> None:
         if self._motion.compensated:
@@ -229,7 +230,7 @@ class OffsetCodes:
         here = kind.whole == 20
         if here and dialect.more_systems:
             index, here = self._more(system), False
-        elif number := whole(system, "the coordinate system", 0, self._coordinates.systems):
+        elif number := whole(system, "the coordinate system", 0, self._most_systems):
             index = number - 1
         else:
             index = self._coordinates.system if dialect.offsets_current else EXTERNAL
@@ -244,6 +245,11 @@ class OffsetCodes:
         else:
             add = dialect.offsets_add and not self._state.absolute
             self._coordinates.set_origin(index, values, rotation=rotation, add=add)
+
+    @property
+    def _most_systems(self) -> int:
+        """Highest P of G10 L2. A control with G54.1 has G54 to G59 besides, and no G59.1."""
+        return _BASIC_SYSTEMS if self._dialect.more_systems else self._coordinates.systems
 
     def _rotation(self, words: LineWords) -> float | None:
         """R of G10 L2, degrees."""

@@ -69,6 +69,8 @@ class ToolCodes:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.number
         self._length_on = number != G.G49
+        if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
+            self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
         if self.motion.compensated:
@@ -102,6 +104,13 @@ class ToolCodes:
         stays = G.G43_4 not in self._dialect.g and self._tip.active
         on = stays or number in (G.G43_4, G.G43_5)
         self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
+
+    @staticmethod
+    def _take_zero(words: LineWords) -> None:
+        """Take H0 beside G49: on FANUC's controls it ends the length, too."""
+        number = words.rest.get("H")
+        if number is not None and number.number == 0.0:
+            words.take("H", "G49")
 
     def _note_change(self, offset: list[float]) -> None:
         """Note the change of the offset along Z, for a move along Z under G91."""
@@ -224,6 +233,12 @@ class ToolCodes:
         if number and self.table.file:
             self.entry(number, at)
 
+    def _report_diameter(self, at: Word) -> None:
+        """Report an offset that a setting of the control makes a diameter or a radius."""
+        message = f"{at.written} is read as a diameter, as Haas' controls have it by default"
+        hint = "a control with setting 40 on RADIUS reads a radius"
+        self.here.report_warning("offset-diameter", message, at, hint)
+
     # G10
 
     def g10(self, words: LineWords, kind: int, at: Word) -> None:
@@ -287,7 +302,10 @@ class ToolCodes:
         self.table.put(changed)
 
     def _write_memory(self, words: LineWords, kind: int, number: int, at: Word) -> None:
-        """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds."""
+        """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds.
+
+        L1 is Haas' other number of L11. Its L12 and L13 are diameters.
+        """
         word = words.take("R", "G10")
         if word is None:
             raise fault(
@@ -297,9 +315,13 @@ class ToolCodes:
                 "give R and the offset",
             )
         value = word.number * self.state.scale
+        if kind in (12, 13) and self._dialect.offset_diameters:
+            value /= 2.0
+            self._report_diameter(word)
         entry = self.table.tool(number) or ToolEntry(number)
         old = {
             10: entry.offsets.get("Z", 0.0),
+            1: entry.wear.get("Z", 0.0),
             11: entry.wear.get("Z", 0.0),
             12: entry.diameter / 2.0,
             13: entry.radius_wear,
@@ -307,7 +329,7 @@ class ToolCodes:
         value += 0.0 if self.state.absolute else old
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})
-        elif kind == 11:
+        elif kind in (1, 11):
             entry = replace(entry, wear=entry.wear | {"Z": value})
         elif kind == 12:
             entry = replace(entry, diameter=2.0 * value)

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 from cnc.gcode.dialects.near_codes import near
+from cnc.gcode.dialects.rules import Alias, ArcTolerance, CycleRules, NotedCode, VariableNumbers
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import LineWords, Word, fault
@@ -23,93 +24,6 @@ from cnc.model.choices import DialectName, GcodeSystem, WrapRule
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 NAMES: tuple[str, ...] = get_args(DialectName)
-
-
-@dataclass(frozen=True, slots=True)
-class ArcTolerance:
-    """Tolerances of arcs.
-
-    In centre format the radii at both ends may differ by ``slack``, or by ``relative`` times the
-    larger one, but never by more than ``limit``.
-
-    Attributes:
-        slack: Allowed difference of the radii, mm.
-        relative: Allowed difference of the radii, as a fraction of the larger one.
-        limit: Largest difference of the radii, mm.
-        reach: In R format, allowed difference of half the chord and the radius, mm.
-    """
-
-    slack: float
-    relative: float
-    limit: float
-    reach: float
-
-
-@dataclass(frozen=True, slots=True)
-class CycleRules:
-    """Differences of dialects in canned cycles.
-
-    Attributes:
-        repeats: Letters of the number of repeats.
-        no_hole: Whether 0 repeats only store the words of the cycle.
-        turns: Whether words of rotary axes turn them before each hole.
-        pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
-        words_stay: Whether R, depth, P and Q stay in effect for another cycle.
-        dwell_needed: Whether P must be given.
-        clearance: Retraction of G73, and distance of G83 from the bottom, mm.
-        feed_out_to: Height to which G74, G84 and G89 retract at feed.
-        tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
-        fine_boring: Whether G76 is fine boring, and not a thread.
-        heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
-        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
-    """
-
-    repeats: str
-    no_hole: bool
-    turns: bool
-    pecks_shrink: bool
-    words_stay: bool
-    dwell_needed: bool
-    clearance: float
-    feed_out_to: Literal["clear", "retract"]
-    tap_dwell: Literal["after", "before-each"]
-    fine_boring: bool
-    heights: Literal["kept", "line", "unclear"]
-    starts_spindle: bool
-
-
-class NotedCode(NamedTuple):
-    """A code of the controller that has no effect here.
-
-    Attributes:
-        name: The function of the code on its controller.
-        words: Letters of the words that belong to it.
-        needs: Letters of which one must stand in the line; empty for a code that needs none. Such
-            a code is distinguished by its words from one with the same number.
-    """
-
-    name: str
-    words: str
-    needs: str
-
-    def applies(self, words: LineWords) -> bool:
-        """Return whether a line with this code has the words that it needs."""
-        rest = words.rest.keys()
-        return not self.needs or (not rest.isdisjoint(self.needs) and rest <= set(self.words))
-
-
-class Alias(NamedTuple):
-    """Another number for a code, such as G71 for G21.
-
-    Attributes:
-        code: The number of the code that is meant.
-        word: Letter and number of a word that belongs to it; empty for none.
-        without: Letters of words that give the number another meaning.
-    """
-
-    code: float
-    word: str
-    without: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +48,7 @@ class Dialect:
     shift_stays: bool
     rotation: bool
     offset_memory: bool
+    offset_diameters: bool
     length_in_increments: Literal["left", "added", "unclear"]
     length_axes: str
     home_beside_motion: bool
@@ -179,6 +94,7 @@ class Dialect:
     arc_mm: ArcTolerance
     arc_inch: ArcTolerance
     noted: Mapping[tuple[str, float], NotedCode]
+    variables: VariableNumbers
     aliases: Mapping[float, Alias]
 
     @property
@@ -229,7 +145,7 @@ def _read(name: str) -> dict[str, Any]:
     return table
 
 
-_ADDED = ("noted", "aliases", "cycles")
+_ADDED = ("noted", "aliases", "cycles", "variables")
 """Tables that a dialect adds to those of its base; other keys replace those of the base."""
 
 
@@ -326,6 +242,7 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
         arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
         arc_inch=ArcTolerance(arc["slack_inch"], arc["relative"], arc["limit_inch"], arc["reach"]),
         noted=dict(_noted(table["noted"])),
+        variables=VariableNumbers(**table["variables"]),
         aliases={
             float(code): Alias(float(each["is"]), each.get("word", ""), each.get("without", ""))
             for code, each in table["aliases"].items()
@@ -337,6 +254,7 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
     "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
+    "offset_diameters",
     "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
     "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",
     "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit",
@@ -386,6 +304,11 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     builder = (
         f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
     )
+    if printer := kind == "m" and _known()["printer"].get(f"{code:g}"):
+        message = f"{name} ({printer}) is not supported"
+        if dialect.flavour == "macro-b":
+            message = f"{name} is not supported: a builder's code, or {printer}"
+        return fault("code-not-supported", message, word, builder)
     if meaning := _known()[kind].get(f"{code:g}"):
         hint = builder if kind == "m" else ""
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word, hint)

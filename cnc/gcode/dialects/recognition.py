@@ -42,7 +42,8 @@ class _Evidence(NamedTuple):
         kind: The language in words, if it is not a dialect.
         points: Weight.
         what: The finding in words.
-        place: The part of a line that is searched.
+        place: The part of a line that is searched; "first" is the first line with code besides %,
+            "later" those behind it.
         pattern: The pattern.
     """
 
@@ -50,7 +51,7 @@ class _Evidence(NamedTuple):
     kind: str
     points: int
     what: str
-    place: Literal["code", "comment", "line"]
+    place: Literal["first", "later", "code", "comment", "line"]
     pattern: re.Pattern[str]
 
 
@@ -125,7 +126,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
     """Return the language of a program, from its first lines."""
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
-    has_y, plane = False, None
+    has_y, plane, begun = False, None, False
     left = list(table.evidence)
     for number, line in _first(lines):
         code = _code_of(line)
@@ -133,9 +134,11 @@ def recognise(lines: Iterable[str]) -> Recognition:
         has_y = has_y or _Y_WORD.search(code) is not None
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
+        places = {"code": [code], "comment": comments, "line": [line],
+                  "later" if begun else "first": [code]}  # fmt: skip
+        begun = begun or code not in ("", "%")
         for each in tuple(left):
-            texts = {"code": [code], "comment": comments, "line": [line]}[each.place]
-            for text in texts:
+            for text in places.get(each.place, ()):
                 if match := each.pattern.search(text):
                     left.remove(each)
                     reason = Reason(_shown(match[0]), each.what, number)

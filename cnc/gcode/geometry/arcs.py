@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cnc.gcode.dialects import ArcTolerance
+from cnc.gcode.dialects.rules import ArcTolerance
 from cnc.gcode.syntax.words import Word, fault
 from cnc.kernels.gcode import arcs as kernel
 from cnc.kernels.gcode.arcs import Tolerance, Wanted

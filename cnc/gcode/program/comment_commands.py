@@ -8,10 +8,8 @@ from __future__ import annotations
 from cnc.gcode.codes.comments import fill
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.mending import MENDED
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.siemens import NOTED
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.statement import MENDED, NOTED, Remark
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import Message
 from cnc.model.diagnostics import GcodeError

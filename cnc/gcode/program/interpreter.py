@@ -29,6 +29,7 @@ from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
+from cnc.gcode.codes.offset_variables import OffsetVariables
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
@@ -50,8 +51,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.siemens import DIRECTION
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.statement import DIRECTION, Statement
 from cnc.gcode.syntax.words import LineWords, whole
 from cnc.model.blocks import Abort, BoardCommand
 
@@ -181,13 +181,10 @@ class Interpreter:
         system_parameters.bind(parameters, modal, self.here)
         if parameters.macro:
             macro_variables.bind(
-                parameters,
-                modal,
-                self.here,
-                self.coordinates,
-                self.out,
+                parameters, modal, self.here, self.coordinates, self.out,
                 lambda: self.motion.position,
-            )
+            )  # fmt: skip
+            OffsetVariables(self.dialect, self.here, self.tool_codes, self.coordinates)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:

@@ -32,7 +32,7 @@ _SLASH = re.compile(r"[ \t]*/[ \t]*([1-9](?![0-9.]))?")
 _COMMENTS_AND_BLANKS = re.compile(r"\([^)]*\)|;.*|[ \t]")
 _PERCENT = re.compile(rb"(?<![^\r\n])[ \t]*%")
 _SUB = re.compile(r"/?(?:n[0-9]+)?o(?:[0-9]+|<[^>]*>)sub")
-_PROGRAM = re.compile(r"/?(?:n[0-9]+)?o(?:[0-9]+|<[^>]*>)")
+_PROGRAM = re.compile(r"/?(?:n[0-9]+)?o(?:([0-9]+)|<[^>]*>)")
 
 
 class Place(NamedTuple):
@@ -53,6 +53,7 @@ class Definitions:
         borders: Lines at which a program begins, ascending.
         repeated_subs: Line at which a label is defined for the second time.
         repeated_programs: Line at which a program number stands for the second time.
+        behind: Line of the ``%`` that ends the text, by the numbers of the programs behind it.
     """
 
     subs: dict[str, int] = field(default_factory=dict)
@@ -60,6 +61,7 @@ class Definitions:
     borders: list[int] = field(default_factory=list)
     repeated_subs: dict[str, int] = field(default_factory=dict)
     repeated_programs: dict[int, int] = field(default_factory=dict)
+    behind: dict[int, int] = field(default_factory=dict)
 
     def add(self, line: int, control: Control) -> None:
         """Add a control line, if it begins a subroutine or a program."""
@@ -170,9 +172,11 @@ class LineIndex:
             self._definitions = Definitions()
             end = self._end_of_tape()
             for number, window, index in self._candidates(1):
-                if number > end:
-                    break
                 text = _COMMENTS_AND_BLANKS.sub("", window.text(index)).lower()
+                if number > end:
+                    if (found := _PROGRAM.fullmatch(text)) and found[1]:
+                        self._definitions.behind[int(found[1])] = end
+                    continue
                 if not (_SUB.match(text) or _PROGRAM.fullmatch(text)):
                     continue
                 statement = self.statement(window, index)

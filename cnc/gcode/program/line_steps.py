@@ -16,6 +16,7 @@ from cnc.gcode.program import (
     siemens_cycles,
     siemens_flow,
     siemens_frames,
+    siemens_holes,
     siemens_subprograms,
     subprograms,
 )
@@ -39,6 +40,7 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     | siemens_cycles.MAKERS
     | siemens_flow.MAKERS
     | siemens_frames.MAKERS
+    | siemens_holes.MAKERS
     | siemens_subprograms.MAKERS
 )
 

@@ -212,6 +212,8 @@ class ProgramCall:
                 message = f"o{number} is a subroutine, not a program"
                 raise fault("call-style-mixed", message, word, f"call it with o{number} call")
         hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
+        if end := flow.main.definitions().behind.get(number):
+            hint = f"O{number} stands behind the % in line {end}, which ends the text: remove it"
         repeats, short = divmod(number, LONGEST_NUMBER + 1)
         if repeats and any(self._in(listing, short) for listing in (flow.listing, flow.main)):
             hint = f"FANUC reads it as O{short}, {repeats} times: write P{short} L{repeats}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ from cnc.gcode.syntax.statement import Statement
 from cnc.model.blocks import Block, ToolOffset
 from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
+
+if TYPE_CHECKING:
+    from cnc.gcode.syntax.siemens import Variables
 
 REPORT_INTERVAL = 1024
 """Executed lines between two calls of ``on_line``."""
@@ -122,6 +126,7 @@ def interpret(
         lenient=rules.lenient,
         first_bracket=rules.first_bracket,
         dialect=rules.name,
+        variables=_defined_variables(text) if rules.flavour == "siemens" else (),
     )
     listing = Listing(text, syntax, block_delete=options.block_delete)
     if options.mark_tool_offsets:
@@ -130,6 +135,13 @@ def interpret(
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
     yield from _run(flow, maker, options.on_line)
+
+
+def _defined_variables(text: Text) -> Variables:
+    """Return the variables that a program of SINUMERIK defines."""
+    from cnc.gcode.syntax.siemens import defined_variables  # most programs are in another language
+
+    return defined_variables(text.first_lines())
 
 
 def _mark_tool_offsets(interpreter: Interpreter) -> None:

@@ -24,7 +24,6 @@ from cnc.gcode.program.control_flow import (
 )
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.siemens import variable_name
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.model.diagnostics import CncError
 
@@ -114,12 +113,14 @@ class _Block:
 
 
 class _For:
-    """``FOR R1 = first TO last``: the parameter counts up by 1."""
+    """``FOR R1 = first TO last``: the parameter or variable counts up by 1."""
 
     __slots__ = ("first", "last", "loop", "name")
 
     def __init__(self, control: Control, loop: Loop) -> None:
-        self.name = f"_r{control.label}"
+        assert isinstance(control.label, str)
+        name = control.label
+        self.name = f"_r{int(name[1:])}" if re.fullmatch("r[0-9]+", name) else variable_name(name)
         self.first, self.last = control.values
         self.loop = loop
 
@@ -136,7 +137,7 @@ class _For:
 
 
 class _Definition:
-    """``DEF REAL _NAME=1.5, _OTHER``: variables of the main program."""
+    """``DEF REAL NAME=1.5, OTHER``: variables of the main program."""
 
     __slots__ = ("at", "names", "values")
 
@@ -151,6 +152,8 @@ class _Definition:
             hint = "use R parameters in a subprogram"
             message = "DEF in a subprogram is not supported"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        from cnc.gcode.syntax.siemens import variable_name  # only its programs need that module
+
         flow.interpreter.begun = True
         for name, value in zip(self.names, self.values, strict=True):
             flow.parameters.set_name(variable_name(name), value(flow.parameters), 1)

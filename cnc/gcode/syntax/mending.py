@@ -8,10 +8,12 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.statement import MENDED, Remark
 from cnc.model.diagnostics import Diagnostic
 
 _PROGRAM_NUMBER = re.compile(r"([ \t]*):(?=[ \t]*O?[0-9]{1,8}[ \t]*(?:[(;].*)?$)", re.DOTALL)
+_PROGRAM_NAME = re.compile(r"([ \t]*)(?=<[-A-Z0-9+_.]{1,32}>[ \t]*(?:[(;].*)?$)", re.I | re.DOTALL)
+"""A program's name in place of its number, on FANUC's Series 30i."""
 _ALIGNMENT = re.compile(r"[ \t]*:(?=[ \t]*[0-9]{1,8}[ \t]+[A-Z][ \t]*[-+.0-9])", re.I)
 """A colon in place of N, at which some posts let a program begin again."""
 _TEXT_CODE = re.compile(
@@ -33,17 +35,21 @@ _LONG_NAMES = {
     )
 }  # fmt: skip
 _COMMENT = re.compile(r"\(([^)]*)\)")
-_WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|=")
+_WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|[A-Za-z0-9\]>][ \t]*=")
 """Text that could be executed if it stood outside of a comment."""
 
 
 _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]", re.I)
 """Block delete between two words."""
 _ANY_COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
+_SHOWN = re.compile(r'[ \t]*(?:N[0-9]+[ \t]*)?(?:LOG|WARN)?MSG[ \t]+"([^"]*)"[ \t]*(?:;.*)?', re.I)
 _SIMULATION = re.compile(r"[ \t]*\[[ \t]*(?:BILLET|EDGEMOVE|TOOLDEF)\b", re.I)
-
-MENDED = "mended"
-"""Kind of the remark that reports a repair."""
+_OUTPUT = re.compile(
+    r"[ \t]*/?[ \t]*(?:N[0-9]+[ \t]*)?(POPEN|PCLOS|[DB]PRNT(?=[ \t]*\[.*\]))"
+    r"(?:[ \t]*\[.*\])?[ \t]*(?:[(;].*)?",
+    re.I | re.DOTALL,
+)
+"""A line that writes to a port of the control."""
 
 
 class Mended(NamedTuple):
@@ -56,12 +62,14 @@ class Mended(NamedTuple):
 def as_program_start(text: str) -> str:
     """Return a line with FANUC's other forms of a program's start as RS274/NGC has them.
 
-    ``:1000`` is O1000, and before other words N1000. Text after the % that begins a tape is its
-    name, not code.
+    ``:1000`` is O1000, and before other words N1000; ``<PART>`` is O<PART>. Text after the % that
+    begins a tape is its name, not code.
     """
     begin = text.lstrip(" \t")
     if begin.startswith("%") and begin[1:].strip() and begin[1:].lstrip(" \t")[:1] not in "(;":
         return f"%({re.sub('[()]', ' ', begin[1:])})"
+    if begin.startswith("<") and (name := _PROGRAM_NAME.match(text)):
+        return f"{name[1]}O{text[name.end() :]}"
     if begin.startswith(":") and (colon := _ALIGNMENT.match(text)):
         return f"{text[: colon.end() - 1]}N{text[colon.end() :]}"
     if begin.startswith(":") and (colon := _PROGRAM_NUMBER.match(text)):
@@ -81,9 +89,24 @@ def inner_slash(text: str) -> int | None:
     return found.start(1) if found else None
 
 
+def shown_message(text: str) -> str | None:
+    """Return the text of a line ``MSG "text"``, as EdingCNC has it; None for another line."""
+    found = _SHOWN.fullmatch(text)
+    return found and found[1]
+
+
 def is_for_simulation(text: str) -> bool:
     """Whether a line is for the simulation of a training mill, such as ``[BILLET X50 Y50 Z25``."""
     return _SIMULATION.match(text) is not None
+
+
+def output_command(text: str) -> str:
+    """Return the command of macro B by which a line writes to a port; empty for other lines.
+
+    Source: FANUC Series 0i, "External output commands".
+    """
+    found = _OUTPUT.fullmatch(text)
+    return found[1].upper() if found else ""
 
 
 def with_whole_names(text: str) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from cnc.gcode.syntax.parameters import LAST_MACRO
+from cnc.gcode.syntax.parameters import LAST_MACRO, MORE_MACRO
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 _LINE = re.compile(r"\s*([0-9]+)\s+([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*")
@@ -59,14 +59,14 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
                 "such as 5221 10.5",
             )
         number = int(found[1])
-        if not 1 <= number <= LAST_MACRO:
+        if not (1 <= number <= LAST_MACRO or number in MORE_MACRO):
             raise _file_error(
                 "parameter-file-line",
                 f"there is no parameter {number}",
                 name,
                 line,
                 raw,
-                f"parameters are 1 to {LAST_MACRO}",
+                f"parameters are 1 to {LAST_MACRO}, and Haas' {MORE_MACRO[0]} to {MORE_MACRO[-1]}",
             )
         if number <= last:
             message = f"{number} comes after {last}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
 from cnc.model import parameter_numbers as numbers
@@ -43,12 +43,17 @@ KEPT_MACRO = frozenset(
 """FANUC's common variables that stay, the external offset of its coordinate systems, and the
 systems of G54.1.
 """
+MORE_MACRO = range(10_000, 11_000)
+"""More common variables that stay, of Haas' controls."""
 LAST_MACRO = max(KEPT_MACRO)
 COMMON_MACRO = KEPT_MACRO | frozenset(range(100, 200))
 VACANT = math.nan
 
 Read = Callable[[], float]
 Write = Callable[[float], None]
+ReadRow = Callable[[int], float]
+"""Returns the value of a parameter of a row, counted from 0."""
+WriteRow = Callable[[int, float], None]
 
 
 class Parameters:
@@ -63,6 +68,7 @@ class Parameters:
         changed: Numbers and names that were set, or shown by a function, since the set was emptied.
             None while nobody asks.
         calls: Number of calls entered and left.
+        kept: Numbers that the file keeps once they were set.
         increments: Least input increments in a unit of length: 1000 for mm, 10000 for inches.
             FANUC's ROUND rounds words to them.
     """
@@ -78,8 +84,11 @@ class Parameters:
         self._globals: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
+        self._rows: list[tuple[range, ReadRow, WriteRow]] = []
+        self._first_in_row = LAST_MACRO + 1
         self.changed: set[int | str] | None = None
         self.calls = 0
+        self.kept: Container[int] = KEPT_MACRO if macro else USER
         self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
         self._unset = VACANT if macro else 0.0
@@ -97,6 +106,9 @@ class Parameters:
             return self.values[number]
         if number in self._bound:
             return self._bound[number][0]()
+        if number >= self._first_in_row and (found := self._row_of(number)):
+            row, read, _ = found
+            return read(number - row.start)
         if not (number == 0 and self.macro):
             self._check(number, column)
         return self._unset
@@ -124,6 +136,9 @@ class Parameters:
             raise fault(
                 "parameter-read-only", "#0 is always vacant and cannot be set", column=column
             )
+        elif number >= self._first_in_row and (found := self._row_of(number)):
+            row, _, write = found
+            write(number - row.start, value)
         else:
             self._check(number, column)
             self._store(self.values, number, value)
@@ -222,6 +237,21 @@ class Parameters:
         if self.changed is not None:
             self.changed.add(key)
 
+    def bind_row(self, row: range, read: ReadRow, write: WriteRow) -> None:
+        """Bind parameters with consecutive numbers to functions. Compiled code does not see them.
+
+        Args:
+            row: The numbers.
+            read: Returns the value of a parameter, counted from 0.
+            write: Sets it.
+        """
+        self._rows.append((row, read, write))
+        self._first_in_row = min(self._first_in_row, row.start)
+
+    def _row_of(self, number: int) -> tuple[range, ReadRow, WriteRow] | None:
+        """Return the row that has a number, with its functions."""
+        return next((row for row in self._rows if number in row[0]), None)
+
     def push(self, arguments: Sequence[float]) -> None:
         """Enter a call, which has its own names and its own local numbers.
 
@@ -245,11 +275,10 @@ class Parameters:
 
         They are those of the system, and those of the user that were set.
         """
-        kept = KEPT_MACRO if self.macro else USER
         return {
             number: self.values[number]
             for number in sorted(self.values)
-            if number in SYSTEM or number in kept
+            if number in SYSTEM or number in self.kept
         }
 
     def _store(self, store: dict[int, float], number: int, value: float) -> None:
@@ -272,7 +301,7 @@ class Parameters:
         return number
 
     def _check(self, number: int, column: int) -> None:
-        if self.macro and not (number in COMMON_MACRO or number in SYSTEM):
+        if self.macro and not (number in COMMON_MACRO or number in SYSTEM or number in self.kept):
             hint = f"variables are #1 to #{LOCAL_MACRO}, #100 to #199 and #500 to #999"
             raise fault("parameter-number", f"there is no #{number} here", column=column, hint=hint)
         if not self.macro and not 1 <= number <= LAST:

@@ -23,13 +23,13 @@ from cnc.gcode.syntax.mending import (
     inner_slash,
     is_for_simulation,
     mend,
+    output_command,
+    shown_message,
     to_first_bracket,
     with_whole_names,
     without_printer_text,
 )
-from cnc.gcode.syntax.siemens import NOTED, translate
-from cnc.gcode.syntax.siemens_control import ControlLine
-from cnc.gcode.syntax.statement import Control, Remark, Statement, Value
+from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
@@ -37,6 +37,9 @@ from cnc.version import __version__
 
 if TYPE_CHECKING:
     from lark import Lark
+
+    from cnc.gcode.syntax.siemens import Variables
+    from cnc.gcode.syntax.siemens_control import ControlLine
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
@@ -74,6 +77,7 @@ class Syntax:
             warning.
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
+        variables: Variables that a program of SINUMERIK defines.
     """
 
     flavour: Flavour = "ngc"
@@ -82,6 +86,7 @@ class Syntax:
     lenient: bool = False
     first_bracket: bool = False
     dialect: str = "auto"
+    variables: Variables = ()
 
     @property
     def skips_inside(self) -> bool:
@@ -158,6 +163,11 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     if syntax.lenient and is_for_simulation(text):
         what = "a line for the simulation of a training mill has no effect here"
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
+    if syntax.flavour == "macro-b" and (command := output_command(text)):
+        what = f"{command} (output to a port of the control) has no effect here"
+        return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
+    if syntax.lenient and (shown := shown_message(text)) is not None:
+        return Statement(remarks=(Remark("msg", shown, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
@@ -169,10 +179,12 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
 
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
+    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
+
     if text.lstrip(" \t").startswith("%"):
         return Statement(percent=True)
-    found = translate(text)
-    ngc = replace(syntax, flavour="ngc", siemens=True)
+    found = translate(text, syntax.variables)
+    ngc = replace(syntax, flavour="ngc", siemens=True, variables=())
     begin = len(text) - len(text.lstrip())
     length = len(text.split(";", maxsplit=1)[0].strip())
     try:

@@ -11,20 +11,24 @@ from __future__ import annotations
 import re
 import tomllib
 import zlib
+from collections.abc import Iterable
 from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
 from cnc.gcode.syntax.error_context import about_character
-from cnc.gcode.syntax.siemens_control import ControlLine, call_line, control_line
-from cnc.gcode.syntax.statement import Remark
+from cnc.gcode.syntax.siemens_control import (
+    ControlLine,
+    as_type,
+    call_line,
+    control_line,
+    definition_line,
+    without_comment,
+)
+from cnc.gcode.syntax.statement import DIRECTION, NOTED, Remark
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
-DIRECTION = "direction"
-"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
-NOTED = "noted"
-"""Kind of the remark that names a word without effect."""
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 """Range of the numbers of tools that a program calls by a name; a checksum gives the number."""
 
@@ -33,22 +37,23 @@ _HEAD = re.compile(
 )
 _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
-_VARIABLE = re.compile(r"(_[A-Z0-9_]+)\s*=(?!=)\s*", re.I)
+_VARIABLE = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*=(?!=)\s*", re.I)
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
 _EQUAL = re.compile(
     r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC][2-7]|[A-Z])\s*=(?!=)\s*", re.I
 )
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
-_OPERAND = re.compile(
-    r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|_[A-Z0-9_]+|[A-Z][A-Z0-9]*(?=\s*\())", re.I
-)
+_OPERAND = re.compile(r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|[A-Z_]{2}[A-Z0-9_]*)", re.I)
+_NAME = re.compile(r"(?<![A-Z0-9_])[A-Z_][A-Z0-9_]*", re.I)
 _OPERATOR = re.compile(r"\s*(\*\*|==|<>|<=|>=|[-+*/<>]|\bMOD\b|\bAND\b|\bOR\b)", re.I)
 _LETTERS = {
     "CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M", "RND": ",R", "CHR": ",C", "CHF": ",H",
     "ANG": ",A", "AR": ",O",
 }  # fmt: skip
 _COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
+_TRUTHS = {"TRUE": "1", "FALSE": "0"}
+_WORD_OPERATORS = {"MOD", "AND", "OR", "XOR"}
 _FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
@@ -94,20 +99,36 @@ def _no_names() -> frozenset[str]:
     return frozenset(words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, "SUPA", "BSPLINE"})
 
 
-def translate(text: str) -> Translation:
+Variables = tuple[tuple[str, str], ...]
+"""Names of variables in capitals, each with its type."""
+
+
+def defined_variables(lines: Iterable[str]) -> Variables:
+    """Return the variables that lines define by DEF."""
+    controls = (definition_line(_HEAD.sub("", without_comment(line), count=1)) for line in lines)
+    return tuple(pair for control in controls for pair in control)
+
+
+def translate(text: str, variables: Variables = ()) -> Translation:
     """Translate a line.
+
+    Args:
+        text: The line.
+        variables: Variables that the program defines. Names that begin with an underscore need no
+            definition.
 
     Raises:
         GcodeError: A word is not supported.
     """
-    return _Line(text).translation()
+    return _Line(text, dict(variables)).translation()
 
 
 class _Line:
     """A line that is being translated."""
 
-    def __init__(self, text: str) -> None:
-        self.text = _without_comment(text)
+    def __init__(self, text: str, variables: dict[str, str]) -> None:
+        self.text = without_comment(text)
+        self.variables = variables
         self.at = 0
         self.out: list[str] = []
         self.remarks: list[Remark] = []
@@ -154,9 +175,10 @@ class _Line:
         elif assignment := _ASSIGN.match(self.text, self.at):
             self.at = assignment.end()
             self.out.append(f"#<_r{int(assignment[1])}>=[{self._expression()}]")
-        elif variable := _VARIABLE.match(self.text, self.at):
-            self.at = variable.end()
-            self.out.append(f"#<{variable_name(variable[1])}>=[{self._expression()}]")
+        elif (name := _VARIABLE.match(self.text, self.at)) and self._is_variable(name[1]):
+            self.at = name.end()
+            value = as_type(self.variables.get(name[1].upper(), "REAL"), self._written_value())
+            self.out.append(f"#<{variable_name(name[1])}>=[{self._ngc(value)}]")
         elif equal := _EQUAL.match(self.text, self.at):
             self.at = equal.end()
             self._address(equal[1].upper())
@@ -176,6 +198,9 @@ class _Line:
             if char and not char.isascii():
                 message, hint = about_character(char)
                 raise fault("character-unknown", message, column=at + 1, hint=hint)
+
+    def _is_variable(self, name: str) -> bool:
+        return name.startswith("_") or name.upper() in self.variables
 
     def _code(self, letter: str, number: str) -> str:
         if letter == "M" and number == "17":
@@ -258,7 +283,11 @@ class _Line:
         else:
             self.at = begin
             what = tables["refused"].get(name, "a name, or a word that is not known")
-            raise self._fault(f"{name} ({what})", len(name), tables["instead"].get(name, ""))
+            hint = tables["instead"].get(name, "")
+            if name not in tables["refused"] and self.text[begin + len(name) :].lstrip()[:1] == "(":
+                what = "call of a subprogram with values"
+                hint = "write its moves in place of the call, or hand values over in R parameters"
+            raise self._fault(f"{name} ({what})", len(name), hint)
 
     def _only_zero(self, name: str, what: str) -> None:
         """Pass a word whose value other than 0 would move the path otherwise."""
@@ -280,6 +309,10 @@ class _Line:
 
     def _expression(self) -> str:
         """Take an expression; return it in the words of RS274/NGC."""
+        return self._ngc(self._written_value())
+
+    def _written_value(self) -> str:
+        """Take an expression; return it as it is written."""
         begin = self.at
         while True:
             while self.at < len(self.text) and self.text[self.at] in " \t":
@@ -296,7 +329,7 @@ class _Line:
                 raise self._fault("an expression that is not complete", 1, "")
             operator = _OPERATOR.match(self.text, self.at)
             if operator is None:
-                return self._ngc(self.text[begin : self.at])
+                return self.text[begin : self.at]
             self.at = operator.end()
 
     def _blank_before_bracket(self) -> None:
@@ -309,19 +342,24 @@ class _Line:
     def _ngc(self, expression: str) -> str:
         """Return an expression in the words of RS274/NGC."""
         text = expression.strip()
-        for name in re.findall(r"([A-Z][A-Z0-9]*)\s*\(", text, re.I):
-            if name.upper() not in _FUNCTIONS:
-                raise self._fault(f"{name.upper()}(..)", len(name), "")
         text = re.sub(r"==|<>|<=|>=|<|>", lambda found: f" {_COMPARED[found[0]]} ", text)
-        text = re.sub(r"\bTRUNC\b", "FIX", text, flags=re.I)
-        text = re.sub(r"\bR([0-9]+)\b", lambda found: f"#<_r{int(found[1])}>", text, flags=re.I)
-        text = re.sub(
-            r"(?<![A-Z0-9_<])_[A-Z0-9_]+",
-            lambda name: f"#<{variable_name(name[0])}>",
-            text,
-            flags=re.I,
+        return (
+            _NAME.sub(lambda found: self._named(found[0]), text).replace("(", "[").replace(")", "]")
         )
-        return text.replace("(", "[").replace(")", "]")
+
+    def _named(self, written: str) -> str:
+        """Return a name of an expression in the words of RS274/NGC."""
+        name = written.upper()
+        if re.fullmatch(r"R[0-9]+", name):
+            return f"#<_r{int(name[1:])}>"
+        if self._is_variable(written):
+            return f"#<{variable_name(written)}>"
+        if name in _FUNCTIONS or name in _WORD_OPERATORS or name in _COMPARED.values():
+            return "FIX" if name == "TRUNC" else name
+        if name in _TRUTHS:
+            return _TRUTHS[name]
+        hint = "define a variable by DEF REAL at the beginning of the main program"
+        raise self._fault(f"{name} in an expression", len(name), hint)
 
     def _fault(self, what: str, length: int, hint: str) -> GcodeError:
         hint = hint or "this looks like SINUMERIK; docs/reference/language.md lists what is read"
@@ -332,24 +370,13 @@ class _Line:
 
 
 def variable_name(written: str) -> str:
-    """Return the name here of a variable that begins with an underscore."""
+    """Return the name here of a variable."""
     return f"_v{written.lower()}"
 
 
 def _is_code(word: str) -> bool:
     """Whether letters and digits are one or more words such as G17 or M6."""
     return re.fullmatch(r"[A-Z][0-9]+", word, re.I) is not None
-
-
-def _without_comment(text: str) -> str:
-    """Return a line without the comment after a semicolon, which may not stand in quotes."""
-    quoted = False
-    for at, char in enumerate(text):
-        if char == '"':
-            quoted = not quoted
-        elif char == ";" and not quoted:
-            return text[:at]
-    return text
 
 
 def _closing(text: str, begin: int) -> int:

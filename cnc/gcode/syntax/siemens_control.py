@@ -16,14 +16,15 @@ from cnc.gcode.syntax.statement import Keyword
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
 _CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-69])\s*\((.*)\))?\s*", re.I)
+_HOLES = re.compile(r"HOLES([12])\s*\((.*)\)\s*", re.I)
 _END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
 _HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
 _LEVEL = re.compile(r"CYCLE800\s*\(\s*\)", re.I)
-_DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(_.*)", re.I)
-_DEFINED = re.compile(r"(_[A-Z0-9_]+)\s*(?:=\s*(.+))?", re.I)
+_DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(.+)", re.I)
+_DEFINED = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*(?:=\s*(.+))?", re.I)
 _FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
 _STRUCTURES: dict[Keyword, re.Pattern[str]] = {
     "s-if": re.compile(r"IF\b\s*(.+)", re.I),
@@ -31,7 +32,7 @@ _STRUCTURES: dict[Keyword, re.Pattern[str]] = {
     "s-endif": re.compile(r"ENDIF", re.I),
     "s-while": re.compile(r"WHILE\b\s*(.+)", re.I),
     "s-endwhile": re.compile(r"ENDWHILE", re.I),
-    "s-for": re.compile(r"FOR\s+R([0-9]+)\s*=\s*(.+?)\s+TO\s+(.+)", re.I),
+    "s-for": re.compile(r"FOR\s+(R[0-9]+|[A-Z_]{2}[A-Z0-9_]*)\s*=\s*(.+?)\s+TO\s+(.+)", re.I),
     "s-endfor": re.compile(r"ENDFOR", re.I),
     "s-loop": re.compile(r"LOOP", re.I),
     "s-endloop": re.compile(r"ENDLOOP", re.I),
@@ -45,9 +46,10 @@ class ControlLine(NamedTuple):
 
     Attributes:
         keyword: Its kind.
-        label: The target of a jump after its direction (F, B or a blank), the number of a cycle,
-            the name of a frame, the R parameter of a FOR, the number of M2 or M30, the name of a
-            subprogram and its repeats, or the names of variables.
+        label: The target of a jump after its direction (F, B or a blank), the number of a cycle or
+            of a pattern of holes, the name of a frame, the R parameter or variable of a FOR, the
+            number of M2 or M30, the name of a subprogram and its repeats, or the names of
+            variables.
         values: Its expressions, as they are written; empty where one is left out.
     """
 
@@ -76,7 +78,7 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
         if found := pattern.fullmatch(text):
             groups = found.groups()
             if keyword == "s-for":
-                return ControlLine(keyword, str(int(groups[0])), groups[1:])
+                return ControlLine(keyword, groups[0].lower(), groups[1:])
             return ControlLine(keyword, "", groups)
     if end := _END.fullmatch(text):
         return ControlLine("s-end", end[1] or "")
@@ -93,6 +95,8 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
     if text and (cycle := _CYCLE.fullmatch(text)):
         keyword = "mcall" if cycle[1] else "cycle"
         return ControlLine(keyword, cycle[2] or "0", tuple(_arguments(cycle[3] or "")))
+    if holes := _HOLES.fullmatch(text):
+        return ControlLine("s-holes", holes[1], tuple(_arguments(holes[2])))
     return None
 
 
@@ -109,14 +113,42 @@ def call_line(text: str, known: Container[str]) -> ControlLine | None:
     return ControlLine("s-call", f"{call[1].upper()} {call[2] or ''}".rstrip())
 
 
+def without_comment(text: str) -> str:
+    """Return a line without the comment after a semicolon, which may not stand in quotes."""
+    quoted = False
+    for at, char in enumerate(text):
+        if char == '"':
+            quoted = not quoted
+        elif char == ";" and not quoted:
+            return text[:at]
+    return text
+
+
 def _definition(kind: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
     """Return the line that defines variables: their names, and their values or 0."""
     found = [_DEFINED.fullmatch(part) for part in _arguments(text)]
-    if any(each is None or (each[2] and kind != "REAL") for each in found):
-        hint = "DEF REAL _NAME=1.5, _OTHER is read; other forms are not"
+    if any(each is None for each in found):
+        hint = "DEF REAL NAME=1.5, OTHER is read; arrays are not"
         raise refuse(f"DEF {kind} of this form", hint)
     names = " ".join(each[1].lower() for each in found if each)
-    return ControlLine("s-def", names, tuple(each[2] or "0" for each in found if each))
+    values = (as_type(kind, each[2]) if each[2] else "0" for each in found if each)
+    return ControlLine("s-def", names, tuple(values))
+
+
+def definition_line(text: str) -> list[tuple[str, str]]:
+    """Return the variables that a text without line number and comment defines, with their type."""
+    definition = _DEFINITION.fullmatch(text.strip())
+    if definition is None:
+        return []
+    found = [_DEFINED.fullmatch(part) for part in _arguments(definition[2])]
+    return [(each[1].upper(), definition[1].upper()) for each in found if each]
+
+
+def as_type(kind: str, value: str) -> str:
+    """Return an expression as a type keeps its value: INT is rounded, BOOL is 0 or 1."""
+    if kind == "INT":
+        return f"ROUND({value})"
+    return f"({value})<>0" if kind == "BOOL" else value
 
 
 def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:

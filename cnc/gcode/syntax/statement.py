@@ -26,7 +26,7 @@ Keyword = Literal[
     "program", "goto", "if-goto", "if-then", "while-do", "end",
     "cycle", "mcall", "frame", "s-goto", "s-if", "s-else", "s-endif", "s-while", "s-endwhile",
     "s-for", "s-endfor", "s-loop", "s-endloop", "s-repeat", "s-until", "s-call",
-    "s-end", "s-proc", "s-def",
+    "s-end", "s-proc", "s-def", "s-holes",
 ]  # fmt: skip
 """Kinds of control lines. The first three rows are O-words. The next one has those of FANUC, and O
 and a number alone ("program"); the last three have SINUMERIK's cycles, frames, jumps,
@@ -42,6 +42,14 @@ class Assignment:
     value: Value
     column: int
     length: int
+
+
+DIRECTION = "direction"
+"""Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
+MENDED = "mended"
+"""Kind of the remark that reports a repair."""
+NOTED = "noted"
+"""Kind of the remark that names a word without effect."""
 
 
 @dataclass(frozen=True, slots=True)

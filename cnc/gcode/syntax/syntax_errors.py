@@ -23,6 +23,8 @@ from cnc.model.diagnostics import GcodeError
 if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
+_CHECKSUM = re.compile(r"\*[0-9]{1,3}")
+_COMPUTED = re.compile(r"[=#\[]")
 _SPLINE_WORDS = (
     "ASPLINE",
     "CSPLINE",
@@ -36,6 +38,7 @@ _SPLINE_WORDS = (
     "ETAN",
 )
 """Siemens' words of splines other than the B-spline."""
+_COMMENTS = "write ; before a comment, or ( ) around it"
 _NAMED = {"#": parameter, "O": label}
 """Tokens that need a number or a name after them."""
 
@@ -56,7 +59,18 @@ def describe(
 
 def _describe(context: ErrorContext) -> GcodeError:
     """Classify the error by the tokens that the grammar would have accepted."""
-    return _of_part(context) or _of_line(context)
+    return foreign_comment(context) or _of_part(context) or _of_line(context)
+
+
+def foreign_comment(context: ErrorContext) -> GcodeError | None:
+    """Return the error of a # before a text, which is a comment elsewhere; None without one."""
+    text, columns = context.text, context.columns
+    if not re.match(r"#[0-9.]*[A-Z][^=#]*$", text):
+        return None
+    if not text[1].isalpha() and columns[1] == columns[0] + 1:
+        return None
+    message = "# does not begin a comment in G-code"
+    return context.fault("comment-mark", message, 0, 1, _COMMENTS)
 
 
 def _of_part(context: ErrorContext) -> GcodeError | None:
@@ -209,9 +223,9 @@ def between_words(context: ErrorContext) -> GcodeError:
     if char == "/" and (
         not last or context.text[context.at + 1 : context.at + 2] not in ("#", "[", *DIGITS)
     ):
-        return context.fault(
-            "block-delete-place", "a / for block delete must stand first in its line"
-        )
+        message = "a / for block delete must stand first in its line"
+        hint = f"// begins no comment: {_COMMENTS}" if "//" in context.text else ""
+        return context.fault("block-delete-place", message, hint=hint)
     if char == "%":
         return context.fault("percent-place", "a % must stand alone in its line")
     if char and char in DIGITS and letter:
@@ -222,6 +236,14 @@ def between_words(context: ErrorContext) -> GcodeError:
         hint = "write a sum in [ ], such as X[1+2]"
         return context.fault(
             "number-malformed", f"the number after {letter} continues with {char!r}", hint=hint
+        )
+    if _CHECKSUM.fullmatch(context.text, context.at) and not _COMPUTED.search(context.text):
+        return context.fault(
+            "line-checksum",
+            f"{context.text[context.at :]} is the checksum of a line sent to a 3D printer",
+            context.at,
+            len(context.text),
+            hint="remove the checksums, or use --dialect marlin",
         )
     if char and char in "+-*/" and last:
         return context.fault(

@@ -139,7 +139,8 @@ def _improve_run(
     n = points.shape[1]
     begin = first - DEGREE
     mask = np.zeros(last - first + 2 * DEGREE, np.bool_)
-    mask[DEGREE:-DEGREE] = free[first:last]
+    for j in range(first, last):  # slices of two arrays would compile the text of an error
+        mask[j - begin] = free[j]
     band = _energy(spline, low, high, begin, mask.shape[0])
     places = places_in(chain, spline, low, high)
     moving = np.empty(n, np.int64)

@@ -288,6 +288,15 @@ def write_chain(bound_s: Floats, chain: Chain, phases: Phases) -> int:
 
 
 @njit
+def largest(limits: Floats, first: int, last: int) -> float:
+    """Return the largest limit at the beginning of the intervals first .. last - 1."""
+    found = limits[first, 0]
+    for k in range(first + 1, last):
+        found = max(found, limits[k, 0])
+    return float(found)
+
+
+@njit
 def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) -> tuple[int, int]:
     """Plan a window from speed ``v_start`` and zero acceleration to rest at its end.
 
@@ -347,8 +356,8 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], profile)
         if worst < 0:
             if examined > CUT_WORK * n or (
-                profile.accel >= UNEVEN * accel[first:last, 0].max()
-                and profile.jerk >= UNEVEN * jerk[first:last, 0].max()
+                profile.accel >= UNEVEN * largest(accel, first, last)
+                and profile.jerk >= UNEVEN * largest(jerk, first, last)
             ):
                 continue
             examined += last - first

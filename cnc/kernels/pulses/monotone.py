@@ -47,10 +47,13 @@ def _all_turning_points(piece: Piece, n: int, turns: Floats) -> None:
     count = 0
     for i in range(n):
         for k in range(curve_turning_points(piece.kind, piece.data, piece.at, i, of_axis)):
-            turns[count] = of_axis[k]
+            place = count
+            while place > 0 and turns[place - 1] > of_axis[k]:
+                turns[place] = turns[place - 1]
+                place -= 1
+            turns[place] = of_axis[k]
             count += 1
     turns[count] = math.inf
-    turns[:count].sort()
 
 
 @njit

@@ -64,6 +64,16 @@ def test_comments_of_a_program() -> None:
     ]
 
 
+@pytest.mark.parametrize("word", ["MSG", "N10 LogMsg", "warnmsg"])
+def test_a_message_of_edingcnc(word: str) -> None:
+    """Its manual has the text in quotes behind MSG; LinuxCNC has no such line."""
+    source = f'{word} "Tool: #11 D4.0 G0 X5" ; note\nG0 X1'
+    texts = [block.text for block in run(source) if hasattr(block, "text")]
+    assert texts == ["Tool: #11 D4.0 G0 X5"]
+    assert error_of(f"{source}\nM2", dialect="linuxcnc").code == "number-missing"
+    assert error_of(f'{word} "Tool" G0 X5\nM2').line == 1
+
+
 def test_an_abort_reports_its_text() -> None:
     found = error_of("#1=2.5\nG0 X1\nG1 Y2 F60 (Abort , tool %d#1 at #<_x> is #<gone>)")
     assert found.message == "the program aborts itself: tool 2 at 1 is ######"

@@ -81,3 +81,21 @@ def test_an_unopened_percent_in_the_last_line_is_a_warning() -> None:
     warnings: list[Diagnostic] = []
     assert xs("G0 X1\n%\n\n", warn=warnings.append) == [1]
     assert [each.code for each in warnings] == ["percent-unopened"]
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+def test_a_called_program_behind_the_last_percent_is_named(dialect: str) -> None:
+    """The control ends to read at the second %."""
+    program = "%\nO1\nM98 P10\nM30\n%\n\n(SUB)\nO10\nG0 X1.\nM99\n"
+    found = error_of(program, dialect=dialect)
+    assert (found.code, found.line) == ("program-unknown", 3)
+    assert found.hint == "O10 stands behind the % in line 5, which ends the text: remove it"
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+def test_a_program_may_have_a_name_in_angle_brackets(dialect: str) -> None:
+    """FANUC's Series 30i names programs; another name begins another program."""
+    assert xs("%\n<PART-1.NC> (OP 10)\nG0 X1.\nM30\n<OTHER>\nG0 X2.\nM99", dialect=dialect) == [1]
+    found = error_of("<A>\nG0 X1.\n<B>\nG0 X2.\nM30", dialect=dialect)
+    assert (found.code, found.line) == ("program-end-missing", 3)
+    assert error_of("G0 X1.\nG1 <5> X2.", dialect=dialect).code == "character-unknown"

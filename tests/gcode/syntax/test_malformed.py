@@ -43,7 +43,7 @@ CASES: dict[str, tuple[str, str]] = {
     "digit of another alphabet": ("character-unknown", "G0 X¦\u0663"),
     "long s is no S": ("character-unknown", "¦\u017f100 M3"),
     "question mark": ("character-unknown", "X1 ¦?"),
-    "checksum": ("expression-without-brackets", "G0 X1¦*71"),
+    "checksum": ("line-checksum", "G0 X1¦*71"),
     "exponent": ("word-unused", "G0 X1¦E5"),
     "subprogram": ("sub-not-closed", "¦o100 sub"),
     "named subprogram": ("sub-unknown", "¦O<drill> call"),
@@ -282,7 +282,7 @@ arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-o
 latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-change tool-length
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
 not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
-s-call s-end s-proc
+s-call s-end s-proc s-holes
 s-until
 """
 """Strings in the interpreter that look like an error code but are not."""
@@ -294,6 +294,7 @@ thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-unopened program-for-lathe
 program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
+dwell-short offset-diameter offset-variable-wear
 feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
 unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed

@@ -177,19 +177,23 @@ def end_of(source: str, **options: Any) -> list[float]:
     return np.asarray(block.points[-1]).tolist()
 
 
-def points(source: str, dialect: str, *, lenient: bool = False) -> list[tuple[float, ...]]:
+def points(
+    source: str, dialect: str, *, lenient: bool = False, **options: Any
+) -> list[tuple[float, ...]]:
     """The ends of the moves of a program."""
     rules = dialects.load(dialect, lenient=lenient)
     return [
         tuple(row)
-        for block in run(source, dialect=rules)
+        for block in run(source, dialect=rules, **options)
         if isinstance(block, Polyline)
         for row in block.points.tolist()
     ]
 
 
-def warnings(source: str, dialect: str, *, lenient: bool = False) -> list[Diagnostic]:
+def warnings(
+    source: str, dialect: str, *, lenient: bool = False, **options: Any
+) -> list[Diagnostic]:
     """The warnings and notes of a program."""
     found: list[Diagnostic] = []
-    run(source, dialect=dialects.load(dialect, lenient=lenient), warn=found.append)
+    run(source, dialect=dialects.load(dialect, lenient=lenient), **options, warn=found.append)
     return found
