@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -40,6 +41,7 @@ from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.outputs.targets import write_error
 from cnc.version import __version__
 
 app = Application(
@@ -313,6 +315,10 @@ def schema(
     return 0
 
 
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a write to a full disk, as to a file to which standard output is redirected."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Carry out the command line, and exit.
 
@@ -352,6 +358,11 @@ def exit_code(arguments: Sequence[str]) -> int:
         # Python flushes standard output again at its exit, which must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE
+    except OSError as error:
+        if error.errno not in NO_SPACE or error.filename is not None:
+            return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return fail(write_error("-", error))
     except Exception as error:
         return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
     finally:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import logging
 import platform
 import sys
+from contextlib import suppress
 
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.version import __version__
@@ -32,6 +33,27 @@ class _StandardError(logging.Handler):
         print(self.format(record), file=sys.stderr, flush=True)
 
 
+class _LogFile(logging.FileHandler):
+    """The file of the log. A full disk ends the log with one warning, and never the run."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report that the log ends here."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)
+            return
+        _root.removeHandler(self)
+        message = f"{self.baseFilename} cannot be written: {error.strerror or error}"
+        hint = "the log ends here; choose a file on a disk that has space"
+        found = Diagnostic("log-ends", message, hint=hint, severity="warning")
+        print(f"{found.severity}: {found.render()}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the file. What a full disk did not take is lost, which was reported."""
+        with suppress(OSError):
+            super().close()
+
+
 def open_log(file: str | None, *, verbose: bool) -> None:
     """Begin to log.
 
@@ -45,7 +67,7 @@ def open_log(file: str | None, *, verbose: bool) -> None:
     close_log()
     if file is not None:
         try:
-            handler: logging.Handler = logging.FileHandler(file, "w", encoding="utf-8")
+            handler: logging.Handler = _LogFile(file, "w", encoding="utf-8")
         except OSError as error:
             message = f"{file} cannot be written: {error.strerror or error}"
             hint = "choose a file in a folder that you may write to"

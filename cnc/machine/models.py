@@ -21,7 +21,15 @@ from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, FiveAxis, KinematicsTable, OfJoints
 from cnc.machine.motors import Motor, Motors, gantry_inconsistencies
 from cnc.machine.program import Program
-from cnc.machine.section import Inconsistency, NonNegative, Positive, Section, Span, as_tuple
+from cnc.machine.section import (
+    Inconsistency,
+    MotionLimit,
+    NonNegative,
+    Positive,
+    Section,
+    Span,
+    as_tuple,
+)
 from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
 from cnc.model.choices import MachineKind, WrapRule
 
@@ -80,12 +88,12 @@ class Axis(Section):
     """One axis. Its inverse resolution is the basic length unit (BLU)."""
 
     steps_per_mm: Positive = Field(description="Steps per mm (per degree for a rotary axis).")
-    max_velocity: Positive = Field(description="Highest speed, mm/s.")
-    max_acceleration: Positive | None = Field(
+    max_velocity: MotionLimit = Field(description="Highest speed, mm/s.")
+    max_acceleration: MotionLimit | None = Field(
         default=None,
         description="Highest acceleration, mm/s^2. Without it, the limits of the path are needed.",
     )
-    max_jerk: Positive | None = Field(
+    max_jerk: MotionLimit | None = Field(
         default=None,
         description="Highest jerk, mm/s^3. Without it, the limit of the path is needed.",
     )
@@ -134,25 +142,22 @@ def switch_end(letter: str, homing: Homing | None) -> int:
 class PathLimits(Section):
     """Limits along the path, and the required accuracy."""
 
-    max_feed: Positive = Field(default=500.0, description="Highest speed along the path, mm/s.")
-    max_tangential_acceleration: Positive | None = Field(
+    max_feed: MotionLimit = Field(default=500.0, description="Highest speed along the path, mm/s.")
+    max_tangential_acceleration: MotionLimit | None = Field(
         default=None,
-        description=(
-            "Highest acceleration along the path, mm/s^2. Without it, the axes alone limit it."
-        ),
+        description="Highest acceleration along the path, mm/s^2. Without it, the axes limit it.",
     )
-    max_normal_acceleration: Positive | None = Field(
+    max_normal_acceleration: MotionLimit | None = Field(
         default=None,
-        description=(
-            "Highest acceleration across the path, mm/s^2. Without it, the axes alone limit it."
-        ),
+        description="Highest acceleration across the path, mm/s^2. Without it, the axes limit it.",
     )
-    max_jerk: Positive | None = Field(
+    max_jerk: MotionLimit | None = Field(
         default=None,
         description="Highest jerk along the path, mm/s^3. Without it, the axes alone limit it.",
     )
-    chord_error: Positive = Field(
+    chord_error: FiniteFloat = Field(
         default=0.001,
+        ge=1e-9,
         description="Largest distance between the path and its chord over one period, mm.",
     )
     tolerance: NonNegative = Field(
@@ -161,9 +166,12 @@ class PathLimits(Section):
             "Tolerance of corner blends and smoothing under G64 without P, mm. 0 is the exact path."
         ),
     )
-    period: Positive = Field(default=0.001, description="Sampling period of the interpolator, s.")
-    step_deviation: Positive | None = Field(
+    period: FiniteFloat = Field(
+        default=0.001, ge=1e-6, le=10, description="Sampling period of the interpolator, s."
+    )
+    step_deviation: FiniteFloat | None = Field(
         default=None,
+        ge=1e-9,
         description=(
             "Largest relative difference between the chord over one period and the path "
             "there. Without it, the other limits alone limit it."
@@ -357,7 +365,7 @@ class Machine(Section):
             yield Inconsistency(
                 (table, letter, "max_velocity"),
                 f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is "
-                f"{axis.step_rate:.0f} steps/s, but board.max_step_rate is {most:.0f}",
+                f"{axis.step_rate:.7g} steps/s, but board.max_step_rate is {most:.7g}",
                 f"lower it to {most / axis.steps_per_mm:g}, "
                 "or raise board.max_step_rate if the board supports it",
             )

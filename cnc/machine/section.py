@@ -23,6 +23,10 @@ def _path(value: Any) -> Any:
 FilePath = Annotated[Path, BeforeValidator(_path)]
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
+MotionLimit = Annotated[FiniteFloat, Field(ge=1e-4)]
+"""A limit of speed, acceleration or jerk. With far lower ones a move takes years, and times and
+lengths lose their digits.
+"""
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 

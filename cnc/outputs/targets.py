@@ -73,7 +73,8 @@ def write_error(path: object, error: OSError) -> UsageError:
     return UsageError(
         Diagnostic(
             "can-not-write",
-            f"{path} cannot be written: {error.strerror or error}",
+            f"{'standard output' if path == '-' else path} cannot be written: "
+            f"{error.strerror or error}",
             hint="choose a file in a folder that you may write to",
         )
     )

@@ -27,6 +27,8 @@ class Limits:
         max_feed: mm/s.
         tangential_acceleration: and the following: see
             :class:`cnc.kernels.planner.limit_arrays.LimitArrays`.
+        travel: (2, columns): lowest and highest position, for motion beside the programmed path;
+            infinite for an axis that repeats after a turn.
         tip_columns: number of columns of the tool tip in front of those of the joints, which have
             no limits of their own; 0 where the axes are the joints.
         feed_factor: the operator's override of programmed feeds; 0 while the motion is held.
@@ -43,6 +45,7 @@ class Limits:
     axis_velocity: Floats
     axis_acceleration: Floats
     axis_jerk: Floats
+    travel: Floats
     tip_columns: int = 0
     feed_factor: float = 1.0
     slowing_from: float = 0.0
@@ -61,6 +64,12 @@ class Limits:
             own = [unless_none(getattr(joint, name)) for joint in joints]
             return np.array([inf] * tip_columns + own)
 
+        # With tool-tip control the travel is that of the joints, which have the tables of the axes.
+        tip: list[tuple[float, float] | None] = [None] * tip_columns
+        if not machine.kinematics.with_tip_control:
+            tip = [axis.travel for axis in machine.axes.values()][:tip_columns]
+        own = [None if joint.wrap else joint.travel for joint in joints]
+        travel = [span or (-inf, inf) for span in (*tip, *own)]
         path = machine.path
         return cls(
             max_feed=path.max_feed,
@@ -73,6 +82,7 @@ class Limits:
             axis_velocity=each("max_velocity"),
             axis_acceleration=each("max_acceleration"),
             axis_jerk=each("max_jerk"),
+            travel=np.array(travel).T,
             tip_columns=tip_columns,
         )
 
@@ -87,6 +97,7 @@ class Limits:
         return replace(
             found,
             tip_columns=0,
+            travel=found.travel[:, :columns],
             axis_velocity=np.full(columns, found.axis_velocity[own].min()),
             axis_acceleration=np.full(columns, found.axis_acceleration[own].min()),
             axis_jerk=np.full(columns, found.axis_jerk[own].min()),

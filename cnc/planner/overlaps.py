@@ -29,7 +29,9 @@ from cnc.kernels.planner.overlap_stops import (
     overlap_stops,
 )
 from cnc.kernels.planner.overshoot import (
+    PAST,
     PHASES_OF_MOVE,
+    RestToRest,
     choose_overshoots,
     find_moves,
     write_overshoots,
@@ -37,6 +39,7 @@ from cnc.kernels.planner.overshoot import (
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined
+from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered
@@ -159,6 +162,8 @@ class Overlaps:
             return plan.arrays, past
         moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
         choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
+        if past.any():
+            self._keep_to_travel(plan.path, moves, past)
         out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
         count = write_overshoots(plan.arrays, moves, past, out)
         here = slice(count + 1)
@@ -166,6 +171,18 @@ class Overlaps:
             plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
         )
         return changed, past
+
+    def _keep_to_travel(self, path: PathChunk, moves: RestToRest, past: Floats) -> None:
+        """Take back the overshoots that could leave the travel."""
+        lo, hi = bounding_box(path)
+        lowest, highest = self._limits.travel
+        for b in np.flatnonzero(past).tolist():
+            legs = slice(b, b + 2)
+            passed = PAST * float(moves.jerk[legs].max()) * float(past[b]) ** 3
+            beyond = np.where((hi[legs] > lo[legs]).any(axis=0), passed, 0.0)
+            low, high = lo[legs].min(axis=0) - beyond, hi[legs].max(axis=0) + beyond
+            if ((beyond > 0.0) & ((low < lowest) | (high > highest))).any():
+                past[b] = 0.0
 
 
 def _empty_plan(pieces: int, phases: int) -> PlanArrays:

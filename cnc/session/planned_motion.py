@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
 from cnc.checks.block_times import BlockTimes
 from cnc.checks.travel import TravelCheck
 from cnc.grbl_lines.exact_path import exact_path
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import Diagnostic
+from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import SampleChunk
 from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
@@ -24,6 +22,20 @@ from cnc.session.stopwatch import Stopwatch
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
+
+MOST_SECONDS = 1e9
+"""Longest machine time of a program, s: 31 years. Pulses have times in ns, in 64 bits."""
+
+
+def _too_long(item: PlanChunk | Block) -> MotionLimitError:
+    """Return the fault of a program whose machine time is not a plausible one."""
+    if isinstance(item, PlanChunk):
+        file, line = item.path.file, int(item.path.line[-1])
+    else:
+        file, line = item.file, item.line
+    message = "up to this line the program takes more than 31 years"
+    hint = "correct F or the dwells, or the limits of the machine file"
+    return MotionLimitError(Diagnostic("run-too-long", message, file, line, hint=hint))
 
 
 class PlannedMotion:
@@ -39,7 +51,6 @@ class PlannedMotion:
         self.reading_time, self.planning_time = Stopwatch(), Stopwatch()
         self.interpolating_time = Stopwatch()
         self._context, self._machine = context, context.reader.machine
-        self._step_deviation = 0.0
 
     def path(self, *, for_lines: bool) -> Iterator[PathChunk | Block]:
         """Read the path again and compare it with the travel.
@@ -84,9 +95,7 @@ class PlannedMotion:
         largest = report.largest
         largest.feed, largest.accel, largest.jerk = audit.feed, audit.accel, audit.jerk
         largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
-        largest.step_deviation = (
-            self._step_deviation if self._context.options.sampled else audit.step_deviation
-        )
+        largest.step_deviation = audit.step_deviation
         joints, tip = self._machine.joint_tables, planner.limits.tip_columns
         each = zip(
             joints,
@@ -118,6 +127,8 @@ class PlannedMotion:
             if times is not None:
                 self._warn(times.add(item))
             report.duration_s = clock.seconds
+            if clock.seconds > MOST_SECONDS:
+                raise _too_long(item)
             if isinstance(item, PlanChunk) and context.on_plan is not None:
                 context.on_plan(item)
             if picture is not None:
@@ -147,8 +158,5 @@ class PlannedMotion:
 
     def _record_samples(self, chunks: Iterable[SampleChunk], trace: TraceWriter | None) -> None:
         for chunk in self.interpolating_time.inside(chunks):
-            if len(chunk.step_deviation):
-                largest = float(np.abs(chunk.step_deviation).max())
-                self._step_deviation = max(self._step_deviation, largest)
             if trace is not None:
                 trace.write(chunk)

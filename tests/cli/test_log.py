@@ -287,3 +287,26 @@ def test_binary_frames_are_logged_in_hexadecimal(caplog: pytest.LogCaptureFixtur
     logged.write(b"\x01\n\x02")
     logged.read(0.0)
     assert caplog.messages == ["P -> 01 0a 02", "P <- 00 ff"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk")
+@pytest.mark.parametrize("redirected", [["check", "part.nc"], ["schema", "machine"]])
+def test_standard_output_on_a_full_disk_is_an_error_of_usage(tmp_path, redirected):
+    (tmp_path / "part.nc").write_text(PROGRAM, encoding="ascii")
+    command = [sys.executable, "-m", "cnc.cli", *redirected]
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run(
+            command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 2
+    assert "can-not-write: standard output cannot be written: No space left" in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk")
+def test_a_log_on_a_full_disk_ends_with_one_warning(tmp_path):
+    (tmp_path / "part.nc").write_text(PROGRAM, encoding="ascii")
+    command = [sys.executable, "-m", "cnc.cli", "check", "part.nc", "--log", "/dev/full"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr.count("log-ends: /dev/full cannot be written: No space left") == 1
+    assert "Traceback" not in done.stderr

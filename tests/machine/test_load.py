@@ -117,7 +117,7 @@ def test_machine_is_frozen():
             AXES.replace("= 50\n", "= -50\n"),
             3,
             1,
-            "axes.x.max_velocity: must be greater than 0, not -50",
+            "axes.x.max_velocity: must be at least 0.0001, not -50",
         ),
         (
             AXES.replace("= 50\n", "= inf\n"),
@@ -258,6 +258,32 @@ def test_unreadable_files_are_reported(tmp_path):
     with pytest.raises(MachineFileError) as caught:
         load_machine(tmp_path)
     assert caught.value.diagnostic.code == "machine-file-unreadable"
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("axes.x", "max_velocity", "1e-300"),
+        ("axes.x", "max_acceleration", "1e-9"),
+        ("axes.x", "max_jerk", "1e-9"),
+        ("path", "max_feed", "1e-6"),
+        ("path", "max_normal_acceleration", "1e-9"),
+        ("path", "chord_error", "1e-300"),
+        ("path", "step_deviation", "1e-300"),
+        ("path", "period", "1e-300"),
+        ("path", "period", "1e300"),
+    ],
+)
+def test_a_limit_that_no_motion_can_keep_is_refused(tmp_path, table, key, value):
+    axes = "".join(line for line in AXES.splitlines(keepends=True) if not line.startswith(key))
+    extra = f"{key} = {value}\n"
+    found = fault(tmp_path, axes + (extra if table == "axes.x" else f"[path]\n{extra}"))
+    assert found.message.startswith(f"{table}.{key}: must be at ")
+
+
+def test_a_huge_step_rate_is_written_with_few_digits(tmp_path):
+    found = fault(tmp_path, AXES.replace("= 50\n", "= 1e300\n"))
+    assert "is 1e+302 steps/s, but board.max_step_rate is 200000" in found.message
 
 
 def test_path_limits_replace_those_of_the_axes(tmp_path):

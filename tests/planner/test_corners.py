@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from cnc.api import Outputs, RunOptions, check
 from cnc.kernels.path.curve import LINE, SPAN
 from cnc.kernels.planner.legs import Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
@@ -240,3 +241,29 @@ def test_the_audit_finds_a_jump_at_a_timed_piece():
     found = Audit(ahead.limits)._continuity(slower)
     assert [name for name, _ in found] == ["continuity", "continuity"]
     assert not Audit(ahead.limits)._continuity(chunk)
+
+
+@pytest.mark.parametrize("room", [0.1, 0.0])
+def test_an_overshoot_never_leaves_the_travel(tmp_path, room):
+    # Both ramps run past a corner between two axes by up to the tolerance. At the end of the travel
+    # of either axis they must not.
+    jerks = {"x": 244.5, "z": 219.9}
+    ends = {"x": (-5.0, 5.0), "z": (-5.0 - room, 5.0)}
+    axes = {
+        name: Axis(
+            steps_per_mm=100.0,
+            max_velocity=30.0,
+            max_acceleration=200.0,
+            max_jerk=jerk,
+            travel=ends[name],
+        )
+        for name, jerk in jerks.items()
+    }
+    mill = Machine(axes=axes, path=PathLimits(max_feed=20.0))
+    program, trace = tmp_path / "part.nc", tmp_path / "part.npz"
+    program.write_text("G21 G90 G64 P0.01\nG0 Z-5\nG0 X4\nM2\n", encoding="ascii")
+    report = check(program, mill, RunOptions(outputs=Outputs(trace=str(trace))))
+    assert report.ok
+    lowest = float(np.load(trace)["position"][:, 1].min())
+    assert lowest >= ends["z"][0]
+    assert (lowest < -5.0) == (room > 0.0)

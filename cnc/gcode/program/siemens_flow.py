@@ -118,6 +118,8 @@ class _For:
     __slots__ = ("first", "last", "loop", "name")
 
     def __init__(self, control: Control, loop: Loop) -> None:
+        from cnc.gcode.syntax.siemens import variable_name  # only its programs need that module
+
         assert isinstance(control.label, str)
         name = control.label
         self.name = f"_r{int(name[1:])}" if re.fullmatch("r[0-9]+", name) else variable_name(name)
