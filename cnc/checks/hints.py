@@ -168,6 +168,14 @@ class Hints:
             self._spindle_off.append((file, line))
 
 
+def empty_program(report: Report) -> Iterator[Diagnostic]:
+    """Yield ``program-empty`` where a program makes no block: a file of another kind, or cut off."""
+    if not report.blocks:
+        message = "the program has no move and no command"
+        hint = "check the file: it may be empty, cut off, or of another kind"
+        yield Diagnostic("program-empty", message, report.program, hint=hint, severity="warning")
+
+
 def step_rate(report: Report) -> Iterator[Diagnostic]:
     """Yield a ``step-rate`` for each axis that steps more often than the board can.
 

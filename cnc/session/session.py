@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from cnc.boards.comparison import ComparesItself
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
-from cnc.checks.hints import step_rate
+from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.machine.models import Machine, Stock
@@ -226,6 +226,7 @@ class Session:
         if timing is not None and capabilities.lines and not stopped:
             report.duration_s = timing.remaining(0, *overrides)
         if board is None:
+            self._warn(empty_program(report))
             self._warn(step_rate(report))
         if report.ok and not stopped:
             context.files.close()

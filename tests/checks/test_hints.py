@@ -108,6 +108,25 @@ def test_findings_in_a_subroutine_have_its_lines(found):
     assert found(text) == [("spindle-off", 3, "warning"), ("feed-unreachable", 3, "note")]
 
 
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("", ["program-empty"]),
+        ("\0\0\0", ["program-empty"]),
+        ("(part)\n", ["program-empty"]),
+        ("%\n%\n", ["program-empty"]),
+        ("o1 sub\nG0 X1\no1 endsub\n", ["program-empty"]),
+        ("G0 X1\n", []),
+        ("M8\n", []),
+    ],
+)
+def test_a_program_without_a_block_is_a_finding(tmp_path, text, wanted):
+    file = tmp_path / "p.nc"
+    file.write_text(text)
+    codes = [each.code for each in check(file).warnings]
+    assert [code for code in codes if code == "program-empty"] == wanted
+
+
 def test_step_rate_above_the_limit_of_the_board():
     machine = load_machine("default")
     slow = machine.model_copy(
