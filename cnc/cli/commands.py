@@ -41,7 +41,6 @@ from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
-from cnc.outputs.targets import write_error
 from cnc.version import __version__
 
 app = Application(
@@ -362,6 +361,8 @@ def exit_code(arguments: Sequence[str]) -> int:
         if error.errno not in NO_SPACE or error.filename is not None:
             return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
+
         return fail(write_error("-", error))
     except Exception as error:
         return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
