@@ -169,7 +169,7 @@ class Hints:
 
 
 def empty_program(report: Report) -> Iterator[Diagnostic]:
-    """Yield ``program-empty`` where a program makes no block: a file of another kind, or cut off."""
+    """Yield ``program-empty`` where a program makes no block."""
     if not report.blocks:
         message = "the program has no move and no command"
         hint = "check the file: it may be empty, cut off, or of another kind"

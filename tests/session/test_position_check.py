@@ -363,18 +363,6 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     assert LastPosition.read("the simulator") is None
 
 
-def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert state_folder.folder() == tmp_path / "cnc" / "positions"
-    monkeypatch.delenv("XDG_STATE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path / "me"))
-    monkeypatch.setattr(state_folder.sys, "platform", "linux")
-    assert state_folder.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
-    monkeypatch.setattr(state_folder.sys, "platform", "win32")
-    assert state_folder.folder() == tmp_path / "local" / "cnc" / "positions"
-
-
 def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
     (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
     assert "own cycle" in fault.diagnostic.message
