@@ -1,8 +1,8 @@
 """Blends at corners under a tolerance.
 
 :class:`CornerBlending` works on the path before the window. It chooses the treatment of each corner
-and inserts blends (:mod:`cnc.kernels.planner.corners`). Where ramps shall overlap,
-:mod:`cnc.planner.overlaps` does that behind the window.
+and inserts blends (:mod:`cnc.kernels.planner.corners`). Motions past stops are made behind the
+window (:mod:`cnc.planner.corner_motions`).
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ BLENDS_SIZE = 1 << 16
 class CornerBlending:
     """Inserts blends into the corners of a path.
 
-    A tolerance that stays marks a corner where ramps shall overlap.
+    A tolerance that stays marks a corner at which the motion shall pass the stop.
 
     Args:
         limits: of the columns of the path.
-        ramps: whether ramps may overlap at corners.
+        ramps: whether the motion may pass stops.
         where: whether the path has blends at all, asked for each chunk.
     """
 

@@ -14,9 +14,6 @@ from cnc.planner.intervals import between, joined
 from cnc.planner.limits import Limits
 from cnc.planner.section import Section, Stretch
 
-SAME_PLACE = 1e-7
-"""mm; places of the path that differ by less are the same; every move is longer."""
-
 
 def rounding_of(s: float) -> float:
     """Return the rounding error of an arc length in the window, mm.
@@ -95,19 +92,6 @@ class KnownPath:
         ]
         known = joined(parts, [section.base for section in wanted])
         return between(known, start + rounding_of(start), stop)
-
-    def has_overlap(self, s: float) -> bool:
-        """Return whether ramps shall overlap at a corner at ``s``."""
-        for section in self.sections:
-            here = s - section.base
-            k = int(np.searchsorted(section.piece_s, here - SAME_PLACE))
-            if k == len(section.piece_s) or section.piece_s[k] > here + SAME_PLACE:
-                continue
-            path = section.stretch.path if k else section.stretch.previous
-            return path is not None and bool(
-                path.tolerance[k - 1] > 0.0 and not path.stop_after[k - 1]
-            )
-        return False
 
     def place(self, s: float) -> tuple[str, int]:
         """Return file and line of the motion that begins at ``s``, in the first section."""

@@ -1,7 +1,7 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
-    path ──► blends ──► window ──► overlaps, audit ──► plans
-           (corners.py)   ^      (overlaps.py, audit.py)
+    path ──► blends ──► window ──► motions past corners, audit ──► plans
+           (corners.py)   ^      (corner_motions.py, audit.py)
                           |
                        control: hold, override, between two slices
 
@@ -24,9 +24,9 @@ from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
+from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.limits import Limits
-from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
@@ -66,7 +66,7 @@ class LookAhead:
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
         self._blending = CornerBlending(self.limits)
-        self._overlaps = Overlaps(self.limits, self.audit)
+        self._corners = CornerMotions(self.limits, self.audit)
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished: deque[PlanChunk] = deque()
@@ -151,17 +151,14 @@ class LookAhead:
             if not self._prepared():
                 return
             window = self._window
-            if factor == 0.0 and not window.moving and not window.passes_corner:
-                window.rest()
+            if factor == 0.0 and not window.moving:
                 self._finish_at_rest()
                 yield from self._taken()
                 yield Held(*window.place)
                 waits = False
                 continue
-            # At a corner that the motion passes before a hold, take no more than its ramp.
             if window.settled:
-                least = factor == 0.0 and not window.moving
-                self._finish(window.take(0.0 if least else self._slice_s))
+                self._finish(window.take(self._slice_s))
             yield from self._taken()
             waits = False
 
@@ -174,7 +171,7 @@ class LookAhead:
         if factor > 0.0:
             window.override(factor)
         else:
-            window.stop(resumes=True)
+            window.stop()
         if self._refusal() is None:
             return True
         self._window = before
@@ -210,18 +207,18 @@ class LookAhead:
         if not (window.unproved and window.settled and self.audit.judges):
             return None
         audit, trial = self.audit.copy(), window.copy()
-        overlaps = self._overlaps.copy(audit)
+        corners = self._corners.copy(audit)
         plans: list[PlanChunk] = []
         try:
             while trial.settled:
-                plans.extend(overlaps.passed(trial.take(LONG)))
+                plans.extend(corners.passed(trial.take(LONG), trial.limits))
             # What is held back may become the end of the motion.
-            deque(overlaps.copy(audit.copy()).flush(), maxlen=0)
+            deque(corners.copy(audit.copy()).flush(), maxlen=0)
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False
         if self._slice_s == LONG and self._requested_factor() > 0.0:
-            self._window, self._overlaps = trial, overlaps.copy(self.audit)
+            self._window, self._corners = trial, corners.copy(self.audit)
             self.audit.adopt(audit)
             self._finished.extend(plans)
         return None
@@ -240,12 +237,12 @@ class LookAhead:
         return control.feed_override / 100.0 if self._allowed.feed else 1.0
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
-        """Let corners overlap in plans of the window, and audit them."""
-        self._finished.extend(self._overlaps.passed(plans))
+        """Pass stops on corners in plans of the window, and audit them."""
+        self._finished.extend(self._corners.passed(plans, self._window.limits))
 
     def _finish_at_rest(self) -> None:
         """Finish the part of a plan that is held back; the motion rests at its end."""
-        self._finished.extend(self._overlaps.flush())
+        self._finished.extend(self._corners.flush())
 
     def _taken(self) -> Iterator[PlanChunk]:
         """Yield the finished plans."""

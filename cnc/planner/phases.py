@@ -176,9 +176,6 @@ def cut_at_length(phases: Phases, s: float) -> tuple[Phases, Phases]:
 def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float]:
     """Find the end of a slice that takes at least ``seconds`` and covers at least ``length`` mm.
 
-    The first phase out of rest and the last one into it stay whole: moves may overlap at a corner
-    during them.
-
     Returns:
         The number of whole phases, and the time in the phase behind them, s.
     """
@@ -194,8 +191,6 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
     if k >= len(phases) - 1:
         return len(phases), 0.0
     duration, s, v, a, j = part[k].tolist()
-    if v == 0.0 or part[k + 1]["v"] == 0.0:
-        return k + 1, 0.0
     t = seconds - (float(elapsed[k]) - duration)
     left = float(part[0]["s"]) + length - s
     if left > 0.0:

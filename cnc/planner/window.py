@@ -28,7 +28,7 @@ from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.planner.acceptance import accepted_plan
 from cnc.planner.current_plan import CurrentPlan
-from cnc.planner.known_path import SAME_PLACE, KnownPath, rounding_of
+from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import (
     NO_PHASES,
@@ -38,7 +38,6 @@ from cnc.planner.phases import (
     first_rest,
     first_steady,
     last_bound,
-    plan_to_rest,
     slice_end,
 )
 from cnc.planner.plan import PlanChunk
@@ -75,9 +74,6 @@ SLICE_LENGTH = 0.01
 MORE_SLOWLY = 0.9
 """Part of its speed at which a plan is made again that the audit refused."""
 
-SAME_RAMP = 1e-6
-"""Relative: two ramps from rest that differ by less are the same but for rounding."""
-
 
 class Window:
     """Path that is known and not sent on, and the plan for it.
@@ -100,10 +96,6 @@ class Window:
         self._stopping = False
         self._stops_late = False
         """Whether no plan was found yet that rests before the current one does."""
-        self._round_first: float | None = None
-        """The corner that the motion passes before a hold."""
-        self._at_rest = True
-        """Whether nothing was sent on since the motion rested."""
 
     @property
     def limits(self) -> Limits:
@@ -140,7 +132,6 @@ class Window:
         if not self._path.sections:
             self._at = 0.0
             self._plan.slow_from, self._plan.slowing = -inf, self.limits
-            self._round_first, self._at_rest = None, True
         section = self._path.add(path, previous, following)
         self._plan.arrived += len(section.intervals.end)
 
@@ -197,7 +188,6 @@ class Window:
 
         It has one plan for each chunk of path that it touches.
         """
-        self._at_rest = False
         plan = self._plan
         rows, t = slice_end(plan.phases[: plan.settled], seconds, SLICE_LENGTH)
         if t > 0.0:
@@ -239,7 +229,6 @@ class Window:
         Returns:
             False if that is not possible before a further slice.
         """
-        self._round_first = None
         if self.runs_at(feed_factor):
             return True
         self._rebase()
@@ -254,32 +243,16 @@ class Window:
         self._stopping = False
         return True
 
-    def stop(self, *, resumes: bool = False) -> None:
-        """Come to rest on the path as soon as the limits allow, from the next slice on.
-
-        Args:
-            resumes: the motion shall continue on the same path as without the rest. If it would
-                rest on a corner with overlapping ramps, or so near before one that it could not
-                reach it at the planned speed, it passes that corner first. It does so for one
-                corner only, since corners may follow each other closely.
-        """
-        if resumes and not self._stopping and self.passes_corner:
-            return
+    def stop(self) -> None:
+        """Come to rest on the path as soon as the limits allow, from the next slice on."""
         if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
-        as_planned = copy(self._plan)
         self._stops_late = not self._slow_to_rest()
         if self._stops_late:
             # No rest is earlier than that of the plan: at the next stop of the path, or at the end
             # of the known path.
             self.follow_to_rest()
-        if resumes and self._round_first is None:
-            self._round_first = self._corner_changed(as_planned.phases)
-            if self._round_first is not None:
-                self._stops_late = False
-                self._plan = as_planned
-                return
         self._stopping = True
 
     def follow_to_rest(self) -> None:
@@ -290,44 +263,6 @@ class Window:
             plan.rest_at = float(plan.phases[plan.settled]["s"])
             plan.phases = plan.phases[: plan.settled]
         self.unproved = True
-
-    @property
-    def passes_corner(self) -> bool:
-        """Whether the motion has to pass a corner before it may rest, and has not left it yet."""
-        if (
-            self._round_first is None
-            and not self.moving
-            and not self._at_rest
-            and self._path.has_overlap(self._at)
-        ):
-            self._round_first = self._at
-        return self._round_first is not None and self._at <= self._round_first + SAME_PLACE
-
-    def rest(self) -> None:
-        """Note that the motion rests where the next slice begins."""
-        self._at_rest = True
-
-    def _corner_changed(self, as_planned: Phases) -> float | None:
-        """Return the corner ahead that a rest would change, as arc length in mm; None for none.
-
-        The rest is that of the current plan; ``as_planned`` is the plan without it.
-        """
-        last = first_rest(as_planned)
-        if last == len(as_planned):
-            return None
-        corner, rest_at = float(as_planned[last]["s"]), self._plan.rest_at
-        if not self._path.has_overlap(corner) or rest_at > corner + SAME_PLACE:
-            return None
-        if rest_at < corner - SAME_PLACE:
-            again = self._path.intervals(self.limits, rest_at, corner)
-            status, phases = plan_to_rest(rest_at, again, 0.0, self.limits)
-            ramp = as_planned[last - 1]
-            if status == PLANNED and all(
-                np.isclose(phases[-1][name], ramp[name], rtol=SAME_RAMP, atol=0.0)
-                for name in ("duration", "j")
-            ):
-                return None
-        return corner
 
     def _enough(self, goal: float) -> bool:
         """Return whether enough of the path is known to plan it."""
@@ -394,5 +329,3 @@ class Window:
         self._plan.rest_at -= shift
         self._plan.phases["s"] -= shift
         self._plan.slow_from -= shift
-        if self._round_first is not None:
-            self._round_first -= shift

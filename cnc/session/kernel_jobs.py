@@ -194,8 +194,8 @@ JOBS = {
     ),
     "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
     "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
-    "overlaps": Job(_kernels("planner.overlap_stops", "planner.overlap"), plan_corner),
-    "overshoots": Job(_kernels("planner.overshoot"), plan_corner),
+    "corner stops": Job(_kernels("planner.corner_stops", "planner.corner_rows"), plan_corner),
+    "corner motions": Job(_kernels("planner.corner_motion"), plan_corner),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
@@ -205,7 +205,7 @@ JOBS = {
 }
 """All jobs; the longest and those of which others need much come first."""
 
-BLENDS = ("corner blends", "overlaps", "overshoots")
+BLENDS = ("corner blends", "corner stops", "corner motions")
 FITS = ("fits", "knots of fits", "pieces of fits")
 PLANNING = ("intervals", "refinement", "planning", "audit")
 CHECKING = ("reading", "paths", *PLANNING, "pulses")

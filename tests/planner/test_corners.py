@@ -9,9 +9,6 @@ from scipy.optimize import brentq
 
 from cnc.api import Outputs, RunOptions, check
 from cnc.kernels.path.curve import LINE, SPAN
-from cnc.kernels.planner.legs import Turn
-from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
@@ -33,10 +30,10 @@ from tests.support.planner.motions import AXES, lines, machine, sampled
 ALONG = machine(tangential=600.0, normal=600.0, jerk=12_000.0)
 
 
-def test_one_corner_takes_the_theoretical_time():
-    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; a turn by 120 degrees
-    # saves (24 eps / (J sin 60))^(1/3). The machine's axes are such that both legs have the same
-    # jerk.
+def test_a_motion_past_a_corner_is_faster_than_ramps_that_overlap():
+    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg. Where two ramps of jerk J
+    # are added during their last and first (24 eps / (J sin 60))^(1/3), a turn by 120 degrees saves
+    # this time. The machine's axes are such that both legs have the same jerk.
     jerk = 48000.0 * USED
     axes = {
         "x": (2400.0, 48000.0),
@@ -55,11 +52,11 @@ def test_one_corner_takes_the_theoretical_time():
     assert duration(planned(points, 0.0, mill)[0]) == pytest.approx(stop, rel=1e-6)
     saved = (24.0 * 0.01 / (jerk * math.sin(math.pi / 3))) ** (1 / 3)
     chunks, ahead = planned(points, 0.01, mill)
-    assert duration(chunks) == pytest.approx(stop - saved, rel=1e-6)
+    assert duration(chunks) < stop - saved
     assert not ahead.audit.violations
     motion = sampled(chunks, 1e-4)
     assert motion[-1] == pytest.approx([*points[-1]], abs=1e-3)
-    assert np.linalg.norm(motion - [10, 0, 0], axis=1).min() == pytest.approx(0.01, rel=1e-3)
+    assert np.linalg.norm(motion - [10, 0, 0], axis=1).min() <= 0.01 * (1 + 1e-3)
 
 
 def overshooting(length, jerk, e):
@@ -84,9 +81,9 @@ def overshooting(length, jerk, e):
     return times(brentq(lambda t1: states(times(t1))[0] - length, 1e-3, 1.0, xtol=1e-16))
 
 
-def test_ramps_of_different_axes_overshoot_the_corner():
-    # By hand: the overshoot that just stays within the tolerance, and the time at which both ramps
-    # are eps / sqrt 2 from the corner.
+def test_a_right_angle_of_two_axes_is_faster_than_ramps_that_overshoot():
+    # By hand: each ramp runs past the corner and comes back, as far as the tolerance allows, and the
+    # ramps overlap from the time at which both are eps / sqrt 2 from the corner.
     jerk, eps = 48000.0 * USED, 0.01
     r = 1 + math.sqrt(2)
     e = (0.999 * eps / (1.943 * jerk)) ** (1 / 3)
@@ -100,44 +97,45 @@ def test_ramps_of_different_axes_overshoot_the_corner():
     expected = 2 * sum(overshooting(10.0, jerk, e)) - 2 * (left + e)
     chunks, ahead = planned(SQUARE, eps)
     assert not ahead.audit.violations
-    assert duration(chunks) == pytest.approx(expected, rel=1e-6)
-    # the best that was known is 0.357
-    assert duration(chunks) < 0.348
+    assert duration(chunks) < expected
     motion = sampled(chunks, 1e-4)
     assert motion[-1] == pytest.approx([10, 10, 0], abs=1e-3)
-    assert np.hypot(motion[:, 0] - 10.0, motion[:, 1]).min() == pytest.approx(eps, rel=1e-3)
-    assert motion[:, 0].max() == pytest.approx(10.0 + eps, abs=2e-5)
+    assert np.hypot(motion[:, 0] - 10.0, motion[:, 1]).min() <= eps * (1 + 1e-3)
+    assert motion[:, 0].max() <= 10.0 + eps
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
 def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
-    u = np.array([[1.0, 0.0], [math.cos(2.0), math.sin(2.0)]])
-    sine = math.sin(1.0)
-    j1, j2 = 48000.0, 48000.0 / ratio
-    free, axes = math.inf, np.full(2, math.inf)
-    unlimited = LimitArrays(free, free, free, free, 1e-3, free, axes, axes, axes)
-    before, after = Leg(j1, 1.0, 1e3), Leg(j2, 1.0, 1e3)
-    tau = overlap_time(u, Turn(sine, sine), before, after, 0.02, unlimited)
-    x = np.linspace(0.0, 1.0, 100_001)[:, None]
-    motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
-    nearest = np.linalg.norm(motion, axis=1).min()
-    assert nearest <= 0.02 * (1 + 1e-9)
-    assert nearest == pytest.approx(0.02, rel=1e-6 if ratio == 1.0 else 0.1)
+    mill = Machine(
+        axes={
+            name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=2400.0, max_jerk=j)
+            for name, j in (("x", 48000.0), ("y", 48000.0 / ratio), ("z", 48000.0))
+        },
+        path=PathLimits(max_feed=300.0),
+    )
+    points = [(10, 0, 0), (10 + 10 * math.cos(2.0), 10 * math.sin(2.0), 0)]
+    chunks, ahead = planned(points, 0.02, mill)
+    assert duration(chunks) < duration(planned(points, 0.0, mill)[0])
+    assert not ahead.audit.violations
+    motion = sampled(chunks, 1e-4)
+    off, missed = distances(motion, np.concatenate((np.zeros((1, 3)), points)))
+    assert off.max() <= 0.02 * (1 + 1e-6)
+    assert missed.max() <= 0.02 * 1.001
 
 
-def test_a_corner_where_jerks_would_add_up_in_an_axis_is_a_stop():
-    # Both legs use all of x: at 45 degrees the axes' jerks are in the same sense.
+def test_a_corner_where_jerks_would_add_up_in_an_axis_is_passed():
+    # Both legs use all of x: at 45 degrees the jerks of two ramps that overlap have the same sense.
     straight, cut = (
         planned([(10, 10, 0), (20, 0, 0)], 0.0),
         planned([(10, 10, 0), (20, 0, 0)], 0.01),
     )
     assert not cut[1].audit.violations
-    assert duration(cut[0]) <= duration(straight[0])
+    assert duration(cut[0]) < 0.95 * duration(straight[0])
 
 
 @pytest.mark.parametrize("degrees", [140.0, 160.0, 175.0])
-def test_ramps_overlap_where_the_motion_nearly_reverses(degrees):
-    """The second ramp begins tau early: the formula of the overlap, with sin(theta / 2)."""
+def test_a_corner_is_passed_where_the_motion_nearly_reverses(degrees):
+    """Ramps of which the second begins tau early save tau; the motion saves about that or more."""
     eps, angle = 0.01, math.radians(degrees)
     points = [(10, 0, 0), (10 + 10 * math.cos(angle), 10 * math.sin(angle), 0)]
     stop = duration(planned(points, 0.0)[0])
@@ -145,7 +143,7 @@ def test_ramps_overlap_where_the_motion_nearly_reverses(degrees):
     assert not ahead.audit.violations
     # both ramps have at least the jerk of x, whichever way they go
     tau = (24.0 * eps / (48000.0 * USED * math.sin(angle / 2))) ** (1 / 3)
-    assert stop - duration(chunks) == pytest.approx(tau, rel=0.05)
+    assert stop - duration(chunks) > 0.95 * tau
     assert_legal(chunks, PER_AXIS, (1e-3, 1e-4))
     motion = sampled(chunks, 1e-4)
     off, missed = distances(motion, np.concatenate((np.zeros((1, 3)), points)))
@@ -155,7 +153,7 @@ def test_ramps_overlap_where_the_motion_nearly_reverses(degrees):
 
 @pytest.mark.parametrize("degrees", [55.0, 60.0])
 def test_a_turn_becomes_a_blend_that_saves_time(degrees):
-    """Both legs use both axes, so ramps cannot overlap. A blend saves what a stop takes."""
+    """Limits along the path rule out a motion past a stop. A blend saves what a stop takes."""
     angle, first = math.radians(degrees), math.radians(20.0)
     u1, u2 = (np.array([math.cos(a), math.sin(a), 0.0]) for a in (first, first + angle))
     points = [19 * u1, 19 * u1 + 18 * u2]
@@ -202,7 +200,7 @@ def test_speed_and_acceleration_of_the_trace_agree_with_its_positions():
         assert change[smooth] == pytest.approx(jerk[smooth], abs=0.05 * most)
 
 
-def test_an_overlap_has_the_line_of_the_faster_move():
+def test_at_a_corner_feed_moves_keep_their_feed_beside_a_traverse():
     # Feed moves into a traverse of far more jerk and out of it: no sample of the feed moves' lines
     # is faster than their feed.
     axes = {"x": (2400.0, 5000.0), "y": (8000.0, 500_000.0), "z": (1.0, 1.0)}

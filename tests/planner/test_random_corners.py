@@ -13,8 +13,8 @@ from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
+from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.overlaps import Overlaps
 from cnc.pulses.reference_pulse import ReferencePulse
 from tests.support.planner.corners import (
     assert_legal,
@@ -157,15 +157,14 @@ def test_corners_are_the_same_wherever_plans_are_cut(seed):
     ]
 
     def after(plans):
-        overlaps = Overlaps(ahead.limits, Audit(ahead.limits))
-        return [*overlaps.passed(plans), *overlaps.flush()]
+        corners = CornerMotions(ahead.limits, Audit(ahead.limits))
+        return [*corners.passed(plans, ahead.limits), *corners.flush()]
 
     expected, chunks = after(stops), after(slices)
     audit = Audit(ahead.limits)
     for chunk in chunks:
         audit.check(chunk)
     assert duration(chunks) == pytest.approx(duration(expected), abs=1e-9)
-    # a ramp up that was cut in its first phase is overlapped as a whole
     assert sampled(chunks, 1e-3) == pytest.approx(sampled(expected, 1e-3), abs=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Plans that the audit refuses are made again more slowly, or without their overlaps."""
+"""Plans that the audit refuses are made again more slowly, or with stops on corners."""
 
 from dataclasses import replace
 
@@ -10,8 +10,8 @@ from cnc.model.blocks import Dwell, Held, PathMode
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.planner.acceptance import accepted_plan
+from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.lookahead import MOST_CAUTION, LookAhead
-from cnc.planner.overlaps import Overlaps
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import MORE_SLOWLY
 from tests.planner.test_random_programs import random_machine, random_program
@@ -85,18 +85,18 @@ def test_a_plan_that_is_illegal_at_any_speed_is_an_error(too_fast):
         run(machine(), [lines([(30, 0, 0)], 80.0)])
 
 
-def test_a_refused_overlap_is_left_out(monkeypatch):
+def test_a_refused_motion_past_a_corner_is_left_out(monkeypatch):
     mill = machine(axis=(2400.0, 48000.0), tangential=None, normal=None, jerk=None)
     blocks = [PathMode("t.nc", 1, "blend", 0.1), lines([(20, 0, 0), (20, 20, 0)], 80.0)]
-    overlapped, stopped = duration(run(mill, blocks)), duration(run(mill, blocks[1:]))
-    assert overlapped < stopped - 1e-3
-    made = Overlaps._with_overlaps
+    passed, stopped = duration(run(mill, blocks)), duration(run(mill, blocks[1:]))
+    assert passed < stopped - 1e-3
+    made = CornerMotions._without_stops
 
     def illegal(self, plan):
         cut = made(self, plan)
         return None if cut is None else replace(cut, phase_j=cut.phase_j * 1.5)
 
-    monkeypatch.setattr(Overlaps, "_with_overlaps", illegal)
+    monkeypatch.setattr(CornerMotions, "_without_stops", illegal)
     assert duration(run(mill, blocks)) == pytest.approx(stopped, abs=1e-12)
 
 

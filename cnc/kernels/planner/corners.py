@@ -1,16 +1,16 @@
 """The best treatment of each corner between two straight moves that has a tolerance.
 
-Three are compared by their time: the corner as it is, ramps that overlap, and a blend.
+Three are compared by their time: the corner as it is, a motion past a stop, and a blend.
 
 - A blend is the Bezier curve of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the
   directions. Its curvature is 0 at both ends, and its distance from the corner is d/4 sin(theta/2)
-  for a turn by theta. It is planned as any curve is. It suits small turns.
-- At a sharp turn the motion stops, and the ramps on both sides of the stop overlap
-  (:mod:`cnc.kernels.planner.overlap`).
-- Beyond 135 degrees there is no blend, and beyond 179 no overlap.
+  for a turn by theta. It is planned as any curve is. It suits small turns, and short moves.
+- At other turns the plan stops, and a faster motion replaces that near the stop
+  (:mod:`cnc.kernels.planner.corner_stops`). The time that it saves is estimated here.
+- Beyond 135 degrees there is no blend, and beyond 179 every motion stops.
 
-The joints of a machine whose kinematics is not linear have no straight ramps that could overlap.
-There a corner at which the motion would stop has a blend, up to turns of 175 degrees.
+The joints of a machine whose kinematics is not linear have no straight ramps beside a stop. There a
+corner at which the motion would stop has a blend, up to turns of 175 degrees.
 """
 
 from __future__ import annotations
@@ -36,17 +36,20 @@ from cnc.kernels.path.curve import (
 )
 from cnc.kernels.planner.legs import (
     LEGS_SHARE,
+    REVERSED,
     SHARPEST,
+    STRAIGHTEST,
     LineBounds,
+    Turn,
+    corner_time,
     directions,
     line_bounds,
     write_line,
 )
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import piece_junction, speed_bounds
-from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.kernels.planner.path_arrays import PathArrays
-from cnc.kernels.planner.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
+from cnc.kernels.planner.scurve import ramp_distance, ramp_time, reachable_speed
 from cnc.kernels.planner.timed import (
     TIMED_SIZE,
     TIMED_SIZE_PER_AXIS,
@@ -66,12 +69,15 @@ BETTER = 1e-3
 BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 """Largest size of the arc-length table of a blend, in numbers."""
 
-STAY, OVERLAP, BLEND = 0, 1, 2
-"""Treatments of a corner: as it is, ramps that overlap, a curve."""
+STAY, PASS, BLEND = 0, 1, 2
+"""Treatments of a corner: as it is, a motion past the stop there, a curve."""
+
+SAVED = 0.7
+"""A motion past a stop saves about so many times the time of :func:`corner_time`."""
 
 
 SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
-"""Sine of half the largest turn that a blend makes where ramps cannot overlap."""
+"""Sine of half the largest turn that a blend makes where the motion cannot pass a stop."""
 
 
 class Scratch(NamedTuple):
@@ -154,6 +160,25 @@ def blend_time(
 
 
 @njit
+def saved_time(
+    turn: Turn, eps: float, before: tuple[LineBounds, float], after: tuple[LineBounds, float]
+) -> float:
+    """Return about the time that a motion past a stop saves, s.
+
+    Args:
+        turn: at the corner.
+        eps: the tolerance, mm.
+        before: bounds of the line before the corner, and the length to its middle, mm.
+        after: the same behind it.
+    """
+    saved = corner_time(min(before[0].j, after[0].j), turn, eps)
+    for line, length in (before, after):
+        v = min(line.v, reachable_speed(0.0, length, line.a, line.j))
+        saved = min(saved, 0.5 * ramp_time(0.0, v, line.a, line.j))
+    return SAVED * saved
+
+
+@njit
 def choose(
     path: PathArrays,
     k: int,
@@ -177,10 +202,10 @@ def choose(
         out_data: receives the record of a blend, without its table, at index ``blend``.
         blend: that index.
         scratch: scratch.
-        ramps: whether ramps may overlap.
+        ramps: whether the motion may pass stops.
 
     Returns:
-        STAY, OVERLAP or BLEND, and the length that a blend takes off both lines, mm.
+        STAY, PASS or BLEND, and the length that a blend takes off both lines, mm.
     """
     data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
     length1, length2 = path.length[k], path.length[k + 1]
@@ -209,15 +234,10 @@ def choose(
     best = half_time(straight, half1, line1) + half_time(straight, half2, line2)
     choice = STAY
     eps = path.tolerance[k]
-    if ramps and straight == 0.0:
-        v1 = min(line1.v, reachable_speed(0.0, half1, line1.a, line1.j))
-        v2 = min(line2.v, reachable_speed(0.0, half2, line2.a, line2.j))
-        before = Leg(line1.j, ramp_shape(v1, line1.a, line1.j)[0], LEGS_SHARE * length1)
-        after = Leg(line2.j, ramp_shape(v2, line2.a, line2.j)[0], LEGS_SHARE * length2)
-        saved = overlap_time(u, turn, before, after, eps, limits)
-        if saved > 0.0:
-            best -= saved
-            choice = OVERLAP
+    passable = ramps and straight == 0.0 and limits.tangential_jerk == math.inf
+    if passable and STRAIGHTEST < turn.sine < REVERSED:
+        choice = PASS
+        best -= saved_time(turn, eps, (line1, half1), (line2, half2))
     taken = 0.0
     if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
         ends = scratch.ends
@@ -256,7 +276,7 @@ def round_corners(
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
 
-    Where ramps shall overlap, the tolerance stays; elsewhere it becomes 0.
+    Where the motion passes a stop, the tolerance stays; elsewhere it becomes 0.
 
     Args:
         own: number of pieces of the chunk.
@@ -265,7 +285,7 @@ def round_corners(
         taken: length that a blend has taken off the first piece, mm.
         limits: of the machine.
         accuracy: largest error of the inverse arc length of blends, mm.
-        ramps: whether ramps may overlap at corners.
+        ramps: whether the motion may pass stops.
         out: space for twice the pieces, and for their records.
 
     Returns:
@@ -309,7 +329,7 @@ def round_corners(
         out.feed[count] = path.feed[k]
         out.line[count] = path.line[k]
         out.stop_after[count] = path.stop_after[k]
-        out.tolerance[count] = path.tolerance[k] if choice == OVERLAP else 0.0
+        out.tolerance[count] = path.tolerance[k] if choice == PASS else 0.0
         count += 1
         taken = 0.0
         if choice == BLEND:

@@ -24,10 +24,11 @@ from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 
 SHARPEST = math.sin(math.radians(135.0) / 2.0)
-"""Sine of half the largest turn that a blend makes, and at which ramps overshoot the corner."""
+"""Sine of half the largest turn that a blend makes."""
 
+STRAIGHTEST = math.sin(math.radians(5.0) / 2.0)
 REVERSED = math.sin(math.radians(179.0) / 2.0)
-"""The same for ramps that overlap."""
+"""Sine of half the smallest and the largest turn of a corner whose stop the motion passes."""
 
 LEGS_SHARE = 0.49
 """The part of a move that either of its corners may take."""
@@ -99,6 +100,18 @@ def line_bounds(u: Floats, feed: float, limits: LimitArrays) -> LineBounds:
             a = min(a, limits.axis_acceleration[i] / abs(u[i]))
             j = min(j, limits.axis_jerk[i] / abs(u[i]))
     return LineBounds(v, a * (1.0 - UNSEEN), j * (1.0 - 2.0 * UNSEEN))
+
+
+@njit
+def corner_time(jerk: float, turn: Turn, tolerance: float) -> float:
+    r"""Return the time by which a ramp from rest could begin before the ramp to rest ends, s.
+
+    The two ramps of jerk J would be added for a time tau. At its middle both are J (tau/2)^3 / 6
+    from the corner, so the motion is 2 sin(theta/2) times that from it:
+
+        tau = (24 eps / (J sin(theta/2)))^(1/3).
+    """
+    return float((24.0 * tolerance / (jerk * turn.widest)) ** (1.0 / 3.0))
 
 
 @njit

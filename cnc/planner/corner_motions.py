@@ -1,7 +1,7 @@
-r"""Overlaps of ramps at stops on corners, in finished plans (:mod:`cnc.kernels.planner.overlap`).
+r"""Motions past corners in finished plans (:mod:`cnc.kernels.planner.corner_stops`).
 
-A plan may end anywhere, so the part that the next plan may still change is held back: the last
-phase before a stop and the first behind it.
+A plan may end anywhere, so the part that the next plan may still change is held back: from the
+place on at which the motion at a corner may begin, until its end is known.
 
         v |``\            ,--
           |   \         ,'
@@ -19,30 +19,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE
 from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_rows import STEPS
+from cnc.kernels.planner.corner_stops import (
+    corner_size,
+    count_corners,
+    first_undecided,
+    new_known,
+    pass_corners,
+    state_at,
+)
 from cnc.kernels.planner.legs import REST, record_end
-from cnc.kernels.planner.overlap_stops import (
-    PIECES_OF_CORNER,
-    find_cuts,
-    overlap_size,
-    overlap_stops,
-)
-from cnc.kernels.planner.overshoot import (
-    PAST,
-    PHASES_OF_MOVE,
-    RestToRest,
-    choose_overshoots,
-    find_moves,
-    write_overshoots,
-)
-from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined
-from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
-from cnc.planner.corners import empty_path, new_chunk, numbered
+from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 
@@ -52,33 +44,39 @@ SAME = 1e-9
 """s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
 
 
-class Overlaps:
-    """Lets the ramps at stops on corners overlap, in plans in the order in which they run.
+class CornerMotions:
+    """Replaces stops on corners by faster motions, in plans in the order in which they run.
 
-    All plans behind an overlap begin earlier. Every plan is audited. Where the audit refuses a plan
-    with overlaps, the plan without them counts.
+    All plans behind a corner begin earlier. Every plan is audited. Where the audit refuses a plan
+    with such motions, the plan with stops counts.
     """
 
     def __init__(self, limits: Limits, audit: Audit) -> None:
         """Create the stage behind the window; ``audit`` checks its results."""
         self._limits = limits
         self._audit = audit
+        self._known = new_known(len(limits.axis_jerk))
         self._held: PlanChunk | None = None
         self._earlier = 0.0
         self._shorter = 0.0
 
-    def copy(self, audit: Audit) -> Overlaps:
+    def copy(self, audit: Audit) -> CornerMotions:
         """Return a stage that goes on independently from the same state, with another audit."""
         other = copy(self)
         other._audit = audit
         return other
 
-    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
+    def passed(self, plans: Iterable[PlanChunk], limits: Limits) -> Iterator[PlanChunk]:
         """Yield the parts of the plans that no later plan can change.
 
+        Args:
+            plans: from the window.
+            limits: of the machine, with the operator's factor of the feeds.
+
         Raises:
-            MotionLimitError: ``plan-illegal`` where a plan breaks a limit without overlaps too.
+            MotionLimitError: ``plan-illegal`` where a plan breaks a limit with stops too.
         """
+        self._limits = limits
         for plan in plans:
             held = self._held
             if held is not None and (
@@ -91,17 +89,17 @@ class Overlaps:
                 continue
             self._held = None
             whole = plan if held is None else _joined(held, plan)
-            kept = _first_undecided(whole)
+            kept, whole = self._decided(whole)
             if kept < len(whole.phase_j):
                 self._held = _part(whole, kept, len(whole.phase_j))
             if kept > 0:
-                yield self._overlapped(_part(whole, 0, kept))
+                yield self._past_corners(_part(whole, 0, kept))
 
     def flush(self) -> Iterator[PlanChunk]:
         """Yield the part that was held back: the motion rests at its end, or nothing follows."""
         held, self._held = self._held, None
         if held is not None:
-            yield self._overlapped(held)
+            yield self._past_corners(held)
 
     def _moved(self, plan: PlanChunk) -> PlanChunk:
         """Return the plan at its new time."""
@@ -114,33 +112,43 @@ class Overlaps:
         self._audit.check(plan)
         return plan
 
-    def _overlapped(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan with overlaps at its corners, if that is legal, or without."""
-        cut = self._with_overlaps(plan)
+    def _decided(self, plan: PlanChunk) -> tuple[int, PlanChunk]:
+        """Return the number of phases that no later plan can change, and the plan cut there."""
+        path, bound = path_arrays(plan.path), self._limits.feeds(plan.path)
+        time = first_undecided(path, plan.arrays, bound, self._limits.arrays)
+        return _cut(plan, time)
+
+    def _past_corners(self, plan: PlanChunk) -> PlanChunk:
+        """Return the plan with motions past its corners, if that is legal, or with stops."""
+        cut = self._without_stops(plan)
         if cut is None or self._audit.broken(cut):
             return self._audited(self._moved(plan))
         self._earlier += plan.duration - cut.duration
         self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
         return cut
 
-    def _with_overlaps(self, plan: PlanChunk) -> PlanChunk | None:
-        """Return the plan with overlaps at its corners; None if there are none."""
+    def _without_stops(self, plan: PlanChunk) -> PlanChunk | None:
+        """Return the plan with motions past its corners; None if there are none."""
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
-        changed, past = self._with_overshoots(plan, path)
-        found, cuts = find_cuts(path, changed, past, limits.arrays)
-        if found < 0:
-            # Neighbours can make an overshoot impossible. That is rare; then there is none.
-            changed = plan.arrays
-            past[:] = 0.0
-            found, cuts = find_cuts(path, changed, past, limits.arrays)
-        if not found:
+        corners = count_corners(path, plan.arrays)
+        if not corners:
             return None
-        most = (1 + PIECES_OF_CORNER) * pieces + 1
-        phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
-        out = empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
+        most, phases = pieces + (STEPS + 1) * corners, len(plan.phase_j) + (STEPS + 2) * corners
+        out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = _empty_plan(most, phases)
-        count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
+        count, spans, numbers, passed = pass_corners(
+            path,
+            plan.arrays,
+            limits.feeds(plan.path),
+            limits.arrays,
+            limits.travel,
+            self._known,
+            out,
+            out_plan,
+        )
+        if not passed:
+            return None
         moved = self._moved(plan)
         return PlanChunk(
             path=new_chunk(plan.path, out, count, numbers),
@@ -153,36 +161,6 @@ class Overlaps:
             phase_a=out_plan.a[: spans + 1],
             phase_j=out_plan.j[:spans],
         )
-
-    def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
-        """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
-        limits, pieces = self._limits, len(plan.path)
-        past = np.zeros(pieces)
-        if limits.along_path:
-            return plan.arrays, past
-        moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
-        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
-        if past.any():
-            self._keep_to_travel(plan.path, moves, past)
-        out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
-        count = write_overshoots(plan.arrays, moves, past, out)
-        here = slice(count + 1)
-        changed = PlanArrays(
-            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
-        )
-        return changed, past
-
-    def _keep_to_travel(self, path: PathChunk, moves: RestToRest, past: Floats) -> None:
-        """Take back the overshoots that could leave the travel."""
-        lo, hi = bounding_box(path)
-        lowest, highest = self._limits.travel
-        for b in np.flatnonzero(past).tolist():
-            legs = slice(b, b + 2)
-            passed = PAST * float(moves.jerk[legs].max()) * float(past[b]) ** 3
-            beyond = np.where((hi[legs] > lo[legs]).any(axis=0), passed, 0.0)
-            low, high = lo[legs].min(axis=0) - beyond, hi[legs].max(axis=0) + beyond
-            if ((beyond > 0.0) & ((low < lowest) | (high > highest))).any():
-                past[b] = 0.0
 
 
 def _empty_plan(pieces: int, phases: int) -> PlanArrays:
@@ -197,32 +175,21 @@ def _empty_plan(pieces: int, phases: int) -> PlanArrays:
     )
 
 
-def _first_undecided(plan: PlanChunk) -> int:
-    """Return the first phase that a later plan may change.
-
-    That is the last phase before a rest on a corner, and the phases behind such a rest.
-    """
-    last = len(plan.phase_j) - 1
-    path = plan.path
-    if path.kind[-1] != LINE:
-        return last + 1
-    v, a, j = plan.phase_v, plan.phase_a, plan.phase_j
-    if (
-        last > 0
-        and v[last] == 0.0
-        and a[last] == 0.0
-        and j[last - 1] > 0.0
-        and len(path) > 1
-        and path.tolerance[-2] > 0.0
-    ):
-        return last - 1
-    if not path.tolerance[-1] > 0.0 or j[last] <= 0.0 or a[last] >= 0.0:
-        return last + 1
-    to_rest = -a[-1] / j[last]
-    comes_to_rest = to_rest >= -REST and abs(v[-1] - 0.5 * j[last] * to_rest**2) <= REST * max(
-        float(v[last]), 1.0
+def _cut(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
+    """Return the number of phases before a time, and the plan with an end of a phase there."""
+    t = plan.phase_t
+    k = int(np.searchsorted(t, time - SAME))
+    if k >= len(t) or abs(float(t[k]) - time) <= SAME:
+        return min(k, len(t) - 1), plan
+    s, v, a = state_at(time, k - 1, plan.arrays)
+    return k, replace(
+        plan,
+        phase_t=np.insert(t, k, time),
+        phase_s=np.insert(plan.phase_s, k, s),
+        phase_v=np.insert(plan.phase_v, k, v),
+        phase_a=np.insert(plan.phase_a, k, a),
+        phase_j=np.insert(plan.phase_j, k, plan.phase_j[k - 1]),
     )
-    return last if comes_to_rest else last + 1
 
 
 def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
