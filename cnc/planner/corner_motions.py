@@ -25,6 +25,7 @@ from cnc.kernels.planner.corner_stops import (
     corner_size,
     count_corners,
     first_undecided,
+    leaves_path,
     new_known,
     pass_corners,
     state_at,
@@ -57,6 +58,8 @@ class CornerMotions:
         self._audit = audit
         self._known = new_known(len(limits.axis_jerk))
         self._held: PlanChunk | None = None
+        self._shared = False
+        """Whether the next part begins on a leg that begins with a corner that is passed."""
         self._earlier = 0.0
         self._shorter = 0.0
 
@@ -66,17 +69,12 @@ class CornerMotions:
         other._audit = audit
         return other
 
-    def passed(self, plans: Iterable[PlanChunk], limits: Limits) -> Iterator[PlanChunk]:
+    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
         """Yield the parts of the plans that no later plan can change.
-
-        Args:
-            plans: from the window.
-            limits: of the machine, with the operator's factor of the feeds.
 
         Raises:
             MotionLimitError: ``plan-illegal`` where a plan breaks a limit with stops too.
         """
-        self._limits = limits
         for plan in plans:
             held = self._held
             if held is not None and (
@@ -93,13 +91,20 @@ class CornerMotions:
             if kept < len(whole.phase_j):
                 self._held = _part(whole, kept, len(whole.phase_j))
             if kept > 0:
-                yield self._past_corners(_part(whole, 0, kept))
+                decided, piece = (
+                    self._past_corners(_part(whole, 0, kept)),
+                    _first_piece(whole, kept),
+                )
+                if piece > 0:
+                    self._shared = bool(leaves_path(path_arrays(whole.path), piece - 1))
+                yield decided
 
     def flush(self) -> Iterator[PlanChunk]:
         """Yield the part that was held back: the motion rests at its end, or nothing follows."""
         held, self._held = self._held, None
         if held is not None:
             yield self._past_corners(held)
+        self._shared = False
 
     def _moved(self, plan: PlanChunk) -> PlanChunk:
         """Return the plan at its new time."""
@@ -115,7 +120,7 @@ class CornerMotions:
     def _decided(self, plan: PlanChunk) -> tuple[int, PlanChunk]:
         """Return the number of phases that no later plan can change, and the plan cut there."""
         path, bound = path_arrays(plan.path), self._limits.feeds(plan.path)
-        time = first_undecided(path, plan.arrays, bound, self._limits.arrays)
+        time = first_undecided(path, plan.arrays, self._shared, bound, self._limits.arrays)
         return _cut(plan, time)
 
     def _past_corners(self, plan: PlanChunk) -> PlanChunk:
@@ -140,6 +145,7 @@ class CornerMotions:
         count, spans, numbers, passed = pass_corners(
             path,
             plan.arrays,
+            self._shared,
             limits.feeds(plan.path),
             limits.arrays,
             limits.travel,
@@ -192,12 +198,18 @@ def _cut(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
     )
 
 
+def _first_piece(plan: PlanChunk, phase: int) -> int:
+    """Return the piece on which a phase begins; the number of pieces for the end of the plan."""
+    at = plan.phase_s[phase] + REST
+    return max(int(np.searchsorted(plan.piece_s, at, side="right")) - 1, 0)
+
+
 def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
     """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
     if end - first == len(plan.phase_j):
         return plan
     piece_s = plan.piece_s
-    begin = max(int(np.searchsorted(piece_s, plan.phase_s[first] + REST, side="right")) - 1, 0)
+    begin = _first_piece(plan, first)
     after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
     zero = float(piece_s[begin])
     span = slice(first, end + 1)
@@ -217,7 +229,8 @@ def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
 def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
     """Return two plans that follow each other as one.
 
-    A phase or a piece that continues from one to the other becomes one.
+    A phase or a piece that continues from one to the other becomes one. Where the operator has
+    changed the feed within a piece, the higher one counts for all of it.
     """
     a, b = before.path, after.path
     pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
@@ -230,6 +243,9 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
         and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
         and after.phase_v[0] > 0.0
     )
+    feed = np.concatenate((a.feed[pieces], b.feed))
+    if len(feed) < len(a) + len(b):
+        feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
     phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
     rest = slice(1 if same else 0, None)
     return PlanChunk(
@@ -240,7 +256,7 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
             np.concatenate((at[pieces], at_more + len(data))),
             np.concatenate((data, more)),
             np.concatenate((a.length[pieces], b.length)),
-            np.concatenate((a.feed[pieces], b.feed)),
+            feed,
             np.concatenate((a.line[pieces], b.line)),
             np.concatenate((a.stop_after[pieces], b.stop_after)),
             np.concatenate((a.tolerance[pieces], b.tolerance)),

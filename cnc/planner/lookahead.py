@@ -211,7 +211,7 @@ class LookAhead:
         plans: list[PlanChunk] = []
         try:
             while trial.settled:
-                plans.extend(corners.passed(trial.take(LONG), trial.limits))
+                plans.extend(corners.passed(trial.take(LONG)))
             # What is held back may become the end of the motion.
             deque(corners.copy(audit.copy()).flush(), maxlen=0)
         except MotionLimitError as error:
@@ -238,7 +238,7 @@ class LookAhead:
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Pass stops on corners in plans of the window, and audit them."""
-        self._finished.extend(self._corners.passed(plans, self._window.limits))
+        self._finished.extend(self._corners.passed(plans))
 
     def _finish_at_rest(self) -> None:
         """Finish the part of a plan that is held back; the motion rests at its end."""

@@ -82,7 +82,7 @@ def overshooting(length, jerk, e):
 
 
 def test_a_right_angle_of_two_axes_is_faster_than_ramps_that_overshoot():
-    # By hand: each ramp runs past the corner and comes back, as far as the tolerance allows, and the
+    # By hand: each ramp runs past the corner as far as the tolerance allows, and comes back. The
     # ramps overlap from the time at which both are eps / sqrt 2 from the corner.
     jerk, eps = 48000.0 * USED, 0.01
     r = 1 + math.sqrt(2)
@@ -123,14 +123,18 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     assert missed.max() <= 0.02 * 1.001
 
 
-def test_a_corner_where_jerks_would_add_up_in_an_axis_is_passed():
-    # Both legs use all of x: at 45 degrees the jerks of two ramps that overlap have the same sense.
-    straight, cut = (
-        planned([(10, 10, 0), (20, 0, 0)], 0.0),
-        planned([(10, 10, 0), (20, 0, 0)], 0.01),
+@pytest.mark.parametrize(("turn", "first"), [(60.0, 10.0), (90.0, 20.0), (120.0, 30.0)])
+def test_a_corner_where_jerks_would_add_up_in_an_axis_is_passed(turn, first):
+    # Two ramps that overlap would have a sum of jerks beyond the limit of an axis.
+    u1, u2 = (
+        np.array([math.cos(angle), math.sin(angle), 0.0])
+        for angle in np.radians((first, first + turn))
     )
-    assert not cut[1].audit.violations
-    assert duration(cut[0]) < 0.95 * duration(straight[0])
+    assert max(abs(u1) / abs(u1).max() + abs(u2) / abs(u2).max()) > 1.2
+    points = [10.0 * u1, 10.0 * (u1 + u2)]
+    chunks, ahead = planned(points, 0.01)
+    assert not ahead.audit.violations
+    assert duration(chunks) < 0.985 * duration(planned(points, 0.0)[0])
 
 
 @pytest.mark.parametrize("degrees", [140.0, 160.0, 175.0])

@@ -64,10 +64,10 @@ FIRST = 10.0
 INSIDE = 0.02
 """A search starts with bounds that are raised by so much more than it needs."""
 
-ROUNDS = 8
+ROUNDS = 10
 """Largest number of values of h."""
 
-CHANGE = 0.1
+CHANGE = 0.15
 """Largest relative change of h in one round."""
 
 
@@ -125,7 +125,7 @@ def _inside(rows: Rows, h: float, s: float) -> float:
     total = 0.0
     if 1.0 + s <= 0.0:
         return -math.inf
-    for m in range(rows.count[0]):
+    for m in range(rows.number[0]):
         used = rows.value[m] / (rows.bound[m] * h ** rows.power[m])
         room = 1.0 + s - used
         if rows.kind[m] != TRAVEL:
@@ -140,7 +140,7 @@ def _inside(rows: Rows, h: float, s: float) -> float:
 def _most_used(rows: Rows, h: float) -> float:
     """Return the largest part of its bound that a row takes."""
     most = 0.0
-    for m in range(rows.count[0]):
+    for m in range(rows.number[0]):
         used = rows.value[m] / (rows.bound[m] * h ** rows.power[m])
         most = max(most, used if rows.kind[m] == TRAVEL else abs(used))
     return most
@@ -155,7 +155,7 @@ def _assemble(rows: Rows, h: float, s: float, n: Newton) -> tuple[float, float]:
     slope[:] = 0.0
     slope_s = 0.0
     ss = 0.0
-    for m in range(rows.count[0]):
+    for m in range(rows.number[0]):
         raw = 1.0 / (rows.bound[m] * h ** rows.power[m])
         x = rows.value[m] * raw
         up = 1.0 / (1.0 + s - x)
@@ -266,7 +266,7 @@ def _follow(
     slope = 0.0
     ss = 0.0
     sh = 0.0
-    for m in range(rows.count[0]):
+    for m in range(rows.number[0]):
         raw = 1.0 / (rows.bound[m] * h ** rows.power[m])
         x = rows.value[m] * raw
         up = 1.0 / (1.0 + s - x)
@@ -321,11 +321,11 @@ def fastest_corner(
         np.zeros(FREE),
     )
     ends = (before, after, limits.turn[0], limits.turn[1])
-    last = rows.count[0] / GAP
+    last = rows.number[0] / GAP
     found = 0.0
     longest = h
     h *= 1.0 - CHANGE
-    t = FIRST * rows.count[0]
+    t = FIRST * rows.number[0]
     for _ in range(ROUNDS):
         place_ends(n.c, h, before, after, limits.turn)
         evaluate(rows, limits, n.c)

@@ -55,7 +55,7 @@ class Rows(NamedTuple):
     """The rows of a corner.
 
     Attributes:
-        count: (1,): number of rows.
+        number: (1,): of rows.
         kind: (m,): LINEAR ... LEG2.
         first: (m,): index of the first control point.
         stencil: (m, 4): weights of the control points.
@@ -67,7 +67,7 @@ class Rows(NamedTuple):
         bend: (m,): curvature of x across its gradient; 0 for LINEAR and TRAVEL rows.
     """
 
-    count: Ints
+    number: Ints
     kind: Ints
     first: Ints
     stencil: Floats
@@ -138,8 +138,8 @@ def _add(
     power: float,
 ) -> int:
     """Append a row, and return its index."""
-    m = rows.count[0]
-    rows.count[0] += 1
+    m = rows.number[0]
+    rows.number[0] += 1
     rows.kind[m] = kind
     rows.first[m] = first
     for j in range(4):
@@ -172,7 +172,7 @@ def _add_axis(
 @njit
 def write_rows(limits: CornerLimits, corner: int, rows: Rows) -> None:
     """Write the rows of a corner that the motion passes at the start of step ``corner``."""
-    rows.count[0] = 0
+    rows.number[0] = 0
     for k in range(STEPS):
         # A difference counts for the two steps before, too.
         feed = limits.feed[1]
@@ -227,7 +227,7 @@ def _add_travel(rows: Rows, limits: CornerLimits) -> None:
 @njit
 def evaluate(rows: Rows, limits: CornerLimits, c: Floats) -> None:
     """Write values, gradients and bends of the rows for control points ``c`` (POINTS, 2)."""
-    for m in range(rows.count[0]):
+    for m in range(rows.number[0]):
         kind, k = rows.kind[m], rows.first[m]
         if kind <= TRAVEL:
             value = rows.offset[m]

@@ -223,6 +223,19 @@ def count_corners(path: PathArrays, plan: PlanArrays) -> int:
 
 
 @njit
+def legs_used(path: PathArrays, b: int, shared: bool) -> tuple[float, float]:
+    """Return the lengths that the motion at the corner behind piece ``b`` may take of its legs, mm.
+
+    A leg between two corners belongs to both. ``shared``: whether the first leg of the path begins
+    with a corner that the motion passes.
+    """
+    before = leaves_path(path, b - 1) if b > 0 else shared
+    share1 = LEGS_SHARE if before else 2.0 * LEGS_SHARE
+    share2 = LEGS_SHARE if leaves_path(path, b + 1) else 2.0 * LEGS_SHARE
+    return share1 * path.length[b], share2 * path.length[b + 1]
+
+
+@njit
 def reach_of(
     path: PathArrays, b: int, bound: Floats, limits: LimitArrays, u: Floats
 ) -> tuple[float, float]:
@@ -237,21 +250,6 @@ def reach_of(
     before = corner_time(line_bounds(u[0], bound[b], limits).j, turn, path.tolerance[b])
     after = corner_time(line_bounds(u[1], bound[b + 1], limits).j, turn, path.tolerance[b])
     return REACH * before, REACH * after
-
-
-@njit
-def peak_between(begin: float, end: float, plan: PlanArrays) -> float:
-    """Return the largest speed of the plan between two times, mm/s."""
-    most = 0.0
-    last = phase_of_time(end, plan)
-    for k in range(phase_of_time(begin, plan), last + 1):
-        t1, t2 = max(begin, plan.t[k]), min(end, plan.t[k + 1])
-        most = max(most, state_at(t1, k, plan)[1], state_at(t2, k, plan)[1])
-        if plan.j[k] < 0.0:
-            top = plan.t[k] - plan.a[k] / plan.j[k]
-            if t1 < top < t2:
-                most = max(most, state_at(top, k, plan)[1])
-    return most
 
 
 @njit
@@ -434,6 +432,7 @@ def find_motion(
     plan: PlanArrays,
     b: int,
     rest: int,
+    shared: bool,
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
@@ -447,6 +446,7 @@ def find_motion(
         plan: its phases.
         b: the piece before the corner.
         rest: the phase that begins with the rest there.
+        shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
@@ -460,14 +460,17 @@ def find_motion(
     if reach1 == 0.0:
         return found
     corner, t = plan.piece_s[b + 1], plan.t[rest]
+    before, after = legs_used(path, b, shared)
     earliest = max(
-        time_of(corner - LEGS_SHARE * path.length[b], plan),
+        time_of(corner - before, plan),
         plan.t[0] + UNTOUCHED * (t - plan.t[0]),
     )
     latest = min(
-        time_of(corner + LEGS_SHARE * path.length[b + 1], plan),
+        time_of(corner + after, plan),
         plan.t[-1] - UNTOUCHED * (plan.t[-1] - t),
     )
+    feeds = (bound[b], bound[b + 1])
+    here = _limits_of(path, b, feeds, limits, travel, u)
     # The last one has steps that fit the jerks of the plan.
     for k in range(len(PARTS) + 1):
         if k < len(PARTS):
@@ -479,12 +482,6 @@ def find_motion(
         corner_step = min(max(round(STEPS * first / (first + second)), 3), STEPS - 3)
         h = min(first / corner_step, second / (STEPS - corner_step))
         begin, end = t - corner_step * h, t + (STEPS - corner_step) * h
-        # The operator's factor of the feeds may just have changed.
-        feeds = (
-            max(bound[b], peak_between(begin, t, plan)),
-            max(bound[b + 1], peak_between(t, end, plan)),
-        )
-        here = _limits_of(path, b, feeds, limits, travel, u)
         tried = _passed(plan, corner, (begin, end), corner_step, here, known, scratch)
         if tried.saved > found.saved:
             found = tried
@@ -567,6 +564,7 @@ def _copy_phases(
 def pass_corners(
     path: PathArrays,
     plan: PlanArrays,
+    shared: bool,
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
@@ -579,6 +577,7 @@ def pass_corners(
     Args:
         path: of the motion.
         plan: its phases.
+        shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
@@ -616,7 +615,7 @@ def pass_corners(
         rest = rest_at(path, plan, b)
         after = 0.0
         if rest >= 0:
-            corner = find_motion(path, plan, b, rest, bound, limits, travel, known, scratch)
+            corner = find_motion(path, plan, b, rest, shared, bound, limits, travel, known, scratch)
             if corner.saved > 0.0:
                 after = corner.before.s
         out.pieces.kind[count] = path.pieces.kind[b]
@@ -674,7 +673,7 @@ def corner_size(axes: int) -> int:
 
 @njit
 def first_undecided(
-    path: PathArrays, plan: PlanArrays, bound: Floats, limits: LimitArrays
+    path: PathArrays, plan: PlanArrays, shared: bool, bound: Floats, limits: LimitArrays
 ) -> float:
     """Return the time from which on a later plan may change the motion at a corner.
 
@@ -684,6 +683,7 @@ def first_undecided(
     Args:
         path: of the motion.
         plan: its phases.
+        shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
     """
@@ -697,19 +697,21 @@ def first_undecided(
         line = line_bounds(u[0], bound[last], limits)
         straightest = Turn(STRAIGHTEST, STRAIGHTEST)
         reach = REACH * corner_time(line.j, straightest, path.tolerance[last])
-        begin = plan.piece_s[last + 1] - LEGS_SHARE * path.length[last]
+        before = leaves_path(path, last - 1) if last > 0 else shared
+        share = LEGS_SHARE if before else 2.0 * LEGS_SHARE
+        begin = plan.piece_s[last + 1] - share * path.length[last]
         fastest = max(line.v, plan.v[-1])
         soonest = now + (plan.piece_s[last + 1] - plan.s[-1]) / fastest
         time = min(time, max(soonest - reach * (1.0 + SPARE), time_of(begin, plan) - SPARE * reach))
     b = last - 1
     if b >= 0:
         rest = rest_at(path, plan, b)
-        before, after = reach_of(path, b, bound, limits, u) if rest >= 0 else (0.0, 0.0)
-        if before > 0.0:
+        reach1, reach2 = reach_of(path, b, bound, limits, u) if rest >= 0 else (0.0, 0.0)
+        if reach1 > 0.0:
+            length1, length2 = legs_used(path, b, shared)
             corner = plan.piece_s[b + 1]
-            ends = corner + LEGS_SHARE * path.length[b + 1]
-            if plan.t[rest] + after > now and plan.s[-1] < ends:
-                begin = corner - LEGS_SHARE * path.length[b]
-                sooner = plan.t[rest] - before * (1.0 + SPARE)
-                time = min(time, max(sooner, time_of(begin, plan) - SPARE * before))
+            if plan.t[rest] + reach2 > now and plan.s[-1] < corner + length2:
+                sooner = plan.t[rest] - reach1 * (1.0 + SPARE)
+                begin = time_of(corner - length1, plan) - SPARE * reach1
+                time = min(time, max(sooner, begin))
     return max(time, plan.t[0])
