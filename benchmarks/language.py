@@ -36,6 +36,7 @@ from cnc.gcode.syntax.scanner import Scan, scan
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_jobs import READING
 
 PLAIN_LINES, LONG_LINES = 1_000_000, 10_000_000
 FEWER = 20
@@ -285,7 +286,7 @@ def main() -> None:
         moves_of(arguments.read)
         print(largest_memory_mb())
         return
-    ensure_compiled(jobs=["reading"])
+    ensure_compiled(jobs=READING)
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
         plain = Path(folder) / "plain.ngc"
         write_tools(plain.with_name("tools.tbl"))

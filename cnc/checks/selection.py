@@ -74,6 +74,8 @@ def unknown_codes(program: Path, name: str) -> Iterator[Diagnostic]:
 
 
 def _unknown_in(text: str, first_line: int, name: str) -> Iterator[Diagnostic]:
+    if ":" not in text:  # most programs have none, and the search for comments takes longer
+        return
     for comment in _COMMENT.finditer(text):
         for code in _CODE.finditer(text, comment.start(1), comment.end(1)):
             if code[0].lower() in ignorable_codes():

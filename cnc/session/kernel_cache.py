@@ -42,9 +42,10 @@ def ensure_compiled(
     Args:
         on_compiling: called before anything is compiled.
         on_kernel: called before each kernel is compiled.
-        jobs: names of the jobs; all by default.
+        jobs: names of the jobs, in any order; all by default.
     """
-    missing = [name for name in jobs if not is_compiled(name)]
+    wanted = set(jobs)
+    missing = [name for name in JOBS if name in wanted and not is_compiled(name)]
     if not missing:
         return
     if on_compiling is not None:

@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cnc import kernels
 from cnc.model.blocks import ArcFeed, AxisLetter, Block, NurbsFeed, PathMode, Polyline
 from cnc.model.diagnostics import MotionLimitError
 
@@ -40,16 +37,17 @@ class Job(NamedTuple):
 
 
 def read() -> None:
-    """Read straight moves, and lines with expressions."""
-    from cnc.gcode.program.line_steps import MANY_LINES
+    """Read straight moves."""
     from cnc.gcode.program.plain_lines import SHORTEST
-    from cnc.gcode.program.program import interpret
-    from cnc.gcode.syntax.source_text import Text
 
-    for _ in interpret(Text.of_lines(["G0 X1"] * SHORTEST, "")):
-        pass
-    for _ in interpret(Text.of_lines(["#1=1", "G0 X#1"] * MANY_LINES, "")):
-        pass
+    _read(["G0 X1"] * SHORTEST)
+
+
+def evaluate() -> None:
+    """Read lines with expressions."""
+    from cnc.gcode.program.line_steps import MANY_LINES
+
+    _read(["#1=1", "G0 X#1"] * MANY_LINES)
 
 
 def build_simple() -> None:
@@ -172,19 +170,15 @@ def _kernels(*names: str) -> frozenset[str]:
     return frozenset(f"cnc.kernels.{name}" for name in names)
 
 
-def _package(name: str) -> frozenset[str]:
-    folder = Path(kernels.__file__).parent / name
-    return _kernels(*(f"{name}.{each.name}" for each in iter_modules([str(folder)])))
-
-
 JOBS = {
-    "reading": Job(_package("gcode"), read),
+    "expressions": Job(_kernels("gcode.coding", "gcode.program"), evaluate),
+    "lines": Job(_kernels("gcode.scanner", "gcode.line"), read),
     "paths": Job(_kernels("path.curve", "path.arclength", "path.extremes"), build_simple),
     "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
     "refinement": Job(_kernels("planner.refine"), plan),
-    "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
     "pulses": Job(_kernels("pulses.reference_pulse", "path.curve", "path.arclength"), step),
     "audit": Job(_kernels("planner.audit", "planner.audit_samples"), audit),
+    "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
     "NURBS": Job(
         _kernels("path.bspline", "path.span_shape", "path.bernstein", "path.arclength"), build_nurbs
     ),
@@ -203,13 +197,23 @@ JOBS = {
     "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
     "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
 }
-"""All jobs; the longest and those of which others need much come first."""
+"""All jobs in the order in which they begin: the longest, and those of which others need much, come
+first. A long job at the end would leave the other processors idle."""
 
 BLENDS = ("corner blends", "corner stops", "corner motions")
 FITS = ("fits", "knots of fits", "pieces of fits")
 PLANNING = ("intervals", "refinement", "planning", "audit")
-CHECKING = ("reading", "paths", *PLANNING, "pulses")
+READING = ("expressions", "lines", "paths")
+CHECKING = (*READING, *PLANNING, "pulses")
 """What nearly every program needs."""
+
+
+def _read(lines: list[str]) -> None:
+    from cnc.gcode.program.program import interpret
+    from cnc.gcode.syntax.source_text import Text
+
+    for _ in interpret(Text.of_lines(lines, "")):
+        pass
 
 
 def _line() -> Polyline:

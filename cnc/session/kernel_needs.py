@@ -17,9 +17,7 @@ from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
 from cnc.session.kernel_cache import SMALL_BYTES, ensure_compiled, is_compiled
-from cnc.session.kernel_jobs import BLENDS, FITS, PLANNING
-
-READING = ("reading", "paths")
+from cnc.session.kernel_jobs import BLENDS, FITS, PLANNING, READING
 
 
 class KernelNeeds:

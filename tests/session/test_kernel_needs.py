@@ -18,7 +18,7 @@ from cnc.cli import progress
 from cnc.kernels import code_cache, jit
 from cnc.model.operator_control import Control
 from cnc.session import kernel_cache, kernel_jobs, kernel_needs
-from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING
+from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING, READING
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with, run_with
 from tests.support.waiting import HANG, wait_until
@@ -63,7 +63,7 @@ def test_outputs_ask_for_their_kernels(tmp_path: Path, asked) -> None:
 
 def test_lines_for_a_board_ask_for_their_kernels(tmp_path: Path, asked) -> None:
     checked(tmp_path, "G61\n" + CORNER, outputs=Outputs(lines=str(tmp_path / "lines.gcode")))
-    assert asked == MOTION | {"reading", "paths", "GRBL lines"}
+    assert asked == MOTION | {*READING, "GRBL lines"}
 
 
 def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatch) -> None:
@@ -73,7 +73,7 @@ def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatc
         kernel_needs, "ensure_compiled", lambda _, __, names: order.append(tuple(names))
     )
     checked(tmp_path, "G64 P0.05\n" + CORNER)
-    assert order[0] == ("reading", "paths")
+    assert order[0] == READING
     assert order[1] == FITS
     assert set(order[-1]) == MOTION | set(BLENDS)
 
@@ -220,7 +220,7 @@ def test_ctrl_c_leaves_whole_files_and_no_process(tmp_path: Path) -> None:
     assert not list(cache.glob("*.done"))
 
 
-def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jobs_are_done_once_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_cache, "compiling", lambda: True)
     monkeypatch.setattr(kernel_cache, "_marks", lambda job: [tmp_path / f"{job}-x.done"])
     monkeypatch.setattr(code_cache, "cache_folder", lambda: tmp_path)
@@ -237,7 +237,7 @@ def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     told: list[Any] = []
     for _ in range(2):
         kernel_cache.ensure_compiled(
-            lambda: told.append("begin"), lambda *what: told.append(what), ["paths", "pulses"]
+            lambda: told.append("begin"), lambda *what: told.append(what), ["pulses", "paths"]
         )
     assert done == ["paths", "pulses"]
     assert told == ["begin", (0, 5, "kernel of paths"), (1, 5, "kernel of pulses")]

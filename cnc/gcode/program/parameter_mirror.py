@@ -47,10 +47,9 @@ class ParameterMirror:
         self._names += new
         while len(self._named) < len(self._names):
             self._grow()
-        self._named[begin : len(self._names)] = self._parameters.stored_names(new)
-        for name in self._parameters.bound_among(new):
-            self._changes.named[known[name]] = _OF_INTERPRETER
-        return np.array([known[name] for name in names], np.int32)
+        for name in self._parameters.known_among(new):
+            self._read(name)
+        return np.fromiter(map(known.__getitem__, names), np.int32, len(names))
 
     def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
         """Return the values of all parameters.

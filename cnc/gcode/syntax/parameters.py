@@ -187,26 +187,16 @@ class Parameters:
         else:
             (self.locals if key <= self._last_local else self.values)[key] = value
 
-    def stored_names(self, names: list[str]) -> list[float]:
-        """Return the value of each name, as :meth:`stored_value`."""
+    def known_among(self, names: list[str]) -> list[str]:
+        """Return the names that have a value, or that functions show."""
         bound, of_all, of_call = self._bound, self._globals, self._names
-        return [
-            math.nan
-            if name in bound
-            else (of_all if name[0] == "_" else of_call).get(name, math.nan)
-            for name in names
-        ]
+        return [name for name in names if name in of_call or name in of_all or name in bound]
 
     def store_names(self, names: list[str], values: list[float]) -> None:
         """Store the value of each name, as :meth:`store_value`."""
         of_all, of_call = self._globals, self._names
         for name, value in zip(names, values, strict=True):
             (of_all if name[0] == "_" else of_call)[name] = value
-
-    def bound_among(self, names: list[str]) -> list[str]:
-        """Return the names that functions show."""
-        bound = self._bound
-        return [name for name in names if name in bound]
 
     def known_numbers(self, last: int) -> set[int]:
         """Return the numbers up to ``last`` that were set, or that a function shows."""

@@ -24,9 +24,10 @@ STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE, BOUNDARY, PATH = range(7)
 """Kinds of rows. BOUNDARY is the begin or the end of a call."""
 MOST_ROWS = 64
 """Most rows of a line. A cycle with more is left to the interpreter."""
-MOST_OTHERS = 512
+MOST_OTHERS = 2048
 """Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object,
-and the garbage collector takes less time if few of them exist at once.
+with a run of moves perhaps a second one. The garbage collector of the command line does not begin
+while so few exist at once.
 """
 MOST_AXES = 9
 
