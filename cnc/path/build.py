@@ -225,7 +225,7 @@ class _Builder:
         self._allowed = (block.tolerance or self._tolerance) if blends else 0.0
         if self._allowed != before:
             yield from self._end_chain()
-            self._limit_last_joint()
+            self._limit_last_joint(self._allowed)
 
     def _probe(self, block: Probe) -> Iterator[PathChunk | Block]:
         """Yield a probe and its move; the path goes on from the point of contact."""
@@ -254,6 +254,7 @@ class _Builder:
     def _gather(self, fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
         """Gather fitted pieces."""
         for pieces in fitted:
+            self._limit_last_joint(pieces.before)
             self._gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
             if self._gatherer.full():
                 yield from self._hold()
@@ -282,15 +283,15 @@ class _Builder:
         yield from self._held
         self._held = []
 
-    def _limit_last_joint(self) -> None:
-        """Reduce the tolerance of the joint behind the last piece to the one in effect."""
+    def _limit_last_joint(self, most: float) -> None:
+        """Reduce the tolerance of the joint behind the last piece to ``most`` mm."""
         if self._gatherer.pieces:
             last = self._gatherer.parts[-1].tolerance
         elif self._held and isinstance(self._held[0], PathChunk):
             last = self._held[0].tolerance
         else:
             return
-        last[-1] = min(last[-1], self._allowed)
+        last[-1] = min(last[-1], most)
 
 
 def _probing(probe: Probe) -> Polyline:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners
-from cnc.kernels.path.fit_pieces import Moves, Written, write_pieces
+from cnc.kernels.path.fit_pieces import Moves, Written, joint_tolerances, write_pieces
 from cnc.kernels.path.fit_records import new_writer
 from cnc.kernels.path.fit_spline import DEGREE, Spline
 from cnc.kernels.path.fit_stretches import first_knots
@@ -279,6 +279,7 @@ class Fitter:
     def _write(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> Iterator[Pieces]:
         """Yield the pieces of the first ``last`` spans."""
         here = self._here()
+        joints = joint_tolerances(chain, spline, self._tolerance)
         numbers = NUMBERS
         span = 0
         most = len(spline.knots) + len(chain.x)
@@ -290,12 +291,15 @@ class Fitter:
                 np.empty(most),
                 np.empty(most),
                 np.empty(most, np.int64),
-                np.empty(most, np.bool_),
+                np.empty(most),
             )
-            following, pieces, used = write_pieces(chain, spline, moves, span, last, writer, out)
+            following, pieces, used = write_pieces(
+                chain, spline, moves, joints, span, last, writer, out
+            )
             if following == span:
                 numbers *= 2
                 continue
+            before = joints[0] if span == 0 else math.inf
             span = following
             if pieces:
                 some = slice(pieces)
@@ -306,7 +310,8 @@ class Fitter:
                     out.length[some],
                     out.feed[some],
                     out.line[some].astype(np.int32),
-                    np.where(out.joint[some], self._tolerance, 0.0),
+                    out.joint[some].copy(),
+                    before,
                 )
 
     def _go_on(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ class Pieces:
         feed: mm/s, NaN for a traverse.
         line: source line.
         tolerance: of the joint behind the piece, mm.
+        before: largest tolerance of the joint before the first piece, mm.
     """
 
     kind: Ints
@@ -31,3 +33,4 @@ class Pieces:
     feed: Floats
     line: NDArray[np.int32]
     tolerance: Floats
+    before: float = math.inf

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.api import Callbacks, Control, HomingStopped, Report, home, run
+from cnc.api import Callbacks, Control, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.faults import Alarm, Error, Unplug
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -16,14 +16,12 @@ from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.executor.run import Progress
 from cnc.model import state_folder
-from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session.last_position import LastPosition
 from tests.support.session.position_runs import (
     END,
     FAST,
     MACHINE,
     SQUARE,
-    SWITCHES,
     ran,
     refused,
     stopping,
@@ -183,103 +181,6 @@ def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
     assert ran(simulator, program, trust_position=True).ok
 
 
-def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
-    simulator = GrblSimulator(settings=SWITCHES)
-    homing = tmp_path / "home.nc"
-    homing.write_text("$H\n")
-    program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
-    machine = MACHINE.model_copy(
-        update={
-            "axes": {
-                letter: axis.model_copy(update={"travel": (-200.0, 0.0)})
-                for letter, axis in MACHINE.axes.items()
-            }
-        }
-    )
-
-    def go(name: Path, **arguments: object) -> Report:
-        port = GrblSimulatorPort(simulator, hang_up=False)
-        board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
-        board.connect()
-        try:
-            return run_with(name, machine, board=board, dialect="grbl", **arguments)
-        finally:
-            board.close()
-
-    for _ in range(2):
-        assert not go(homing).faults
-        assert not go(program).faults, "a board that has homed is not locked"
-        assert simulator.position == pytest.approx((-50.0, -50.0, -20.0))
-        simulator.power_up()
-        said = refused(go(program))
-        assert "home the machine with cncrun home" in said
-    simulator.core.environment.broken.add("Z")
-    assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
-    assert refused(go(program)), "a homing that fails finds nothing"
-
-
-def home_alone(
-    simulator: GrblSimulator, *axes: str, control: Control | None = None
-) -> dict[str, float | None]:
-    port = GrblSimulatorPort(simulator, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
-    board.connect()
-    try:
-        return home(MACHINE, axes, board=board, control=control)
-    finally:
-        board.close()
-
-
-def test_cncrun_home_homes_a_grbl_board() -> None:
-    simulator = GrblSimulator(settings=SWITCHES)
-    for _ in range(2):
-        assert home_alone(simulator) == {"x": -1.0, "y": -1.0, "z": -1.0}
-        kept = LastPosition.read("the simulator")
-        assert kept is not None and (kept.position, kept.lost) == (
-            {"x": -1.0, "y": -1.0, "z": -1.0},
-            False,
-        )
-        assert simulator.core.state == "Idle"
-        simulator.power_up()
-    with pytest.raises(UsageError) as caught:
-        home_alone(simulator, "x")
-    assert caught.value.diagnostic.code == "board-homes-all"
-
-
-def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
-    simulator = GrblSimulator(settings=SWITCHES)
-    home_alone(simulator)
-    simulator.core.environment.broken.add("Z")
-    with pytest.raises(BoardError) as caught:
-        home_alone(simulator)
-    assert caught.value.diagnostic.code == "board-alarm"
-    kept = LastPosition.read("the simulator")
-    assert kept is not None and kept.lost
-    stopped = GrblSimulator(settings=SWITCHES)
-    control = Control()
-    control.stop()
-    with pytest.raises(HomingStopped):
-        home_alone(stopped, control=control)
-    assert not stopped.moves
-
-
-def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
-    simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
-    for _ in range(2):
-        with pytest.raises(BoardError) as caught:
-            home_alone(simulator)
-        assert caught.value.diagnostic.code == "board-error"
-    assert ran(simulator, program).ok
-    simulator.power_up()
-    program.write_text("$H\n" + SQUARE)
-    assert [fault.diagnostic.code for fault in ran(simulator, program, dialect="grbl").faults] == [
-        "board-error"
-    ]
-    program.write_text(SQUARE)
-    refused(ran(simulator, program))
-
-
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
 def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
     simulator = GrblSimulator(settings=FAST)
@@ -361,12 +262,6 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
     assert ran(GrblSimulator(settings=FAST), program).ok
     assert LastPosition.read("the simulator") is None
-
-
-def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
-    (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
-    assert "own cycle" in fault.diagnostic.message
-    assert "cncrun home" in fault.diagnostic.hint
 
 
 def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.kernels.path.bspline import NUMBERS_PER_AXIS, RECORD_NUMBERS
 from cnc.kernels.path.curve import LENGTH, LINE, SPAN, START, Floats, Ints
-from cnc.kernels.path.fit_chain import Chain, Flags
+from cnc.kernels.path.fit_chain import Chain
 from cnc.kernels.path.fit_proof import span_distance
 from cnc.kernels.path.fit_records import Writer, span_point, write_line, write_span
 from cnc.kernels.path.fit_spline import DEGREE, Spline
@@ -43,7 +43,7 @@ class Written(NamedTuple):
         length: mm.
         feed: mm/s.
         line: source line.
-        joint: whether the spline is broken behind it.
+        joint: tolerance of the joint behind it, mm; 0 where the spline goes on.
     """
 
     kind: Ints
@@ -51,7 +51,38 @@ class Written(NamedTuple):
     length: Floats
     feed: Floats
     line: Ints
-    joint: Flags
+    joint: Floats
+
+
+@njit
+def joint_tolerances(chain: Chain, spline: Spline, tolerance: float) -> Floats:
+    """Return the tolerance (K,) of the joint at each knot, mm; 0 where the spline goes on.
+
+    A line beside a joint may be a little away from the vertices that do not count. That much less
+    is left to the corner.
+    """
+    knots = spline.knots
+    joints = np.zeros(knots.shape[0])
+    for k in range(knots.shape[0]):
+        if knots[k]["ends"]:
+            joints[k] = tolerance
+    for k in range(knots.shape[0] - 1):
+        if not knots[k]["straight"] or not (knots[k]["ends"] or knots[k + 1]["ends"]):
+            continue
+        h = knots[k + 1]["t"] - knots[k]["t"]
+        worst = 0.0
+        behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
+        for i in range(knots[k]["vertex"] + 1, behind + 1):
+            tau = (chain.along[i] - knots[k]["t"]) / h
+            _, tau = span_distance(spline.bezier[k], tau, chain.x[i], chain.metrics, True)
+            tau = min(max(tau, 0.0), 1.0)
+            off, _ = span_distance(spline.bezier[k], tau, chain.x[i], chain.metrics, False)
+            worst = max(worst, off)
+        left = tolerance - worst if worst > STRAIGHT else tolerance
+        for end in range(k, k + 2):
+            if knots[end]["ends"]:
+                joints[end] = min(joints[end], left)
+    return joints
 
 
 @njit
@@ -84,12 +115,23 @@ def write_pieces(
     chain: Chain,
     spline: Spline,
     moves: Moves,
+    joints: Floats,
     first: int,
     last: int,
     writer: Writer,
     out: Written,
 ) -> tuple[int, int, int]:
     """Write the spans from ``first`` to before ``last`` as records, until the arrays are full.
+
+    Args:
+        chain: the moves' vertices.
+        spline: the spline.
+        moves: feed and line of the moves.
+        joints: (K,): tolerances of the joints at the knots, mm.
+        first: first span.
+        last: the span behind the last.
+        writer: takes the records.
+        out: takes the entries.
 
     Returns:
         The next span, the number of pieces, and the numbers used of ``writer.data``.
@@ -115,10 +157,10 @@ def write_pieces(
             or state[0]["pieces"] + parts + 1 > out.at.shape[0]
         ):
             break
-        _write_span(chain, spline, moves, k, writer, out, state, end, line_end)
+        _write_span(chain, spline, moves, joints, k, writer, out, state, end, line_end)
         k += 1
     if state[0]["pending"]:
-        _write_pending(writer, out, state, line_end, knots[k]["ends"])
+        _write_pending(writer, out, state, line_end, joints[k])
     return k, state[0]["pieces"], state[0]["used"]
 
 
@@ -127,6 +169,7 @@ def _write_span(
     chain: Chain,
     spline: Spline,
     moves: Moves,
+    joints: Floats,
     k: int,
     writer: Writer,
     out: Written,
@@ -140,6 +183,7 @@ def _write_span(
         chain: the moves' vertices.
         spline: the spline.
         moves: feed and line of the moves.
+        joints: (K,): tolerances of the joints at the knots, mm.
         k: index of the span.
         writer: takes the records.
         out: takes the entries.
@@ -155,6 +199,7 @@ def _write_span(
     inner = knots[k]["vertex"] + 1
     behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
     polyline = knots[k]["polyline"]
+    inner_joint = max(joints[k], joints[k + 1]) if polyline else 0.0
     straight = not polyline and _even(bezier[k])
     h = knots[k + 1]["t"] - knots[k]["t"]
     ta = 0.0
@@ -188,7 +233,7 @@ def _write_span(
             and out.feed[now["pieces"]] == feed[move]
             and _in_line(writer.here, line_end, end, chain.metric)
         ):
-            _write_pending(writer, out, state, line_end, ta == 0.0 and knots[k]["ends"])
+            _write_pending(writer, out, state, line_end, joints[k] if ta == 0.0 else 0.0)
         if not now["pending"]:
             out.feed[now["pieces"]] = feed[move]
             out.line[now["pieces"]] = moves.line[move]
@@ -206,14 +251,14 @@ def _write_span(
                 out.kind[now["pieces"]] = span_kind
             now["used"] = used
             if used > at:
-                _note(writer, out, state, at, polyline or (whole and knots[k + 1]["ends"]))
+                _note(writer, out, state, at, joints[k + 1] if whole else inner_joint)
         ta = tau
         move = i
 
 
 @njit
 def _write_pending(
-    writer: Writer, out: Written, state: NDArray[np.void], line_end: Floats, joint: bool
+    writer: Writer, out: Written, state: NDArray[np.void], line_end: Floats, joint: float
 ) -> None:
     """Write the straight stretch that is pending, up to ``line_end`` (n,)."""
     now = state[0]
@@ -226,7 +271,7 @@ def _write_pending(
 
 
 @njit
-def _note(writer: Writer, out: Written, state: NDArray[np.void], at: int, joint: bool) -> None:
+def _note(writer: Writer, out: Written, state: NDArray[np.void], at: int, joint: float) -> None:
     """Write place, length and joint of the piece whose record is at ``at``."""
     now = state[0]
     out.at[now["pieces"]] = at
