@@ -94,7 +94,7 @@ class LineMachine:
         for event in link.pump(POLL_FAST, 2 * POLL_FAST):
             if isinstance(event, Alarmed):
                 self._homed = False
-                raise faults.alarmed(event.code, 0, hal=self.board.info.hal)
+                raise faults.alarmed(event.code, 0, self.board.info.kind)
             if isinstance(event, Started):
                 self._homed = False
                 self.board.restarted = True

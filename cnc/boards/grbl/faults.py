@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.codes import alarm_meaning, error_meaning
+from cnc.boards.grbl.messages import Firmware, Reply
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -27,21 +28,22 @@ _PASS_ON_LESS = (
 )
 
 
-def refused(code: int, text: str, line: int, *, hal: bool) -> BoardError:
-    """Return the fault of a line that the board refuses with ``error:code``."""
-    meaning = error_meaning(code, hal=hal)
+def refused(reply: Reply, text: str, line: int, firmware: Firmware) -> BoardError:
+    """Return the fault of a line that the board refuses with an error."""
+    meaning = error_meaning(reply.error, firmware)
     hint = _PASS_ON_LESS if _PASSED_ON.fullmatch(text.strip()) else meaning.advice
+    shown = f"error: {reply.text}" if reply.text else f"error:{reply.error}: {meaning.fault}"
     return board_error(
         "board-error",
-        f"the board refuses {text!r} with error:{code}: {meaning.fault}",
+        f"the board refuses {text!r} with {shown}",
         line=line,
         hint=hint,
     )
 
 
-def alarmed(code: int, line: int, *, hal: bool, probing: bool = False) -> BoardError:
+def alarmed(code: int, line: int, firmware: Firmware, *, probing: bool = False) -> BoardError:
     """Return the fault of ``ALARM:code``; ``probing``: during a probing move."""
-    meaning = alarm_meaning(code, hal=hal)
+    meaning = alarm_meaning(code, firmware)
     name = "probe-no-contact" if probing and code in PROBE_ALARMS else "board-alarm"
     return board_error(
         name,

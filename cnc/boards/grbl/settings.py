@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.boards.grbl.status import MM_PER_INCH, in_mm
 from cnc.machine.models import Machine
@@ -77,8 +77,7 @@ class BoardInfo:
 
     Attributes:
         version: Version of the welcome, such as ``1.1h``.
-        hal: Whether it is grblHAL.
-        fluid: Whether it is FluidNC.
+        kind: The firmware.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
         extensions: Names of its NEWOPT line, of grblHAL: ENUMS, TC, ATC and others.
@@ -92,8 +91,7 @@ class BoardInfo:
     """
 
     version: str
-    hal: bool
-    fluid: bool = False
+    kind: Firmware
     build: str = ""
     options: str = ""
     extensions: frozenset[str] = frozenset()
@@ -108,8 +106,12 @@ class BoardInfo:
     @property
     def firmware(self) -> str:
         """Name and version."""
-        name = "grblHAL" if self.hal else "FluidNC" if self.fluid else "GRBL"
-        return f"{name} {self.version}"
+        return f"{self.kind.value} {self.version}"
+
+    @property
+    def fluid(self) -> bool:
+        """Whether it is FluidNC."""
+        return self.kind is Firmware.FLUID
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
@@ -124,8 +126,8 @@ class BoardInfo:
                 self.letters = each.text.partition(":")[2].upper()
             elif each.kind == "NEWOPT":
                 self.extensions = frozenset(each.text.upper().split(","))
-            elif each.kind == "FIRMWARE":
-                self.hal = self.hal or "grblhal" in each.text.lower()
+            elif each.kind == "FIRMWARE" and "grblhal" in each.text.lower():
+                self.kind = Firmware.HAL
             elif each.kind in ABOUT:
                 self.about.append(f"{each.kind}: {each.text}")
             elif each.kind in PLACES:
@@ -193,6 +195,14 @@ class BoardInfo:
     def homes(self) -> bool:
         """Whether the board homes the machine (``$22``)."""
         return self.number(HOMING) not in (None, 0.0)
+
+    @property
+    def commands_above_ascii(self) -> bool:
+        """Whether the board gets other real-time commands than ``?``, ``~`` and ``!`` (RT-).
+
+        While grblHAL carries out a ``$`` command, these would enter the next line.
+        """
+        return "RT-" in self.extensions
 
     @property
     def laser(self) -> bool:

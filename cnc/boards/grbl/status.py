@@ -107,7 +107,8 @@ class StatusReader:
             if "Ov" in fields:
                 first, second, third = (int(value) for value in fields["Ov"].split(","))
                 self._overrides = first, second, third
-            feed, _, speed = fields.get("FS", fields.get("F", "")).partition(",")
+            # grblHAL adds the measured speed where the spindle reports it.
+            feed, speed, *_ = [*fields.get("FS", fields.get("F", "")).split(","), ""]
             blocks, bytes_ = (
                 (int(value) for value in fields["Bf"].split(",")) if "Bf" in fields else (-1, -1)
             )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -157,7 +157,7 @@ def test_a_wrong_baud_rate_is_named(baud: int) -> None:
 
 
 def test_firmware_settings_and_offsets_are_read() -> None:
-    info = BoardInfo("1.1h", hal=False)
+    info = BoardInfo("1.1h", Firmware.GRBL)
     info.take(
         [
             Feedback("OPT", "VZ,35,255"),
@@ -178,7 +178,7 @@ def test_firmware_settings_and_offsets_are_read() -> None:
 
 @pytest.mark.parametrize("told", ["V", "V,15", "V,15,x", "V,,", "", "V,15,3"])
 def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
-    info = BoardInfo("1.1h", hal=False)
+    info = BoardInfo("1.1h", Firmware.GRBL)
     info.take([Feedback("OPT", told)])
     assert info.rx_bytes == 128
 
@@ -186,7 +186,7 @@ def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
 def test_the_larger_buffer_of_grblhal_is_used() -> None:
     simulator = GrblSimulator(GRBLHAL)
     board = started(simulator)
-    assert board.info.hal
+    assert board.info.kind is Firmware.HAL
     assert board.info.rx_bytes == 1024
     feed(board, PREAMBLE, *(f"G1 X{k % 3}.000 Y{k % 5}.000 F2000" for k in range(300)))
     board.finish()

@@ -9,7 +9,7 @@ import pytest
 
 from cnc.api import run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.messages import Feedback
+from cnc.boards.grbl.messages import Feedback, Firmware
 from cnc.boards.grbl.operation import read_offsets
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
@@ -159,9 +159,12 @@ def test_inches_in_reports_do_not_scale_rotary_axes(four_axes, mask, reported):
 @pytest.mark.parametrize(
     ("info", "expected"),
     [
-        (BoardInfo("1.1f", hal=True, settings={13: "1", 376: "2"}), (25.4, 25.4, 25.4, 25.4, 1.0)),
-        (BoardInfo("1.1f", hal=True, settings={13: "1"}), (25.4, 25.4, 25.4, 25.4, 25.4)),
-        (BoardInfo("3.7", hal=False, fluid=True, settings={13: "1"}), (25.4, 25.4, 25.4, 1.0, 1.0)),
+        (
+            BoardInfo("1.1f", Firmware.HAL, settings={13: "1", 376: "2"}),
+            (25.4, 25.4, 25.4, 25.4, 1.0),
+        ),
+        (BoardInfo("1.1f", Firmware.HAL, settings={13: "1"}), (25.4, 25.4, 25.4, 25.4, 25.4)),
+        (BoardInfo("3.7", Firmware.FLUID, settings={13: "1"}), (25.4, 25.4, 25.4, 1.0, 1.0)),
     ],
 )
 def test_offsets_are_read_in_the_units_of_their_axes(info, expected):

@@ -112,6 +112,8 @@ def _unlock(core: Core) -> int:
     if core.state == "Alarm":
         if core.environment.door_open:
             return 13
+        if core.must_home and core.profile.name == "grblhal":
+            return 46
         core.say("[MSG:Caution: Unlocked]")
         core.state = "Idle"
     return 0

@@ -47,6 +47,10 @@ class FirmwareProfile:
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
         jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
+        lock_bit: Bit of ``$22`` with which a board that has not homed is locked when it starts.
+        lock_alarm: Number of the alarm that tells so at every start; None: a message only.
+        measured_speed: Whether status reports have the measured speed of the spindle as well.
+        error_texts: Whether errors are reported as text (``verbose_errors``).
         axes: Letters of the axes, in the order of their settings and reports.
         settings: The settings of a new board.
     """
@@ -74,8 +78,17 @@ class FirmwareProfile:
     sizes_reported: bool = True
     numbered_settings: bool = True
     jog_cancel_flushes: bool = False
+    lock_bit: int = 1
+    lock_alarm: int | None = None
+    measured_speed: bool = False
+    error_texts: bool = False
     axes: str = "XYZ"
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
+
+    @property
+    def printable_anywhere(self) -> bool:
+        """Whether ``?``, ``~`` and ``!`` are taken out of ``$`` commands, too (RT- of grblHAL)."""
+        return not any("RT-" in line for line in self.build_lines)
 
     def with_axes(self, letters: str) -> FirmwareProfile:
         """Return the firmware built for other axes. The settings of further ones are those of Z."""
@@ -130,6 +143,8 @@ GRBLHAL = FirmwareProfile(
     estop_alarm=10,
     codes=frozenset(("M6", "M7")),
     jog_cancel_flushes=True,
+    lock_bit=4,
+    lock_alarm=11,
     build_lines=(
         "[AXS:3:XYZ]",
         "[NEWOPT:ENUMS,RT+,TC]",
@@ -157,6 +172,7 @@ FLUIDNC = replace(
     ),
     sizes_reported=False,
     numbered_settings=False,
+    lock_alarm=14,
 )
 """FluidNC with its settings in a file of YAML, which senders cannot read by numbers."""
 

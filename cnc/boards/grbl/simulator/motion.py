@@ -335,6 +335,7 @@ def home(core: Core) -> Program:
         core.environment.offset = (shift[0], shift[1], shift[2])
         core.steppers.position = tuple(here)
         core.sync_position()
+    core.homed = True
     core.state = "Idle"
 
 

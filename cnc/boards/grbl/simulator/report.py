@@ -43,7 +43,10 @@ def status_report(core: Core) -> str:
         fields.append(f"Ln:{blocks[0].number}")
     rate = speed * 60.0 / (MM_PER_INCH if core.setting[13] else 1.0)
     feed = f"{rate:.1f}" if core.setting[13] else f"{rate:.0f}"
-    fields.append(f"FS:{feed},{core.rpm:.0f}" if core.profile.variable_spindle else f"F:{feed}")
+    measured = f",{core.rpm:.0f}" if core.profile.measured_speed else ""
+    fields.append(
+        f"FS:{feed},{core.rpm:.0f}{measured}" if core.profile.variable_spindle else f"F:{feed}"
+    )
     pins = _pins(core, position)
     if pins:
         fields.append(f"Pn:{pins}")
