@@ -104,7 +104,7 @@ class LineMachine:
         """Let the board home all axes."""
         self._homed = False
         home_by_board(self.board, self.machine, axes, control)
-        self._homed, self.board.restarted = True, False
+        self._homed = True
         self.board.link.refresh()
 
     def jog(self, move: JogMove, control: Control, on_report: Callable[[Readings], None]) -> None:

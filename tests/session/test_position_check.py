@@ -363,12 +363,6 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     assert LastPosition.read("the simulator") is None
 
 
-def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
-    (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
-    assert "own cycle" in fault.diagnostic.message
-    assert "cncrun home" in fault.diagnostic.hint
-
-
 def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
     control = Control()
