@@ -91,8 +91,8 @@ def restarted(line: int) -> BoardError:
 def locked(line: int) -> BoardError:
     """Return the fault of a board that was in alarm before the run."""
     hint = (
-        "home the machine with cncrun home or a program that begins with $H, or unlock the board "
-        "with $X if its position is right"
+        "home the machine (cncrun home, --home before the program, or a program that begins with "
+        "$H), or unlock the board with $X if its position is right"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
 
@@ -176,7 +176,8 @@ def not_grbl(name: str, received: Sequence[str]) -> BoardError:
         return board_error(
             "board-not-grbl",
             f"the device at {name} sends unreadable bytes: its baud rate is another one",
-            hint="GRBL 1.1 has 115200: give --baud 115200, or board.baud in the machine file",
+            hint="GRBL 1.1 has 115200, older ones 9600: give --baud, or board.baud in the machine "
+            "file",
         )
     if received:
         message = f"the board at {name} is not a GRBL board: it sends {received[0][:60]!r}"
@@ -184,6 +185,12 @@ def not_grbl(name: str, received: Sequence[str]) -> BoardError:
         return OtherFirmware(Diagnostic("board-not-grbl", message, hint=hint))
     hint = "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
     return board_error("no-answer", f"no board answers at {name}", hint=hint)
+
+
+def emergency(name: str) -> BoardError:
+    """Return the fault of a board that cannot start, because its emergency stop is pressed."""
+    message = f"the board at {name} does not start: its emergency stop is pressed"
+    return board_error("board-alarm", message, hint="release it, then start again")
 
 
 def silent(name: str) -> BoardError:

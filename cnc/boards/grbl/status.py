@@ -64,6 +64,11 @@ class Status:
         return self.state == "Alarm"
 
     @property
+    def emergency(self) -> bool:
+        """Whether the emergency stop of grblHAL is pressed."""
+        return self.locked and "E" in self.pins
+
+    @property
     def door(self) -> str:
         """How to go on after the safety door was opened; "" in other states."""
         if self.state != "Door":

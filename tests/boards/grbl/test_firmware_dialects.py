@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import pytest
 
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.executor.homing import home_by_board
+from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from tests.support.boards.grbl_rig import ROUTER, connected, fails, outcome, started
 from tests.support.boards.line_board_conformance import PREAMBLE
@@ -50,6 +52,21 @@ def test_grblhal_is_not_unlocked_before_it_has_homed() -> None:
     assert bench.reply("$H", 60.0) == "ok"
     assert not any("ALARM" in line for line in bench.send(b"\x18"))
     assert bench.reply("$X") == "ok"
+
+
+def test_a_pressed_emergency_stop_is_named() -> None:
+    """grblHAL greets, raises ALARM:10, and ignores each reset."""
+    board = GrblSimulator(GRBLHAL, environment=Environment(stop_pressed=True))
+    for _ in range(2):
+        with pytest.raises(BoardError) as caught:
+            connected(board)
+        assert caught.value.diagnostic.code == "board-alarm"
+        assert "emergency stop is pressed" in caught.value.diagnostic.message
+        assert board.now < 10.0
+    board.core.environment.stop_pressed = False
+    board.advance(board.now + 1.0)
+    board.read()
+    assert not connected(board).status.pins
 
 
 def test_grblhal_that_may_work_unhomed_is_not_locked() -> None:

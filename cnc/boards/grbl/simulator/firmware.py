@@ -101,6 +101,11 @@ class Firmware:
         yield BUSY
         if core.setting[21] and core.environment.tripped(core.position):
             core.say("[MSG:Check Limits]")
+        if core.environment.stop_pressed and core.profile.estop_alarm is not None:
+            core.state = "Alarm"
+            core.say(f"ALARM:{core.profile.estop_alarm}")
+            core.say("[MSG:Emergency stop - clear, then reset to continue]")
+            return
         if core.must_home and core.profile.lock_alarm is not None:
             core.say(f"ALARM:{core.profile.lock_alarm}")
         if core.state in ("Alarm", "Sleep"):

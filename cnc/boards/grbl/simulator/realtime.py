@@ -71,7 +71,7 @@ def _note_jog_cancel(core: Core) -> None:
 
 def reset(core: Core) -> None:
     """Switch outputs off and stop motion, with an alarm if there was motion (0x18)."""
-    if core.flags.reset:
+    if core.flags.reset or core.environment.stop_pressed:
         return
     core.flags.reset = True
     core.note("reset", core.state)

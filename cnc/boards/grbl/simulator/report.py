@@ -86,7 +86,9 @@ def _state(core: Core) -> str:
 def _pins(core: Core, position: Point) -> str:
     """Return the active inputs; limit switches are wired where hard limits or homing are on."""
     limits = core.environment.tripped(position) if core.setting[21] or core.setting[22] else ""
-    return "P" * core.environment.touches(position) + limits + "D" * core.environment.door_open
+    environment = core.environment
+    doors = "D" * environment.door_open + "E" * environment.stop_pressed
+    return "P" * environment.touches(position) + limits + doors
 
 
 def _accessories(core: Core) -> str:
