@@ -14,7 +14,7 @@ from cnc.boards.grbl.status import MM_PER_INCH, in_mm
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 
-ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
+ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HARD_LIMITS = 12, 11, 13, 20, 21
 TOOL_CHANGE_MODE = 341
 TOOL_CHANGES = {
     1: "it would lift the tool, and wait until you touch off ($341=1)",
@@ -23,6 +23,8 @@ TOOL_CHANGES = {
 }
 """Tool changes of grblHAL that also set the tool length, by ``$341``."""
 HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
+HOMING_CYCLES = range(44, 50)
+"""Settings of grblHAL: the axes of each part of its homing, masks."""
 ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
@@ -183,10 +185,10 @@ class BoardInfo:
         """Return the lowest and highest machine position of an axis, mm.
 
         Machine zero is the end of homing, at the top of the travel. With option Z it is the bottom
-        for axes that home downwards (``$23``).
+        for axes that home downwards (``$23``). An axis that does not home has no ends.
         """
         reach = self.axis(TRAVELS, column)
-        if reach is None:
+        if reach is None or not self.homes_axis(column):
             return None
         downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
         return (0.0, reach) if "Z" in self.options and downwards else (-reach, 0.0)
@@ -195,6 +197,27 @@ class BoardInfo:
     def homes(self) -> bool:
         """Whether the board homes the machine (``$22``)."""
         return self.number(HOMING) not in (None, 0.0)
+
+    def homes_axis(self, column: int) -> bool:
+        """Whether homing includes an axis: of grblHAL by its cycles, of other boards all."""
+        masks = [int(mask) for each in HOMING_CYCLES if (mask := self.number(each)) is not None]
+        return (
+            self.kind is not Firmware.HAL or not masks or any(mask >> column & 1 for mask in masks)
+        )
+
+    def limited_travel(self, column: int) -> tuple[float, float] | None:
+        """Return the lowest and highest position that the soft limits of the board allow, mm.
+
+        grblHAL keeps the pull-off from the switches where hard limits are on
+        ("limits_set_work_envelope" of its core).
+        """
+        travel = self.travel(column)
+        if travel is None or self.kind is not Firmware.HAL:
+            return travel
+        off = (self.number(PULL_OFF) or 0.0) if int(self.number(HARD_LIMITS) or 0) & 1 else 0.0
+        if "Z" not in self.options:
+            return travel[0] + off, travel[1] - off
+        return (travel[0], travel[1] - off) if travel[1] else (travel[0] + off, travel[1])
 
     @property
     def commands_above_ascii(self) -> bool:
@@ -244,11 +267,13 @@ class BoardInfo:
             return None
         return travel[1] - (0.0 if "Z" in self.options else self.number(PULL_OFF) or 0.0)
 
-    def homed(self, column: int) -> float:
-        """Return the machine position of an axis after homing, mm.
+    def homed(self, column: int, here: float) -> float:
+        """Return the machine position of an axis after homing, mm; ``here``: its present one.
 
         The axis rests the pull-off (``$27``) from its switch. With option Z that is machine zero.
         """
+        if not self.homes_axis(column):
+            return here
         if "Z" in self.options:
             return 0.0
         off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
@@ -296,7 +321,7 @@ class BoardInfo:
             return machine
         axes = dict(machine.axes)
         for column, letter in enumerate(machine.axes):
-            travel = self.travel(column)
+            travel = self.limited_travel(column)
             if travel is None:
                 continue
             own = axes[letter].travel or travel

@@ -50,6 +50,7 @@ class FirmwareProfile:
         lock_bit: Bit of ``$22`` with which a board that has not homed is locked when it starts.
         lock_alarm: Number of the alarm that tells so at every start; None: a message only.
         measured_speed: Whether status reports have the measured speed of the spindle as well.
+        reports_homing: Whether a status report is answered during homing.
         error_texts: Whether errors are reported as text (``verbose_errors``).
         axes: Letters of the axes, in the order of their settings and reports.
         settings: The settings of a new board.
@@ -81,6 +82,7 @@ class FirmwareProfile:
     lock_bit: int = 1
     lock_alarm: int | None = None
     measured_speed: bool = False
+    reports_homing: bool = False
     error_texts: bool = False
     axes: str = "XYZ"
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
@@ -152,7 +154,7 @@ GRBLHAL = FirmwareProfile(
         "[SIGNALS:HSEP]",
         "[DRIVER:simulator]",
     ),
-    settings=GRBL_SETTINGS | {TOOL_CHANGE_MODE: 0},
+    settings=GRBL_SETTINGS | {44: 4, 45: 3, 46: 0, TOOL_CHANGE_MODE: 0},
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
 
@@ -173,6 +175,7 @@ FLUIDNC = replace(
     sizes_reported=False,
     numbered_settings=False,
     lock_alarm=14,
+    reports_homing=True,
 )
 """FluidNC with its settings in a file of YAML, which senders cannot read by numbers."""
 

@@ -129,7 +129,10 @@ def _push_modes(core: Core) -> None:
 
 
 def _serve_homing(core: Core) -> None:
-    """Serve the door, the only command during homing."""
+    """Serve the door, and on FluidNC a status report: there is nothing else during homing."""
+    if core.flags.status and core.profile.reports_homing:
+        core.flags.status = False
+        core.say(status_report(core))
     if core.flags.door:
         core.flags.door = False
         core.stop_dead()
