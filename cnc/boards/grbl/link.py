@@ -262,9 +262,9 @@ class GrblLink:
         if self.info.kind is Firmware.HAL and not self.info.extensions:
             self.info.take(self._answers("$I+"))
         self.info.take(self._answers("$$") if self.info.fluid else self.ask("$$"))
+        self.info.take(self.ask("$#"))
         reader = self.protocol.status_reader
         reader.unit, reader.rotary = self.info.unit, self.info.rotary
-        self.info.take(self.ask("$#"))
         reader.axes = len(self.info.places.get("G54", ()))
         self.protocol.rx_bytes = self.info.rx_bytes
         self.refresh()

@@ -327,8 +327,8 @@ class GrblProtocol:
         return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
 
     def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
-        """Return whether feed and speed are as sent; the feed may be in inches."""
-        unit = self.status_reader.unit
+        """Return whether feed and speed are as sent; the feed may be in inches, not on FluidNC."""
+        unit = 1.0 if self._firmware is Firmware.FLUID else self.status_reader.unit
         for letter, value in expected.items():
             scale = unit if letter == "F" else 1.0
             if (

@@ -5,6 +5,7 @@ Source: "Grbl v1.1 Settings" and "Interface".
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -69,6 +70,7 @@ NAMES = {
 """Names of the settings."""
 LINEAR_AXES = 3
 """X, Y and Z."""
+_INCHES = re.compile(r"-?[0-9]+\.[0-9]{4}(?![0-9])")
 SMALLEST_RX = 32
 """Bytes of the smallest receive buffer that is believed."""
 
@@ -90,6 +92,7 @@ class BoardInfo:
         settings: Value of each setting as text, by number.
         places: G54 to G59, G28, G30 and G92, mm.
         tool_length: Along Z, mm.
+        four_decimals: Whether FluidNC reports inches: it has no ``$13``, but then four decimals.
     """
 
     version: str
@@ -104,6 +107,7 @@ class BoardInfo:
     settings: dict[int, str] = field(default_factory=dict)
     places: dict[str, tuple[float, ...]] = field(default_factory=dict)
     tool_length: float = 0.0
+    four_decimals: bool = False
 
     @property
     def firmware(self) -> str:
@@ -133,6 +137,7 @@ class BoardInfo:
             elif each.kind in ABOUT:
                 self.about.append(f"{each.kind}: {each.text}")
             elif each.kind in PLACES:
+                self.four_decimals = self.fluid and _INCHES.match(each.text) is not None
                 self.places[each.kind] = self._lengths(each.text)
             elif each.kind == "TLO":
                 # GRBL reports one number, grblHAL one for each axis.
@@ -144,7 +149,8 @@ class BoardInfo:
     @property
     def unit(self) -> float:
         """Unit of reported lengths and feeds in mm (``$13``)."""
-        return MM_PER_INCH if self.number(REPORT_INCHES) == 1 else 1.0
+        inches = self.four_decimals or self.number(REPORT_INCHES) == 1
+        return MM_PER_INCH if inches else 1.0
 
     @property
     def rotary(self) -> frozenset[int]:

@@ -111,6 +111,16 @@ def test_commands_above_ascii_where_printable_ones_are_not_heard_everywhere() ->
     assert bench.simulator.core.state == "Idle"
 
 
+@pytest.mark.parametrize("axes", ["XYZ", "XYZA"])
+def test_fluidnc_may_report_inches(axes: str) -> None:
+    """``report_inches: true`` has no number; the feed of ``$G`` stays in mm."""
+    simulator = GrblSimulator(FLUIDNC.with_axes(axes), settings=ROUTER | {13: 1.0})
+    board = started(simulator)
+    assert outcome(board, [PREAMBLE, *MOVES, "G1 X7.5 Y3 F600"]) is None
+    assert board.position == pytest.approx(simulator.position[:3], abs=0.003)
+    assert board.position[0] == pytest.approx(7.5, abs=0.01)
+
+
 def test_an_error_of_fluidnc_may_be_a_text() -> None:
     """``verbose_errors: true`` in config.yaml."""
     simulator = GrblSimulator(replace(FLUIDNC, error_texts=True), settings=ROUTER)

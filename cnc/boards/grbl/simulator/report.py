@@ -100,9 +100,9 @@ def parser_state(core: Core) -> str:
     """Return the answer to ``$G``."""
     modes = core.modes
     coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
-    # All reported numbers follow $13 (settings.md).
+    # All reported numbers follow $13 (settings.md); FluidNC leaves the feed in mm.
     inches = bool(core.setting[13])
-    feed = modes.feed / (MM_PER_INCH if inches else 1.0)
+    feed = modes.feed / (MM_PER_INCH if inches and core.profile.name != "fluidnc" else 1.0)
     words = f"{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance}"
     values = f"T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}"
     return f"[GC:{words} {modes.feed_mode} {modes.spindle} {coolant} {values}]"
