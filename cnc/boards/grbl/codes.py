@@ -260,7 +260,7 @@ STARTUP_ALARMS = {
 }
 """Alarms that a board raises when it starts and has to be homed or unlocked first.
 
-A grblHAL that greets as GRBL (compatibility level above 0) is taken for GRBL, which has no 11.
+GRBL has no 11, but grblHAL may greet as GRBL (compatibility level above 0).
 """
 ABRUPT = {
     Firmware.GRBL: frozenset((1, 3)),

@@ -246,10 +246,8 @@ class GrblLink:
         return self._identify(wait_for_welcome(self))
 
     def _identify(self, welcome: Welcome) -> None:
-        version = tuple(
-            int(part)
-            for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2]
-        )
+        digits = welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz")
+        version = tuple(int(part) for part in digits.split(".")[:2])
         if welcome.firmware is Firmware.GRBL and (
             version < OLDEST_VERSION or version[0] > OLDEST_VERSION[0]
         ):
@@ -259,8 +257,9 @@ class GrblLink:
         # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
         self.info.take(self.ask("$I"))
-        if self.info.kind is Firmware.HAL and not self.info.extensions:
+        if self.info.may_be_hal and not self.info.extensions:
             self.info.take(self._answers("$I+"))
+        self.protocol.firmware = self.info.kind
         self.info.take(self._answers("$$") if self.info.fluid else self.ask("$$"))
         self.info.take(self.ask("$#"))
         reader = self.protocol.status_reader

@@ -134,6 +134,10 @@ class GrblProtocol:
 
     The bytes that :meth:`send`, :meth:`mark` and :meth:`reset` return must be written at once, in
     that order.
+
+    Attributes:
+        firmware: The firmware: by its welcome, or by its answers if it is grblHAL that greets as
+            GRBL.
     """
 
     def __init__(self) -> None:
@@ -148,7 +152,7 @@ class GrblProtocol:
         self._since_mark = 0
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
-        self._firmware = Firmware.GRBL
+        self.firmware = Firmware.GRBL
         self._starting = False
 
     def begin_program(self) -> None:
@@ -273,12 +277,14 @@ class GrblProtocol:
             status = self.status_reader.read(message.text)
             return Other(f"<{message.text}>") if status is None else Reported(status)
         if isinstance(message, Alarm):
-            if self._starting and message.code in STARTUP_ALARMS[self._firmware]:
+            if self._starting and message.code in STARTUP_ALARMS[self.firmware]:
                 return Feedback("ALARM", str(message.code))
             self.state = AFTER_ALARM[self.state]
             return Alarmed(message.code, self.oldest)
         if isinstance(message, Welcome):
-            self._firmware, self._starting = message.firmware, True
+            self._starting = True
+            if message.firmware is not Firmware.GRBL:
+                self.firmware = message.firmware
             expected = self.state is not State.READY
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
@@ -322,13 +328,13 @@ class GrblProtocol:
                 if self._as_expected(oldest.expected or {}, reported)
                 else self._lost(oldest.line)
             )
-        if self._firmware is not Firmware.GRBL:
+        if self.firmware is not Firmware.GRBL:
             return None
         return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
 
     def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
         """Return whether feed and speed are as sent; the feed may be in inches, not on FluidNC."""
-        unit = 1.0 if self._firmware is Firmware.FLUID else self.status_reader.unit
+        unit = 1.0 if self.firmware is Firmware.FLUID else self.status_reader.unit
         for letter, value in expected.items():
             scale = unit if letter == "F" else 1.0
             if (

@@ -71,6 +71,8 @@ NAMES = {
 LINEAR_AXES = 3
 """X, Y and Z."""
 _INCHES = re.compile(r"-?[0-9]+\.[0-9]{4}(?![0-9])")
+_HAL_BUILD = re.compile(r"1\.1f\.20(?:19|[2-9][0-9])")
+"""Builds of grblHAL, and of few others. GRBL was 1.1h by then."""
 SMALLEST_RX = 32
 """Bytes of the smallest receive buffer that is believed."""
 
@@ -113,6 +115,12 @@ class BoardInfo:
     def firmware(self) -> str:
         """Name and version."""
         return f"{self.kind.value} {self.version}"
+
+    @property
+    def may_be_hal(self) -> bool:
+        """Whether it is grblHAL, which greets as GRBL with a compatibility level above 0."""
+        hal = self.kind is Firmware.HAL
+        return hal or (self.kind is Firmware.GRBL and bool(_HAL_BUILD.match(self.build)))
 
     @property
     def fluid(self) -> bool:

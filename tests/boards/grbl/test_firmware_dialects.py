@@ -10,9 +10,16 @@ from dataclasses import replace
 
 import pytest
 
+from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop
-from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL, FirmwareProfile
+from cnc.boards.grbl.simulator.firmware_profile import (
+    FLUIDNC,
+    GRBL,
+    GRBLHAL,
+    GRBLHAL_AS_GRBL,
+    FirmwareProfile,
+)
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.executor.homing import home_by_board
 from cnc.model.diagnostics import BoardError
@@ -23,7 +30,7 @@ from tests.support.boards.simulator_bench import HOMING, Bench
 
 LOCKED = HOMING | {22: 7.0}
 """grblHAL is locked until it has homed (bit 2 of ``$22``)."""
-MUST_HOME = [(GRBLHAL, LOCKED), (FLUIDNC, HOMING)]
+MUST_HOME = [(GRBLHAL, LOCKED), (GRBLHAL_AS_GRBL, LOCKED), (FLUIDNC, HOMING)]
 WITHOUT_PRINTABLE = replace(
     GRBLHAL,
     build_lines=tuple(line.replace("RT+", "RT-") for line in GRBLHAL.build_lines),
@@ -82,12 +89,21 @@ def test_the_measured_speed_of_the_spindle_is_no_damage() -> None:
     assert "FS:0,0,0" in Bench(replace(GRBLHAL, measured_speed=True)).send("?", 0.1)[0]
 
 
-def test_modes_that_grblhal_reports_unasked_are_no_lost_line() -> None:
+@pytest.mark.parametrize("profile", [GRBLHAL, GRBLHAL_AS_GRBL])
+def test_modes_that_grblhal_reports_unasked_are_no_lost_line(profile: FirmwareProfile) -> None:
     """Bit 9 of ``$10``: ``[GC:`` follows each status report if the modes have changed."""
-    simulator = GrblSimulator(GRBLHAL, settings=ROUTER | {10: 513.0})
+    simulator = GrblSimulator(profile, settings=ROUTER | {10: 513.0})
     board = started(simulator)
+    assert (board.info.kind, board.info.letters) == (Firmware.HAL, "XYZ")
     assert outcome(board, [PREAMBLE, *MOVES]) is None
     assert simulator.core.pushed_modes
+
+
+def test_another_firmware_with_such_a_build_stays_grbl() -> None:
+    """It refuses ``$I+``."""
+    board = started(GrblSimulator(replace(GRBL, version="1.1f.20191224"), settings=ROUTER))
+    assert board.info.kind is Firmware.GRBL
+    assert outcome(board, [PREAMBLE, *MOVES]) is None
 
 
 @pytest.mark.parametrize("profile", [GRBLHAL, FLUIDNC])

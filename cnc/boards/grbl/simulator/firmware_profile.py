@@ -44,6 +44,7 @@ class FirmwareProfile:
         max_step_rate_hz: Highest step rate that settings may need; None: not checked, as in GRBL.
         build_lines: Additional lines of the answer to ``$I``.
         start_messages: Lines before the welcome.
+        short_info: Whether the answer to ``$I`` has two lines, and ``$I+`` has all.
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
         jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
@@ -76,6 +77,7 @@ class FirmwareProfile:
     max_step_rate_hz: float | None = None
     build_lines: tuple[str, ...] = ()
     start_messages: tuple[str, ...] = ()
+    short_info: bool = False
     sizes_reported: bool = True
     numbered_settings: bool = True
     jog_cancel_flushes: bool = False
@@ -157,6 +159,9 @@ GRBLHAL = FirmwareProfile(
     settings=GRBL_SETTINGS | {44: 4, 45: 3, 46: 0, TOOL_CHANGE_MODE: 0},
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
+
+GRBLHAL_AS_GRBL = replace(GRBLHAL, banner="Grbl 1.1f ['$' for help]", short_info=True)
+"""grblHAL with a compatibility level of 1."""
 
 FLUIDNC = replace(
     GRBL,

@@ -142,7 +142,12 @@ def startup_lines(core: Core) -> list[str]:
 
 
 def build_info(core: Core) -> list[str]:
-    """Return the answer to ``$I``: version, options with the sizes of both buffers."""
+    """Return the answer to ``$I``."""
+    return extended_info(core)[: 2 if core.profile.short_info else None]
+
+
+def extended_info(core: Core) -> list[str]:
+    """Return the answer to ``$I+``: version, options with the sizes of both buffers, more lines."""
     profile = core.profile
     sizes = f",{profile.planner_blocks},{profile.rx_reported}" if profile.sizes_reported else ""
     more = f",{len(profile.axes)},0" if profile.name == "grblhal" else ""
