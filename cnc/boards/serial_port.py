@@ -221,8 +221,10 @@ def identity(name: str) -> str:
         return f"usb {name.removeprefix(BY_NUMBER)}"
     from serial.tools.list_ports import comports
 
-    port = os.path.realpath(name) if os.path.exists(name) else name
-    number = next((each.serial_number for each in comports() if each.device == port), None)
+    # Windows does not distinguish com3 and COM3.
+    port = os.path.normcase(os.path.realpath(name) if os.path.exists(name) else name)
+    devices = ((os.path.normcase(each.device), each.serial_number) for each in comports())
+    number = next((number for device, number in devices if device == port), None)
     if number:
         return f"usb {number}"
     if port.startswith("/dev/pts/") and os.path.exists(port):

@@ -271,7 +271,7 @@ class _Homing:
 
 
 def home(
-    board: PulseSink | LineSink,
+    board: PulseSink,
     machine: Machine,
     axes: Sequence[str],
     start: NDArray[np.float64],
@@ -301,10 +301,6 @@ def home(
         BoardError: The board failed. The position of the current axis is lost.
         HomingStopped: ``control`` stopped the homing.
     """
-    if isinstance(board, LineSink):
-        message = "a GRBL board homes by its own cycle, and not with --home"
-        hint = "home it with cncrun home before, or begin the program with $H"
-        raise UsageError(Diagnostic("no-switches", message, hint=hint))
     if not isinstance(board, HasLimitSwitches):
         message = "this board has no limit switches for homing"
         hint = "name the board that has them with --board"

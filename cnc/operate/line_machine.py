@@ -94,7 +94,7 @@ class LineMachine:
         for event in link.pump(POLL_FAST, 2 * POLL_FAST):
             if isinstance(event, Alarmed):
                 self._homed = False
-                raise faults.alarmed(event.code, 0, hal=self.board.info.hal)
+                raise faults.alarmed(event.code, 0, self.board.info.kind)
             if isinstance(event, Started):
                 self._homed = False
                 self.board.restarted = True
@@ -104,7 +104,7 @@ class LineMachine:
         """Let the board home all axes."""
         self._homed = False
         home_by_board(self.board, self.machine, axes, control)
-        self._homed, self.board.restarted = True, False
+        self._homed = True
         self.board.link.refresh()
 
     def jog(self, move: JogMove, control: Control, on_report: Callable[[Readings], None]) -> None:

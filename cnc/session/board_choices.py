@@ -50,7 +50,8 @@ def adopt_board(context: SessionContext, board: LineSink) -> None:
     context.report.check_only, context.report.planned_by_board = board.check_only, True
     reader = context.reader
     reader.machine = board.limited_to_board(reader.machine)
-    reader.start = np.array(board.position)
+    homes = context.options.home and not board.check_only
+    reader.start = np.array(board.homed_position if homes else board.position)
     reader.homed = board.homed_position
     reader.ceiling = board.ceiling
     reader.saved.adopt(board_parameters(board, reader.machine))

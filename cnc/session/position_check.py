@@ -148,9 +148,8 @@ class PositionCheck:
             message += ", and the motors may have lost steps then"
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
-            return Diagnostic(
-                "position-lost", message, hint=f"home the machine with cncrun home; {trust}"
-            )
+            hint = f"home the machine with cncrun home, or with --home before the program; {trust}"
+            return Diagnostic("position-lost", message, hint=hint)
         return Diagnostic(
             "position-lost",
             message,
@@ -175,7 +174,7 @@ def home_by_board(
     ended = "broken off"
     try:
         homing.home_by_board(board, axes, control)
-        ended = "end"
+        board.restarted, ended = False, "end"
     except BoardError as error:
         ended = error.diagnostic.code
         # No program has this line.

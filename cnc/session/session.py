@@ -10,6 +10,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cnc.boards.comparison import ComparesItself
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import empty_program, step_rate
@@ -200,7 +202,8 @@ class Session:
             locate(context, board)
         if isinstance(board, ComparesItself):
             self._warn(board.unlike(report.machine))
-        if isinstance(board, LineSink):
+        homes = isinstance(board, LineSink) and context.options.home and not board.check_only
+        if isinstance(board, LineSink) and not homes:
             record.check_position(board)
         reader.begin_at(context.options.from_line)
         check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
@@ -216,6 +219,9 @@ class Session:
             self._cut_stock(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
+        if isinstance(board, LineSink) and homes:
+            self._home_by_board(board)
+            record.check_position(board)
         control = context.observer.control
         overrides = control.feed_override, float(control.rapid_override)
         timing = self._write_lines(board, capabilities)
@@ -328,10 +334,28 @@ class Session:
             )
         return timing
 
+    def _home_by_board(self, board: LineSink) -> None:
+        """Let a GRBL board home the machine; the program begins where it stands then.
+
+        Raises:
+            BoardError, HomingStopped: As :func:`cnc.session.position_check.home_by_board`.
+        """
+        from cnc.session.position_check import home_by_board
+
+        reader = self._context.reader
+        log.info("homing")
+        home_by_board(board, reader.machine, (), self._context.observer.control)
+        reader.start = np.array(board.position)
+        reader.begin_at(self._context.options.from_line)
+
     def _begin_motion(self, board: Board, record: RunRecord) -> None:
-        """Home the machine if requested, and begin the records. Raises HomingStopped."""
+        """Home the machine on a pulse board if requested, and begin the records.
+
+        Raises:
+            BoardError, HomingStopped: As :func:`cnc.executor.homing.home`.
+        """
         context = self._context
-        if context.options.home:
+        if context.options.home and isinstance(board, PulseSink):
             from cnc.executor.homing import home
 
             log.info("homing")

@@ -11,6 +11,7 @@ import pytest
 from cnc.api import check
 from cnc.boards import discovery
 from cnc.boards.discovery import FoundBoard, port_report
+from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -68,7 +69,7 @@ def test_the_output_is_a_machine_file(capsys: pytest.CaptureFixture[str], tmp_pa
 
 def test_missing_settings_are_an_error() -> None:
     with pytest.raises(BoardError) as caught:
-        machine_file("COM3", BoardInfo("1.1h", hal=False), 115200)
+        machine_file("COM3", BoardInfo("1.1h", Firmware.GRBL), 115200)
     assert caught.value.diagnostic.code == "board-settings"
 
 
@@ -76,7 +77,7 @@ def described(**settings: float) -> BoardInfo:
     """Return a board with changed settings, each as S22=1.0."""
     changed = {int(name[1:]): value for name, value in settings.items()}
     values = {number: str(value) for number, value in (SETTINGS | changed).items()}
-    return BoardInfo("1.1h", hal=False, settings=values)
+    return BoardInfo("1.1h", Firmware.GRBL, settings=values)
 
 
 def test_a_machine_that_does_not_home_has_no_travel(tmp_path: Path) -> None:
@@ -97,7 +98,7 @@ def test_laser_mode_makes_the_machine_a_laser(laser_mode: float, kind: str, tmp_
 def test_names_are_quoted(tmp_path: Path) -> None:
     info = BoardInfo(
         '1.1h"\n[axes',
-        hal=True,
+        Firmware.HAL,
         settings={number: str(value) for number, value in SETTINGS.items()},
     )
     machine = loaded(machine_file('C:\\x"', info, 9600), tmp_path)

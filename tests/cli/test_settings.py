@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.setting_changes import changes, differing, expected_by, names_of, parsed
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
@@ -99,7 +100,7 @@ def test_a_damaged_file_is_refused_with_its_line() -> None:
 
 
 def test_texts_and_numbers_are_compared() -> None:
-    info = BoardInfo("1.1f", hal=True, settings={110: "500.000", 70: "grblHAL"})
+    info = BoardInfo("1.1f", Firmware.HAL, settings={110: "500.000", 70: "grblHAL"})
     assert changes(info, {110: "500", 70: "grblHAL"}) == []
     assert [each.number for each in changes(info, {110: "501", 70: "mill"})] == [110, 70]
 
@@ -107,15 +108,15 @@ def test_texts_and_numbers_are_compared() -> None:
 def test_travel_is_compared_where_the_board_homes() -> None:
     machine = load_machine("grbl-uno")
     settings = {100: "250", 110: "500", 120: "10", 130: "1", 32: "0"}
-    at_rest = BoardInfo("1.1h", hal=False, settings=settings | {22: "0"})
-    homes = BoardInfo("1.1h", hal=False, settings=settings | {22: "1"})
+    at_rest = BoardInfo("1.1h", Firmware.GRBL, settings=settings | {22: "0"})
+    homes = BoardInfo("1.1h", Firmware.GRBL, settings=settings | {22: "1"})
     assert 130 not in differing(at_rest, expected_by(machine, at_rest))
     assert 130 in differing(homes, expected_by(machine, homes))
 
 
 def test_grblhal_names_its_own_settings() -> None:
     class Link:
-        info = BoardInfo("1.1f", hal=True, extensions=frozenset(("ENUMS",)))
+        info = BoardInfo("1.1f", Firmware.HAL, extensions=frozenset(("ENUMS",)))
 
         def ask(self, command: str, patience: float):
             from cnc.boards.grbl.messages import message

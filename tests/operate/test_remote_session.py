@@ -99,7 +99,7 @@ def test_a_process_that_dies_fails_what_waits_and_is_replaced(remote):
     with pytest.raises(UsageError, match="not-connected"):
         remote.ask(OperatorSession.mdi, "G0 X0").result(HANG)
     assert remote.process_id != before
-    assert remote.history[0] == "G0 X0"
+    wait_until(lambda: remote.history[:1] == ["G0 X0"])
     connect(remote)
     assert remote.state.board == "loopback"
 

@@ -246,7 +246,7 @@ def test_the_audit_finds_a_jump_at_a_timed_piece():
 
 
 @pytest.mark.parametrize("room", [0.1, 0.0])
-def test_an_overshoot_never_leaves_the_travel(tmp_path, room):
+def test_a_motion_past_a_corner_never_leaves_the_travel(tmp_path, room):
     # Both ramps run past a corner between two axes by up to the tolerance. At the end of the travel
     # of either axis they must not.
     jerks = {"x": 244.5, "z": 219.9}

@@ -27,9 +27,9 @@ def test_a_program_beyond_31_years_is_refused_at_its_line(tmp_path):
 
 
 @pytest.mark.parametrize("traced", [False, True])
-def test_the_step_deviation_keeps_its_limit_where_ramps_overlap(tmp_path, traced):
-    # Without a limit of the tangential jerk, the ramps to and from a hairpin overlap. The chord of
-    # a sample across it is far shorter than the sum of both ramps.
+def test_the_step_deviation_keeps_its_limit_where_a_corner_is_passed(tmp_path, traced):
+    # Without a limit of the tangential jerk the motion passes the stop at a hairpin. The chord of a
+    # sample across it is far shorter than the way.
     limits = {
         "max_tangential_acceleration": None,
         "max_normal_acceleration": None,

@@ -1,13 +1,15 @@
 """The error and alarm codes of GRBL: their meanings, and advice.
 
 Sources: "Grbl v1.1 Interface" (tables of error and alarm codes, csv files), grblHAL's list (its
-``$EE`` and ``$EA``). grblHAL shares errors up to 37 and alarms up to 9. Its higher codes have other
-meanings.
+``$EE`` and ``$EA``), FluidNC's (``$E``; Error.h and Protocol.cpp of its sources). grblHAL and
+FluidNC share errors up to 37 and alarms up to 9. Their higher codes have other meanings.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+from cnc.boards.grbl.messages import Firmware
 
 
 class Meaning(NamedTuple):
@@ -25,6 +27,7 @@ _LINK = (
     "bytes may have been lost: use a shorter USB cable without a hub, away from the spindle cable"
 )
 _SET = "correct the board's setting: cncrun boards lists the settings"
+_YAML = "correct config.yaml; the board's messages at its start name the fault"
 
 ERRORS: dict[int, Meaning] = {
     1: Meaning("a word does not begin with a letter", _LINK),
@@ -141,6 +144,36 @@ ERRORS_HAL: dict[int, Meaning] = {
 }
 """Errors of grblHAL that differ from GRBL's, or that GRBL lacks."""
 
+ERRORS_FLUID: dict[int, Meaning] = {
+    5: Meaning("this is switched off in the board's configuration", _YAML),
+    18: Meaning("no axis homes", "give the axes a homing cycle in config.yaml, or remove $H"),
+    19: Meaning("the board does not home single axes", "home all axes"),
+    38: Meaning("a number is too large for the board", "use a smaller number"),
+    39: Meaning("a P word is too large for the board", "use a smaller P number"),
+    40: Meaning("a control input is active", "release the button, then reset the board"),
+    60: Meaning("the memory card can't be mounted", "check the card"),
+    61: Meaning("a file on the board can't be read", "check the card"),
+    62: Meaning("a folder on the board can't be opened", "check the card"),
+    63: Meaning("there is no such folder on the board", "check the card"),
+    64: Meaning("a file on the board is empty", "check the card"),
+    65: Meaning("there is no such file on the board", "check the card"),
+    66: Meaning("a file on the board can't be opened", "check the card"),
+    67: Meaning("the board's file system is busy", "wait for the end of its job"),
+    80: Meaning("a setting is out of range", _SET),
+    81: Meaning("a setting has an invalid value", _SET),
+    110: Meaning("the board needs a password", "log in first"),
+    120: Meaning(
+        "the board has a job from another connection",
+        "end the job of the memory card or of the web page, then start again",
+    ),
+    130: Meaning("the jog was cancelled", "jog again"),
+    150: Meaning("a pin in the board's configuration is invalid", _YAML),
+    151: Meaning("the board does not have that setting", _YAML),
+    152: Meaning("the board's configuration is invalid", _YAML),
+    162: Meaning("that setting can't be changed", _YAML),
+}
+"""Errors of FluidNC that differ from GRBL's, or that GRBL lacks."""
+
 _HOME = "remove the cause, then home the machine; its position is lost"
 
 ALARMS: dict[int, Meaning] = {
@@ -198,37 +231,76 @@ ALARMS_HAL: dict[int, Meaning] = {
 """Alarms that GRBL lacks, or that differ from GRBL's."""
 
 
-ABRUPT = frozenset((1, 3))
-ABRUPT_HAL = ABRUPT | {10, 17}
+ALARMS_FLUID: dict[int, Meaning] = {
+    10: Meaning("the spindle did not reach its speed in time", "check the spindle and its drive"),
+    11: Meaning(
+        "a control input is active",
+        "release the button, or correct its pin in config.yaml, then start again",
+    ),
+    12: Meaning(
+        "a limit switch is active, and homing can't tell which end it is",
+        "move the axis off its switch by hand, then home again",
+    ),
+    13: Meaning("the board was stopped by its emergency stop or a fault input", _HOME),
+    14: Meaning("the machine has to be homed first", "home it ($H)"),
+    15: Meaning(
+        "the board is locked after its start",
+        "home the machine ($H), or unlock it ($X) if its position is known to be right",
+    ),
+}
+"""Alarms that GRBL lacks, or that differ from GRBL's."""
+
+OWN_ERRORS = {Firmware.HAL: ERRORS_HAL, Firmware.FLUID: ERRORS_FLUID}
+OWN_ALARMS = {Firmware.HAL: ALARMS_HAL, Firmware.FLUID: ALARMS_FLUID}
+
+STARTUP_ALARMS = {
+    Firmware.GRBL: frozenset((11,)),
+    Firmware.HAL: frozenset((11,)),
+    Firmware.FLUID: frozenset((14, 15)),
+}
+"""Alarms that a board raises when it starts and has to be homed or unlocked first.
+
+GRBL has no 11, but grblHAL may greet as GRBL (compatibility level above 0).
+"""
+ABRUPT = {
+    Firmware.GRBL: frozenset((1, 3)),
+    Firmware.HAL: frozenset((1, 3, 10, 17)),
+    Firmware.FLUID: frozenset((1, 3, 13)),
+}
 """Alarms that stop the motors during a move, without a ramp."""
-NOT_HOMED = frozenset((6, 7, 8, 9, 10))
-NOT_HOMED_HAL = frozenset((6, 7, 8, 9, 11, 15, 18))
+NOT_HOMED = {
+    Firmware.GRBL: frozenset((6, 7, 8, 9, 10)),
+    Firmware.HAL: frozenset((6, 7, 8, 9, 11, 15, 18)),
+    Firmware.FLUID: frozenset((6, 7, 8, 9, 12, 14)),
+}
 """Alarms of a homing cycle that did not reach its end, or that is due."""
 
 
-def stops_motors(code: int, *, hal: bool) -> bool:
+def stops_motors(code: int, firmware: Firmware) -> bool:
     """Return whether ``ALARM:code`` stops the motors during a move, without a ramp."""
-    return code in (ABRUPT_HAL if hal else ABRUPT)
+    return code in ABRUPT[firmware]
 
 
-def loses_position(code: int, *, hal: bool) -> bool:
+def loses_position(code: int, firmware: Firmware) -> bool:
     """Return whether the reported position is unreliable after ``ALARM:code``."""
-    return stops_motors(code, hal=hal) or code in (NOT_HOMED_HAL if hal else NOT_HOMED)
+    return code in ABRUPT[firmware] | NOT_HOMED[firmware]
 
 
-def error_meaning(code: int, *, hal: bool) -> Meaning:
-    """Return the meaning of ``error:code``; ``hal``: of grblHAL."""
-    own = ERRORS_HAL.get(code) if hal else None
-    return own or ERRORS.get(code) or Meaning("this code is not known", _ask("$EE", "error", hal))
+def error_meaning(code: int, firmware: Firmware) -> Meaning:
+    """Return the meaning of ``error:code``."""
+    own = OWN_ERRORS.get(firmware, {}).get(code)
+    return own or ERRORS.get(code) or Meaning("this code is not known", _ask(firmware, "error"))
 
 
-def alarm_meaning(code: int, *, hal: bool) -> Meaning:
-    """Return the meaning of ``ALARM:code``; ``hal``: of grblHAL."""
-    own = ALARMS_HAL.get(code) if hal else None
-    return own or ALARMS.get(code) or Meaning("this code is not known", _ask("$EA", "alarm", hal))
+def alarm_meaning(code: int, firmware: Firmware) -> Meaning:
+    """Return the meaning of ``ALARM:code``."""
+    own = OWN_ALARMS.get(firmware, {}).get(code)
+    return own or ALARMS.get(code) or Meaning("this code is not known", _ask(firmware, "alarm"))
 
 
-def _ask(command: str, kind: str, hal: bool) -> str:
-    if hal:
+def _ask(firmware: Firmware, kind: str) -> str:
+    """Return where the codes of a firmware are listed; ``kind``: error or alarm."""
+    commands = {Firmware.HAL: f"$E{kind[0].upper()}", Firmware.FLUID: f"${kind[0].upper()}"}
+    if command := commands.get(firmware):
         return f"send {command} to the board for its own list of codes"
     return f"look up the {kind} code in the manual of the board's firmware"

@@ -174,7 +174,8 @@ class GrblBoard:
     @property
     def homed_position(self) -> tuple[float, ...]:
         """Machine position of each axis of the machine after homing, mm, by the settings."""
-        return tuple(self.info.homed(column) for column in self._columns)
+        each = zip(self._columns, self.position, strict=True)
+        return tuple(self.info.homed(column, here) for column, here in each)
 
     @property
     def holds(self) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cnc.boards.grbl.line_kinds import Kind
-from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
+from cnc.boards.grbl.messages import Feedback, Other, Reply, Setting, Welcome
 from cnc.boards.grbl.status import Status
 
 
@@ -47,7 +47,7 @@ class Rejected:
     """The board refused a line."""
 
     sent: SentLine
-    code: int
+    reply: Reply
 
 
 @dataclass(frozen=True, slots=True)

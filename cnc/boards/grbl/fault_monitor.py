@@ -25,6 +25,7 @@ from cnc.boards.grbl.events import (
     UnexpectedReply,
 )
 from cnc.boards.grbl.liveness import LivenessMonitor
+from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
 from cnc.boards.grbl.protocol import GrblProtocol, State
 from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
@@ -65,7 +66,7 @@ class FaultMonitor:
         self._protocol = protocol
         self._ahead = AHEAD
         self._moves = False
-        self._hal = False
+        self._firmware = Firmware.GRBL
         self._without_alarm = False
         self._busy_at = 0.0
 
@@ -104,7 +105,7 @@ class FaultMonitor:
         self.liveness.begin(now)
         self._ahead = max(AHEAD, SPARE_AHEAD + info.braking_s())
         self._moves = moves
-        self._hal = info.hal
+        self._firmware = info.kind
         self._without_alarm = self.doubtful = False
         self._busy_at = now
 
@@ -137,13 +138,13 @@ class FaultMonitor:
             case Reported(status):
                 self.liveness.reported(status, now)
                 return self._fault_in_status(status, now)
-            case Rejected(sent, code):
-                return faults.refused(code, sent.text, sent.line or line, hal=self._hal)
+            case Rejected(sent, reply):
+                return faults.refused(reply, sent.text, sent.line or line, self._firmware)
             case Alarmed(code, sent):
-                if sent is None or stops_motors(code, hal=self._hal):
-                    return faults.alarmed(code, self.tracker.line or line, hal=self._hal)
+                if sent is None or stops_motors(code, self._firmware):
+                    return faults.alarmed(code, self.tracker.line or line, self._firmware)
                 probing = sent.kind == "probe"
-                return faults.alarmed(code, sent.line or line, hal=self._hal, probing=probing)
+                return faults.alarmed(code, sent.line or line, self._firmware, probing=probing)
             case Started():
                 return faults.restarted(line)
             case Lost(after, until):
@@ -165,7 +166,7 @@ class FaultMonitor:
             self._without_alarm = True
         elif self._without_alarm:
             if status.phase > 0:
-                return faults.alarmed(status.phase, line, hal=self._hal)
+                return faults.alarmed(status.phase, line, self._firmware)
             return faults.alarmed_unheard(line)
         if status.position is None or status.state not in TRACKED_STATES or not self._moves:
             return None

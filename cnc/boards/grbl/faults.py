@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.codes import alarm_meaning, error_meaning
+from cnc.boards.grbl.messages import Firmware, Reply
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -27,21 +28,22 @@ _PASS_ON_LESS = (
 )
 
 
-def refused(code: int, text: str, line: int, *, hal: bool) -> BoardError:
-    """Return the fault of a line that the board refuses with ``error:code``."""
-    meaning = error_meaning(code, hal=hal)
+def refused(reply: Reply, text: str, line: int, firmware: Firmware) -> BoardError:
+    """Return the fault of a line that the board refuses with an error."""
+    meaning = error_meaning(reply.error, firmware)
     hint = _PASS_ON_LESS if _PASSED_ON.fullmatch(text.strip()) else meaning.advice
+    shown = f"error: {reply.text}" if reply.text else f"error:{reply.error}: {meaning.fault}"
     return board_error(
         "board-error",
-        f"the board refuses {text!r} with error:{code}: {meaning.fault}",
+        f"the board refuses {text!r} with {shown}",
         line=line,
         hint=hint,
     )
 
 
-def alarmed(code: int, line: int, *, hal: bool, probing: bool = False) -> BoardError:
+def alarmed(code: int, line: int, firmware: Firmware, *, probing: bool = False) -> BoardError:
     """Return the fault of ``ALARM:code``; ``probing``: during a probing move."""
-    meaning = alarm_meaning(code, hal=hal)
+    meaning = alarm_meaning(code, firmware)
     name = "probe-no-contact" if probing and code in PROBE_ALARMS else "board-alarm"
     return board_error(
         name,
@@ -89,8 +91,8 @@ def restarted(line: int) -> BoardError:
 def locked(line: int) -> BoardError:
     """Return the fault of a board that was in alarm before the run."""
     hint = (
-        "home the machine with cncrun home or a program that begins with $H, or unlock the board "
-        "with $X if its position is right"
+        "home the machine (cncrun home, --home before the program, or a program that begins with "
+        "$H), or unlock the board with $X if its position is right"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
 
@@ -174,7 +176,8 @@ def not_grbl(name: str, received: Sequence[str]) -> BoardError:
         return board_error(
             "board-not-grbl",
             f"the device at {name} sends unreadable bytes: its baud rate is another one",
-            hint="GRBL 1.1 has 115200: give --baud 115200, or board.baud in the machine file",
+            hint="GRBL 1.1 has 115200, older ones 9600: give --baud, or board.baud in the machine "
+            "file",
         )
     if received:
         message = f"the board at {name} is not a GRBL board: it sends {received[0][:60]!r}"
@@ -182,6 +185,12 @@ def not_grbl(name: str, received: Sequence[str]) -> BoardError:
         return OtherFirmware(Diagnostic("board-not-grbl", message, hint=hint))
     hint = "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
     return board_error("no-answer", f"no board answers at {name}", hint=hint)
+
+
+def emergency(name: str) -> BoardError:
+    """Return the fault of a board that cannot start, because its emergency stop is pressed."""
+    message = f"the board at {name} does not start: its emergency stop is pressed"
+    return board_error("board-alarm", message, hint="release it, then start again")
 
 
 def silent(name: str) -> BoardError:

@@ -25,7 +25,7 @@ from cnc.boards.grbl.events import (
     Started,
     UnexpectedReply,
 )
-from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
+from cnc.boards.grbl.messages import Feedback, Firmware, Other, Setting, Welcome
 from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
@@ -54,6 +54,8 @@ CONNECT_ATTEMPTS = 3
 """Attempts to connect."""
 DROP_ATTEMPTS = 20
 """Stops that are sent to a board that does not answer: bytes may get lost."""
+ABOVE_ASCII = bytes.maketrans(b"?~!", b"\x80\x81\x82")
+"""Second set of real-time commands of grblHAL. No line contains the first."""
 OLDEST_VERSION = (1, 1)
 """The version of this protocol."""
 
@@ -80,7 +82,7 @@ class GrblLink:
         self.clock = clock
         self.name = name
         self.protocol = GrblProtocol()
-        self.info = BoardInfo("", hal=False)
+        self.info = BoardInfo("", Firmware.GRBL)
         self.status: Status | None = None
         self.status_at = -1.0
         self.alarm: int | None = None
@@ -109,7 +111,7 @@ class GrblLink:
     def write(self, data: bytes) -> None:
         """Write at once; PortLost."""
         data, self._queued = self._queued + data, b""
-        self._port.write(data)
+        self._port.write(data.translate(ABOVE_ASCII) if self.info.commands_above_ascii else data)
 
     def pause(self, seconds: float) -> None:
         """Write what is queued, then wait without receiving."""
@@ -206,9 +208,9 @@ class GrblLink:
             if isinstance(event, Feedback | Setting):
                 answers.append(event)
             elif isinstance(event, Rejected):
-                failed.append(faults.refused(event.code, command, 0, hal=self.info.hal))
+                failed.append(faults.refused(event.reply, command, 0, self.info.kind))
             elif isinstance(event, Alarmed):
-                failed.append(faults.alarmed(event.code, 0, hal=self.info.hal))
+                failed.append(faults.alarmed(event.code, 0, self.info.kind))
             elif isinstance(event, Started | UnexpectedReply):
                 failed.append(_ReconnectError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
@@ -244,25 +246,24 @@ class GrblLink:
         return self._identify(wait_for_welcome(self))
 
     def _identify(self, welcome: Welcome) -> None:
-        version = tuple(
-            int(part)
-            for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2]
-        )
-        if not (welcome.hal or welcome.fluid) and (
+        digits = welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz")
+        version = tuple(int(part) for part in digits.split(".")[:2])
+        if welcome.firmware is Firmware.GRBL and (
             version < OLDEST_VERSION or version[0] > OLDEST_VERSION[0]
         ):
             raise faults.too_old(self.name, welcome.version)
-        self.info = BoardInfo(welcome.version, welcome.hal, welcome.fluid)
+        self.info = BoardInfo(welcome.version, welcome.firmware)
         log.info("%s: %s", self.name, self.info.firmware)
         # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
         self.info.take(self.ask("$I"))
-        if welcome.hal and not self.info.extensions:
+        if self.info.may_be_hal and not self.info.extensions:
             self.info.take(self._answers("$I+"))
-        self.info.take(self._answers("$$") if welcome.fluid else self.ask("$$"))
+        self.protocol.firmware = self.info.kind
+        self.info.take(self._answers("$$") if self.info.fluid else self.ask("$$"))
+        self.info.take(self.ask("$#"))
         reader = self.protocol.status_reader
         reader.unit, reader.rotary = self.info.unit, self.info.rotary
-        self.info.take(self.ask("$#"))
         reader.axes = len(self.info.places.get("G54", ()))
         self.protocol.rx_bytes = self.info.rx_bytes
         self.refresh()
@@ -321,7 +322,7 @@ class GrblLink:
             self.refresh()
         except BoardError as error:
             return error
-        return faults.alarmed(self._alarms[0], 0, hal=self.info.hal) if self._alarms else None
+        return faults.alarmed(self._alarms[0], 0, self.info.kind) if self._alarms else None
 
     def drop(self) -> None:
         """Send hold and reset to a board that no longer answers, until it greets or time is up."""
@@ -348,7 +349,7 @@ class GrblLink:
             elif isinstance(event, Alarmed):
                 log.warning("%s: alarm %d", self.name, event.code)
                 self.alarm, self._moved = event.code, False
-                self.position_lost |= loses_position(event.code, hal=self.info.hal)
+                self.position_lost |= loses_position(event.code, self.info.kind)
                 self._alarms.append(event.code)
             elif isinstance(event, Started):
                 log.info("%s: the board has started", self.name)

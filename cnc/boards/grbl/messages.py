@@ -3,6 +3,7 @@
 Source: "Grbl v1.1 Interface", response and push messages::
 
 ok  error:20                            a reply, one to each line sent        Reply
+error:Line too long                     the same of FluidNC                   Reply
 ALARM:2                                 the board has stopped by itself       Alarm
 Grbl 1.1h ['$' for help]                the board has just started            Welcome
 Grbl 3.7 [FluidNC v3.7 (wifi) '$' for help]
@@ -16,16 +17,35 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import Enum
 
 LONGEST = 1024
 """Bytes without a line end after which they are dropped as noise."""
 
 
+class Firmware(Enum):
+    """The firmwares, by name. They share the protocol, but not all numbers of errors and alarms."""
+
+    GRBL = "GRBL"
+    HAL = "grblHAL"
+    FLUID = "FluidNC"
+
+
+UNNUMBERED = -1
+"""Number of an error that FluidNC reports as text (``verbose_errors``)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a line; ``error`` is 0 for ``ok``."""
+    """The answer to a line.
+
+    Attributes:
+        error: 0 for ``ok``; UNNUMBERED where the board sends a text.
+        text: That text.
+    """
 
     error: int = 0
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +61,11 @@ class Welcome:
 
     Attributes:
         version: Such as ``1.1h``.
-        hal: Whether it is grblHAL.
-        fluid: Whether it is FluidNC.
+        firmware: The firmware that greets.
     """
 
     version: str
-    hal: bool
-    fluid: bool = False
+    firmware: Firmware
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +105,7 @@ OK = Reply()
 _WELCOME = re.compile(r"(Grbl|GrblHAL) ([0-9]+\.[0-9]+\w*) \[.*help\]$")
 _SETTING = re.compile(r"\$([0-9]+)=(.*)")
 _NUMBERED = re.compile(r"(error|ALARM):([0-9]{1,3})")
+_ERROR_TEXT = re.compile(r"error: ?([A-Za-z$][ -~]*)")
 
 
 def message(line: str) -> Message:
@@ -103,9 +122,13 @@ def message(line: str) -> Message:
         return Setting(int(found[1]), found[2])
     if found := _NUMBERED.fullmatch(line):
         return Reply(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
+    if found := _ERROR_TEXT.fullmatch(line):
+        return Reply(UNNUMBERED, found[1])
     # A boot loader may leave bytes on the line before it.
     if found := _WELCOME.search(line):
-        return Welcome(found[2], hal=found[1] == "GrblHAL", fluid="[FluidNC " in line)
+        hal, fluid = found[1] == "GrblHAL", "[FluidNC " in line
+        firmware = Firmware.HAL if hal else Firmware.FLUID if fluid else Firmware.GRBL
+        return Welcome(found[2], firmware)
     return Other(line)
 
 

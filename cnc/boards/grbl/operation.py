@@ -128,7 +128,7 @@ def _serve(board: GrblBoard, on_report: Callable[[], None]) -> None:
     before = link.status_at
     for event in link.pump(SERVED, POLL_FAST):
         if isinstance(event, Alarmed):
-            raise faults.alarmed(event.code, 0, hal=board.info.hal)
+            raise faults.alarmed(event.code, 0, board.info.kind)
         if isinstance(event, Started):
             raise faults.restarted(0)
     if link.status_at > before:

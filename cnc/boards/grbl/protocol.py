@@ -24,6 +24,9 @@ reset):
     FAILED     | -           | FAILED   | FAILED               | RESETTING
     RESETTING  | -           | RESETTING| READY                | RESETTING
 
+An alarm between the welcome and the first answer that only tells that the board has to be homed or
+unlocked (grblHAL: ALARM:11) changes nothing: the board answers, and reports the state Alarm.
+
 In RESETTING an ``ok`` is late: GRBL still answers the line that the reset ended. After an error
 GRBL continues with the lines in its buffer, and grblHAL repeats the error for each line until an
 empty one. The reset ends both, so answers before it are ignored.
@@ -36,6 +39,7 @@ from collections import deque
 from collections.abc import Mapping
 from enum import Enum
 
+from cnc.boards.grbl.codes import STARTUP_ALARMS
 from cnc.boards.grbl.events import (
     Alarmed,
     Confirmed,
@@ -52,6 +56,7 @@ from cnc.boards.grbl.messages import (
     OK,
     Alarm,
     Feedback,
+    Firmware,
     Message,
     Messages,
     Other,
@@ -129,6 +134,10 @@ class GrblProtocol:
 
     The bytes that :meth:`send`, :meth:`mark` and :meth:`reset` return must be written at once, in
     that order.
+
+    Attributes:
+        firmware: The firmware: by its welcome, or by its answers if it is grblHAL that greets as
+            GRBL.
     """
 
     def __init__(self) -> None:
@@ -143,6 +152,8 @@ class GrblProtocol:
         self._since_mark = 0
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
+        self.firmware = Firmware.GRBL
+        self._starting = False
 
     def begin_program(self) -> None:
         """Count the lines of another program; the last one's are answered."""
@@ -261,14 +272,19 @@ class GrblProtocol:
 
     def _event(self, message: Message) -> Event | None:
         if message is OK or isinstance(message, Reply):
-            return self._answered(message.error) if self.state is State.READY else None
+            return self._answered(message) if self.state is State.READY else None
         if isinstance(message, Report):
             status = self.status_reader.read(message.text)
             return Other(f"<{message.text}>") if status is None else Reported(status)
         if isinstance(message, Alarm):
+            if self._starting and message.code in STARTUP_ALARMS[self.firmware]:
+                return Feedback("ALARM", str(message.code))
             self.state = AFTER_ALARM[self.state]
             return Alarmed(message.code, self.oldest)
         if isinstance(message, Welcome):
+            self._starting = True
+            if message.firmware is not Firmware.GRBL:
+                self.firmware = message.firmware
             expected = self.state is not State.READY
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
@@ -276,17 +292,18 @@ class GrblProtocol:
             return self._mark_answered(message.text)
         return message
 
-    def _answered(self, code: int) -> Event | None:
+    def _answered(self, reply: Reply) -> Event | None:
         """Return the event of a reply to the oldest line."""
+        self._starting = False
         if not self._unanswered:
             self.state = State.FAILED
-            return UnexpectedReply(code)
+            return UnexpectedReply(reply.error)
         sent = self._unanswered.popleft()
         self._used -= sent.size
         self._marks -= sent.mark
-        if code:
+        if reply.error:
             self.state = State.FAILED
-            return Rejected(sent, code)
+            return Rejected(sent, reply)
         if sent.mark:
             if not sent.seen:
                 return self._lost(sent.line)
@@ -299,7 +316,8 @@ class GrblProtocol:
         """Return the event of an answer to a mark.
 
         All lines before it must have been answered, with the feed and speed that were sent.
-        Otherwise bytes were lost.
+        Otherwise bytes were lost. grblHAL and FluidNC may also report changed modes unasked, at
+        any time; there a lost line shows when the mark is confirmed without an answer.
         """
         oldest = self._unanswered[0]
         if oldest.mark:
@@ -310,11 +328,13 @@ class GrblProtocol:
                 if self._as_expected(oldest.expected or {}, reported)
                 else self._lost(oldest.line)
             )
+        if self.firmware is not Firmware.GRBL:
+            return None
         return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
 
     def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
-        """Return whether feed and speed are as sent; the feed may be in inches."""
-        unit = self.status_reader.unit
+        """Return whether feed and speed are as sent; the feed may be in inches, not on FluidNC."""
+        unit = 1.0 if self.firmware is Firmware.FLUID else self.status_reader.unit
         for letter, value in expected.items():
             scale = unit if letter == "F" else 1.0
             if (

@@ -5,16 +5,17 @@ Source: "Grbl v1.1 Settings" and "Interface".
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.boards.grbl.status import MM_PER_INCH, in_mm
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 
-ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS = 12, 11, 13, 20
+ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HARD_LIMITS = 12, 11, 13, 20, 21
 TOOL_CHANGE_MODE = 341
 TOOL_CHANGES = {
     1: "it would lift the tool, and wait until you touch off ($341=1)",
@@ -23,6 +24,8 @@ TOOL_CHANGES = {
 }
 """Tool changes of grblHAL that also set the tool length, by ``$341``."""
 HOMING, HOMING_DIRECTION, PULL_OFF, LASER_MODE = 22, 23, 27, 32
+HOMING_CYCLES = range(44, 50)
+"""Settings of grblHAL: the axes of each part of its homing, masks."""
 ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
@@ -67,6 +70,9 @@ NAMES = {
 """Names of the settings."""
 LINEAR_AXES = 3
 """X, Y and Z."""
+_INCHES = re.compile(r"-?[0-9]+\.[0-9]{4}(?![0-9])")
+_HAL_BUILD = re.compile(r"1\.1f\.20(?:19|[2-9][0-9])")
+"""Builds of grblHAL, and of few others. GRBL was 1.1h by then."""
 SMALLEST_RX = 32
 """Bytes of the smallest receive buffer that is believed."""
 
@@ -77,8 +83,7 @@ class BoardInfo:
 
     Attributes:
         version: Version of the welcome, such as ``1.1h``.
-        hal: Whether it is grblHAL.
-        fluid: Whether it is FluidNC.
+        kind: The firmware.
         build: The VER line of ``$I``.
         options: Letters of its OPT line.
         extensions: Names of its NEWOPT line, of grblHAL: ENUMS, TC, ATC and others.
@@ -89,11 +94,11 @@ class BoardInfo:
         settings: Value of each setting as text, by number.
         places: G54 to G59, G28, G30 and G92, mm.
         tool_length: Along Z, mm.
+        four_decimals: Whether FluidNC reports inches: it has no ``$13``, but then four decimals.
     """
 
     version: str
-    hal: bool
-    fluid: bool = False
+    kind: Firmware
     build: str = ""
     options: str = ""
     extensions: frozenset[str] = frozenset()
@@ -104,12 +109,23 @@ class BoardInfo:
     settings: dict[int, str] = field(default_factory=dict)
     places: dict[str, tuple[float, ...]] = field(default_factory=dict)
     tool_length: float = 0.0
+    four_decimals: bool = False
 
     @property
     def firmware(self) -> str:
         """Name and version."""
-        name = "grblHAL" if self.hal else "FluidNC" if self.fluid else "GRBL"
-        return f"{name} {self.version}"
+        return f"{self.kind.value} {self.version}"
+
+    @property
+    def may_be_hal(self) -> bool:
+        """Whether it is grblHAL, which greets as GRBL with a compatibility level above 0."""
+        hal = self.kind is Firmware.HAL
+        return hal or (self.kind is Firmware.GRBL and bool(_HAL_BUILD.match(self.build)))
+
+    @property
+    def fluid(self) -> bool:
+        """Whether it is FluidNC."""
+        return self.kind is Firmware.FLUID
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
@@ -124,11 +140,12 @@ class BoardInfo:
                 self.letters = each.text.partition(":")[2].upper()
             elif each.kind == "NEWOPT":
                 self.extensions = frozenset(each.text.upper().split(","))
-            elif each.kind == "FIRMWARE":
-                self.hal = self.hal or "grblhal" in each.text.lower()
+            elif each.kind == "FIRMWARE" and "grblhal" in each.text.lower():
+                self.kind = Firmware.HAL
             elif each.kind in ABOUT:
                 self.about.append(f"{each.kind}: {each.text}")
             elif each.kind in PLACES:
+                self.four_decimals = self.fluid and _INCHES.match(each.text) is not None
                 self.places[each.kind] = self._lengths(each.text)
             elif each.kind == "TLO":
                 # GRBL reports one number, grblHAL one for each axis.
@@ -140,7 +157,8 @@ class BoardInfo:
     @property
     def unit(self) -> float:
         """Unit of reported lengths and feeds in mm (``$13``)."""
-        return MM_PER_INCH if self.number(REPORT_INCHES) == 1 else 1.0
+        inches = self.four_decimals or self.number(REPORT_INCHES) == 1
+        return MM_PER_INCH if inches else 1.0
 
     @property
     def rotary(self) -> frozenset[int]:
@@ -181,10 +199,10 @@ class BoardInfo:
         """Return the lowest and highest machine position of an axis, mm.
 
         Machine zero is the end of homing, at the top of the travel. With option Z it is the bottom
-        for axes that home downwards (``$23``).
+        for axes that home downwards (``$23``). An axis that does not home has no ends.
         """
         reach = self.axis(TRAVELS, column)
-        if reach is None:
+        if reach is None or not self.homes_axis(column):
             return None
         downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
         return (0.0, reach) if "Z" in self.options and downwards else (-reach, 0.0)
@@ -193,6 +211,35 @@ class BoardInfo:
     def homes(self) -> bool:
         """Whether the board homes the machine (``$22``)."""
         return self.number(HOMING) not in (None, 0.0)
+
+    def homes_axis(self, column: int) -> bool:
+        """Whether homing includes an axis: of grblHAL by its cycles, of other boards all."""
+        masks = [int(mask) for each in HOMING_CYCLES if (mask := self.number(each)) is not None]
+        return (
+            self.kind is not Firmware.HAL or not masks or any(mask >> column & 1 for mask in masks)
+        )
+
+    def limited_travel(self, column: int) -> tuple[float, float] | None:
+        """Return the lowest and highest position that the soft limits of the board allow, mm.
+
+        grblHAL keeps the pull-off from the switches where hard limits are on
+        ("limits_set_work_envelope" of its core).
+        """
+        travel = self.travel(column)
+        if travel is None or self.kind is not Firmware.HAL:
+            return travel
+        off = (self.number(PULL_OFF) or 0.0) if int(self.number(HARD_LIMITS) or 0) & 1 else 0.0
+        if "Z" not in self.options:
+            return travel[0] + off, travel[1] - off
+        return (travel[0], travel[1] - off) if travel[1] else (travel[0] + off, travel[1])
+
+    @property
+    def commands_above_ascii(self) -> bool:
+        """Whether the board gets other real-time commands than ``?``, ``~`` and ``!`` (RT-).
+
+        While grblHAL carries out a ``$`` command, these would enter the next line.
+        """
+        return "RT-" in self.extensions
 
     @property
     def laser(self) -> bool:
@@ -234,11 +281,13 @@ class BoardInfo:
             return None
         return travel[1] - (0.0 if "Z" in self.options else self.number(PULL_OFF) or 0.0)
 
-    def homed(self, column: int) -> float:
-        """Return the machine position of an axis after homing, mm.
+    def homed(self, column: int, here: float) -> float:
+        """Return the machine position of an axis after homing, mm; ``here``: its present one.
 
         The axis rests the pull-off (``$27``) from its switch. With option Z that is machine zero.
         """
+        if not self.homes_axis(column):
+            return here
         if "Z" in self.options:
             return 0.0
         off, travel = self.number(PULL_OFF) or 0.0, self.travel(column)
@@ -286,7 +335,7 @@ class BoardInfo:
             return machine
         axes = dict(machine.axes)
         for column, letter in enumerate(machine.axes):
-            travel = self.travel(column)
+            travel = self.limited_travel(column)
             if travel is None:
                 continue
             own = axes[letter].travel or travel

@@ -64,6 +64,11 @@ class Status:
         return self.state == "Alarm"
 
     @property
+    def emergency(self) -> bool:
+        """Whether the emergency stop of grblHAL is pressed."""
+        return self.locked and "E" in self.pins
+
+    @property
     def door(self) -> str:
         """How to go on after the safety door was opened; "" in other states."""
         if self.state != "Door":
@@ -107,7 +112,8 @@ class StatusReader:
             if "Ov" in fields:
                 first, second, third = (int(value) for value in fields["Ov"].split(","))
                 self._overrides = first, second, third
-            feed, _, speed = fields.get("FS", fields.get("F", "")).partition(",")
+            # grblHAL adds the measured speed where the spindle reports it.
+            feed, speed, *_ = [*fields.get("FS", fields.get("F", "")).split(","), ""]
             blocks, bytes_ = (
                 (int(value) for value in fields["Bf"].split(",")) if "Bf" in fields else (-1, -1)
             )

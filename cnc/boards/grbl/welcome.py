@@ -18,6 +18,7 @@ from cnc.boards.grbl import faults
 from cnc.boards.grbl.events import Reported, Started
 from cnc.boards.grbl.messages import Other, Welcome
 from cnc.boards.grbl.protocol import State
+from cnc.boards.grbl.status import Status
 
 if TYPE_CHECKING:
     from cnc.boards.grbl.link import GrblLink
@@ -50,7 +51,8 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
     """Return the welcome of a board at rest.
 
     Raises:
-        BoardError: ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``no-answer``.
+        BoardError: ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``board-alarm``,
+            ``no-answer``.
     """
     received: list[str] = []
     began, foreign_since = link.clock.now(), math.inf
@@ -79,13 +81,7 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             if isinstance(event, Reported) and (
                 link.protocol.state is State.UNKNOWN or (raised and not reset)
             ):
-                if not event.status.at_rest:
-                    hint = "wait until it has come to rest, or stop it with its reset button"
-                    raise board_error(
-                        "board-busy",
-                        f"the board at {link.name} is moving already ({event.status.state})",
-                        hint=hint,
-                    )
+                _refuse_unready(event.status, link.name)
                 link.write(link.protocol.reset())
                 reset = True
             elif isinstance(event, Other):
@@ -96,6 +92,16 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             foreign_since = min(foreign_since, link.clock.now())
     rest = link.protocol.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
+
+
+def _refuse_unready(status: Status, name: str) -> None:
+    """Raise BoardError for a board that may not be reset, or that ignores it."""
+    if not status.at_rest:
+        hint = "wait until it has come to rest, or stop it with its reset button"
+        message = f"the board at {name} is moving already ({status.state})"
+        raise board_error("board-busy", message, hint=hint)
+    if status.emergency:
+        raise faults.emergency(name)
 
 
 def _is_text(received: Sequence[str]) -> bool:

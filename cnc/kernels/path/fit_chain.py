@@ -118,7 +118,7 @@ def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corne
     chords of a smooth curve within the tolerance have: by less than 8 tolerances over the length
     of the shorter leg. A turn of up to STEEP is none where a leg is short and straight, and one of
     up to SHARPEST where both legs are short: the spline is faster than a blend that fits into the
-    leg, or than overlapping ramps.
+    leg, or than a stop that is passed.
 
     Args:
         x: (m, n): vertices, mm.

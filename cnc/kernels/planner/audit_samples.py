@@ -252,7 +252,7 @@ def audit_samples(
     The positions are those at the instants ``index * period`` and later, up to the plan's end. The
     step deviation and the chord error count in steps longer than ``shortest`` in which the motion
     does not stop. A shorter step is too short to measure. A stop is a corner, and a sample there
-    belongs to neither side; so the step deviation does not count in an overlap either.
+    belongs to neither side; so the step deviation does not count in timed pieces either.
 
     Args:
         pieces: the path of the motion.

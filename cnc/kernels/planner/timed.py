@@ -1,22 +1,14 @@
-r"""Timed pieces: the path while two moves overlap in time.
+r"""Timed pieces: the path where a motion passes a stop on a corner.
 
-Where a move begins before the one before it has ended, the path is the sum of two motions. A ramp
-to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run, every
-axis has a constant jerk, so that its position is a cubic of time: a SPAN of degree 3 and weight 1
-whose parameter is proportional to the time.
+Such a motion (:mod:`cnc.kernels.planner.corner_stops`) is given by time, not along a path: in each
+of its steps every axis has a constant jerk. So its position is a cubic of time: a SPAN of degree 3
+and weight 1 whose parameter is proportional to the time.
 
-        .....d1....,C
-        ------.__     :
-                 `\   : d2
-                   \  :
-                    | :
-                    | '
-
-With the corner C, the directions u1 and u2, the jerks J1 and J2 and the duration tau of the overlap
-
-    r(t) = C - u1 J1 (tau - t)^3 / 6 + u2 J2 t^3 / 6,
-
-which is the Bezier curve of C - d1 u1, C, C, C + d2 u2 with d = J tau^3 / 6.
+        ------.__     C
+                 `\
+                   \   one piece for each step
+                    |
+                    |
 
 Such a record has no table of the arc length: its entry TABLE is 0. The plan's coordinate along the
 piece is its parameter, and one phase without acceleration crosses it. There |dr/du| is not 1, so

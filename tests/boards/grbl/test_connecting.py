@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -157,7 +157,7 @@ def test_a_wrong_baud_rate_is_named(baud: int) -> None:
 
 
 def test_firmware_settings_and_offsets_are_read() -> None:
-    info = BoardInfo("1.1h", hal=False)
+    info = BoardInfo("1.1h", Firmware.GRBL)
     info.take(
         [
             Feedback("OPT", "VZ,35,255"),
@@ -176,9 +176,25 @@ def test_firmware_settings_and_offsets_are_read() -> None:
     assert narrowed.axes["z"].travel == MACHINE.axes["z"].travel
 
 
+@pytest.mark.parametrize(
+    ("options", "direction", "expected"),
+    [("V", 0, (-198.0, -2.0)), ("VZ", 0, (-198.0, 0.0)), ("VZ", 1, (0.0, 198.0))],
+)
+def test_grblhal_keeps_the_pull_off_from_its_switches(
+    options: str, direction: int, expected: tuple[float, float]
+) -> None:
+    """Its soft limits do so where hard limits are on (``$21``), on axes that home (``$44``..)."""
+    settings = {20: "1", 21: "1", 23: str(direction), 27: "2.000", 44: "4", 45: "3"}
+    settings |= {130: "200.000", 133: "360.000"}
+    info = BoardInfo("1.1f", Firmware.HAL, options=options, settings=settings)
+    assert info.limited_travel(0) == expected
+    assert info.travel(3) is None
+    assert BoardInfo("1.1h", Firmware.GRBL, settings=settings).limited_travel(0) == (-200.0, 0.0)
+
+
 @pytest.mark.parametrize("told", ["V", "V,15", "V,15,x", "V,,", "", "V,15,3"])
 def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
-    info = BoardInfo("1.1h", hal=False)
+    info = BoardInfo("1.1h", Firmware.GRBL)
     info.take([Feedback("OPT", told)])
     assert info.rx_bytes == 128
 
@@ -186,7 +202,7 @@ def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
 def test_the_larger_buffer_of_grblhal_is_used() -> None:
     simulator = GrblSimulator(GRBLHAL)
     board = started(simulator)
-    assert board.info.hal
+    assert board.info.kind is Firmware.HAL
     assert board.info.rx_bytes == 1024
     feed(board, PREAMBLE, *(f"G1 X{k % 3}.000 Y{k % 5}.000 F2000" for k in range(300)))
     board.finish()

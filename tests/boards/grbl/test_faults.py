@@ -14,6 +14,7 @@ import pytest
 
 from cnc.boards.grbl.events import Reported
 from cnc.boards.grbl.faults import refused
+from cnc.boards.grbl.messages import Firmware, Reply
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
     Corrupt,
@@ -199,4 +200,4 @@ def test_queued_lines_do_not_move_after_an_error() -> None:
 )
 def test_the_advice_for_a_line_is_that_of_its_writer(text: str, said: str) -> None:
     """The program's own code was passed on; the translator wrote the others."""
-    assert said in refused(20, text, 3, hal=False).diagnostic.hint
+    assert said in refused(Reply(20), text, 3, Firmware.GRBL).diagnostic.hint

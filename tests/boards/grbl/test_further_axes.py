@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import run
+from cnc.api import RunOptions, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.messages import Feedback
+from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.messages import Feedback, Firmware
 from cnc.boards.grbl.operation import read_offsets
+from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
@@ -22,7 +24,7 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
 from cnc.session.source import InlineProgram
-from tests.support.boards.simulator_bench import Bench
+from tests.support.boards.simulator_bench import HOMING, Bench
 
 ROTARY = Axis(steps_per_mm=100, max_velocity=60, max_acceleration=300, travel=(-3600, 3600))
 
@@ -63,6 +65,26 @@ def test_feed_is_along_x_y_z_while_a_turns_with_it(four_axes):
     for move, (end, seconds) in zip(moves, expected, strict=True):
         assert move.end == pytest.approx(end, abs=0.01)
         assert move.length / move.programmed == pytest.approx(seconds, rel=2e-3)
+
+
+def test_an_axis_that_does_not_home_has_no_ends(tmp_path: Path) -> None:
+    """``boards > mill.toml`` of grblHAL with homing of X, Y and Z, and soft limits."""
+    simulator = GrblSimulator(
+        GRBLHAL.with_axes("XYZA"), settings=HOMING | {22: 7.0, 113: 3600.0, 123: 500.0}
+    )
+    port = GrblSimulatorPort(simulator)
+    link = GrblLink(port, port.clock, "the simulator")
+    link.connect()
+    (tmp_path / "mill.toml").write_text(machine_file("COM3", link.info, 115200))
+    made = load_machine(tmp_path / "mill.toml")
+    assert made.axes["a"].travel is None
+    assert made.axes["x"].travel == (-200.0, 0.0)
+    board = GrblBoard(port, made, port.clock, "the simulator")
+    board.connect()
+    program = "G21 G90\nG0 X-20 Y-20\nG1 A400 F3000\nG1 A-90 X-30\nM2\n"
+    report = run(text(program), made, RunOptions(home=True), board=board)
+    assert report.ok, report.faults
+    assert simulator.position == pytest.approx((-30.0, -20.0, -1.0, -90.0), abs=0.01)
 
 
 def test_a_alone_turns_by_degrees_a_minute(four_axes):
@@ -159,9 +181,12 @@ def test_inches_in_reports_do_not_scale_rotary_axes(four_axes, mask, reported):
 @pytest.mark.parametrize(
     ("info", "expected"),
     [
-        (BoardInfo("1.1f", hal=True, settings={13: "1", 376: "2"}), (25.4, 25.4, 25.4, 25.4, 1.0)),
-        (BoardInfo("1.1f", hal=True, settings={13: "1"}), (25.4, 25.4, 25.4, 25.4, 25.4)),
-        (BoardInfo("3.7", hal=False, fluid=True, settings={13: "1"}), (25.4, 25.4, 25.4, 1.0, 1.0)),
+        (
+            BoardInfo("1.1f", Firmware.HAL, settings={13: "1", 376: "2"}),
+            (25.4, 25.4, 25.4, 25.4, 1.0),
+        ),
+        (BoardInfo("1.1f", Firmware.HAL, settings={13: "1"}), (25.4, 25.4, 25.4, 25.4, 25.4)),
+        (BoardInfo("3.7", Firmware.FLUID, settings={13: "1"}), (25.4, 25.4, 25.4, 1.0, 1.0)),
     ],
 )
 def test_offsets_are_read_in_the_units_of_their_axes(info, expected):

@@ -198,6 +198,14 @@ def test_a_board_is_identified_by_serial_number_or_port(
     assert identity("socket://host:23") == "socket://host:23"
 
 
+def test_windows_does_not_distinguish_capitals(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [SimpleNamespace(device="COM3", serial_number="7543")]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    monkeypatch.setattr("os.path.normcase", str.lower)
+    assert identity("com3") == identity("COM3") == "usb 7543"
+    assert identity("com4") == identity("COM4")
+
+
 # The driver
 
 

@@ -19,8 +19,10 @@ from cnc.boards.grbl.events import (
 )
 from cnc.boards.grbl.line_kinds import kind_of, seconds_of
 from cnc.boards.grbl.messages import (
+    UNNUMBERED,
     Alarm,
     Feedback,
+    Firmware,
     Message,
     Messages,
     Other,
@@ -36,13 +38,14 @@ from tests.support.boards.grbl_rig import WELCOME, ready
 DOCUMENTED: list[tuple[str, Message]] = [
     ("ok", Reply()),
     ("error:9", Reply(9)),
+    ("error:Invalid $ statement", Reply(UNNUMBERED, "Invalid $ statement")),
     ("ALARM:2", Alarm(2)),
-    ("Grbl 1.1h ['$' for help]", Welcome("1.1h", hal=False)),
+    ("Grbl 1.1h ['$' for help]", Welcome("1.1h", Firmware.GRBL)),
     (
         "Grbl 3.7 [FluidNC v3.7.17 (wifi) '$' for help]",
-        Welcome("3.7", hal=False, fluid=True),
+        Welcome("3.7", Firmware.FLUID),
     ),
-    ("GrblHAL 1.1f ['$' or '$HELP' for help]", Welcome("1.1f", hal=True)),
+    ("GrblHAL 1.1f ['$' or '$HELP' for help]", Welcome("1.1f", Firmware.HAL)),
     ("<Idle|MPos:0.000,0.000,0.000|FS:0,0>", Report("Idle|MPos:0.000,0.000,0.000|FS:0,0")),
     ("$110=500.000", Setting(110, "500.000")),
     ("[MSG:Reset to continue]", Feedback("MSG", "Reset to continue")),
@@ -220,7 +223,7 @@ def test_an_error_belongs_to_the_oldest_line() -> None:
     assert isinstance(events[0], Confirmed)
     assert events[0].sent.line == 7
     assert isinstance(events[1], Rejected)
-    assert (events[1].sent.line, events[1].code) == (8, 20)
+    assert (events[1].sent.line, events[1].reply) == (8, Reply(20))
     assert len(events) == 2
     assert not protocol.fits("G1X1")
     assert protocol.confirmed_line == 7

@@ -10,6 +10,7 @@ from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, err
 from cnc.boards.grbl.events import (
     Reported,
 )
+from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.status import StatusReader
 from tests.support.boards.grbl_rig import ready
 
@@ -83,13 +84,20 @@ def test_every_code_has_a_meaning_and_advice() -> None:
     assert sorted(ERRORS) == [*range(1, 18), *range(20, 39)]
     assert sorted(ALARMS) == list(range(1, 11))
     for code in range(1, 93):
-        for hal in (False, True):
-            assert all(error_meaning(code, hal=hal)), code
-            assert all(alarm_meaning(code, hal=hal)), code
+        for firmware in Firmware:
+            assert all(error_meaning(code, firmware)), code
+            assert all(alarm_meaning(code, firmware)), code
 
 
 def test_grblhal_has_other_meanings_of_some_codes() -> None:
-    assert "second limit switch" in alarm_meaning(10, hal=False).fault
-    assert "emergency stop" in alarm_meaning(10, hal=True).fault
-    assert "second limit switch" in alarm_meaning(15, hal=True).fault
+    assert "second limit switch" in alarm_meaning(10, Firmware.GRBL).fault
+    assert "emergency stop" in alarm_meaning(10, Firmware.HAL).fault
+    assert "second limit switch" in alarm_meaning(15, Firmware.HAL).fault
     assert ALARMS_HAL[15].fault == ALARMS[10].fault
+
+
+def test_fluidnc_has_other_meanings_of_some_codes() -> None:
+    assert "control input" in alarm_meaning(11, Firmware.FLUID).fault
+    assert "homed" in alarm_meaning(14, Firmware.FLUID).fault
+    assert "no axis homes" in error_meaning(18, Firmware.FLUID).fault
+    assert "password" in error_meaning(110, Firmware.FLUID).fault

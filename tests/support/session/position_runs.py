@@ -10,6 +10,7 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
@@ -32,11 +33,19 @@ def tool(simulator: GrblSimulator) -> tuple[float, ...]:
 
 def ran(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:
     """Run a program on a port that keeps DTR high, as the serial port does."""
+    return run_on(simulator, program, MACHINE, **arguments)
+
+
+def run_on(
+    simulator: GrblSimulator, program: Path, machine: Machine, **arguments: object
+) -> Report:
+    """Do the same with another machine."""
     port = GrblSimulatorPort(simulator, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
+    board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
-        return run_with(program, MACHINE, board=board, **arguments)
+        board.check_only = bool(arguments.get("check_on_board"))
+        return run_with(program, machine, board=board, **arguments)
     finally:
         board.close()
 

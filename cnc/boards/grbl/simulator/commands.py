@@ -54,7 +54,7 @@ def _command_at_rest(core: Core, body: str) -> Answer:
     if body == "ES" and core.profile.name == "grblhal":
         return (yield from _print(core, report.enumerated_settings(core)))
     if body == "I+" and core.profile.name == "grblhal":
-        body = "I"
+        return (yield from _print(core, report.extended_info(core)))
     if body in REPORTS:
         return (yield from _print(core, REPORTS[body](core)))
     if body == "H":
@@ -112,6 +112,8 @@ def _unlock(core: Core) -> int:
     if core.state == "Alarm":
         if core.environment.door_open:
             return 13
+        if core.must_home and core.profile.name == "grblhal":
+            return 46
         core.say("[MSG:Caution: Unlocked]")
         core.state = "Idle"
     return 0

@@ -23,6 +23,14 @@ NEW_LINE = "\r\n"
 CRITICAL = (1, 2)
 """Alarms after which only a reset is accepted (interface.md, ``[MSG:Reset to continue]``)."""
 
+ERROR_TEXTS = {
+    3: "Invalid $ statement",
+    9: "GCode cannot be executed in lock or alarm state",
+    20: "Unsupported GCode command",
+    33: "Gcode invalid target",
+}
+"""Errors as FluidNC writes them with ``verbose_errors`` (Error.cpp of its sources)."""
+
 
 class Abort(Exception):
     """A reset, raised in the main program where it waits."""
@@ -104,6 +112,8 @@ class Core:
         self.last_error = 0
         self.swallow = 0
         self.forced_error = 0
+        self.homed = self.commanding = False
+        self.pushed_modes = ""
         self.force_reset()
 
     def force_reset(self) -> None:
@@ -136,6 +146,11 @@ class Core:
     def per_axis(self, first: int) -> Point:
         """Return the settings of the axes from the number of the first."""
         return tuple(self.setting[first + axis] for axis in range(len(self.profile.axes)))
+
+    @property
+    def must_home(self) -> bool:
+        """Whether the board is locked until it has homed."""
+        return bool(int(self.setting[22]) & self.profile.lock_bit) and not self.homed
 
     @property
     def rotary(self) -> frozenset[int]:
@@ -205,7 +220,8 @@ class Core:
         if self.swallow:
             self.swallow -= 1
             return
-        self.say(f"error:{code}" if code else "ok")
+        name = ERROR_TEXTS.get(code, code) if self.profile.error_texts else code
+        self.say(f"error:{name}" if code else "ok")
 
     def alarm(self, code: int) -> None:
         """Raise an alarm; it is reported when real-time commands are served."""

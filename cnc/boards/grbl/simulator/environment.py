@@ -27,6 +27,7 @@ class Environment:
         stuck: Axes whose switch never lets go.
         workpiece: What the probe touches, in machine positions; None without one.
         door_open: Whether the safety door is open.
+        stop_pressed: Whether the emergency stop of grblHAL is pressed.
     """
 
     low: Point = (-200.0, -200.0, -200.0)
@@ -36,6 +37,7 @@ class Environment:
     stuck: set[str] = field(default_factory=set)
     workpiece: Workpiece | None = None
     door_open: bool = False
+    stop_pressed: bool = False
 
     @classmethod
     def of_travels(cls, x: float, y: float, z: float) -> Environment:

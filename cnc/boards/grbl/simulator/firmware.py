@@ -68,7 +68,8 @@ class Firmware:
     def run(self) -> Program:
         """Power up, then start again after every reset."""
         core = self.core
-        if core.setting[22]:
+        core.homed = False
+        if core.must_home:
             core.state = "Alarm"
         if STORED in core.eeprom.damaged:
             core.eeprom.damaged.clear()
@@ -100,6 +101,13 @@ class Firmware:
         yield BUSY
         if core.setting[21] and core.environment.tripped(core.position):
             core.say("[MSG:Check Limits]")
+        if core.environment.stop_pressed and core.profile.estop_alarm is not None:
+            core.state = "Alarm"
+            core.say(f"ALARM:{core.profile.estop_alarm}")
+            core.say("[MSG:Emergency stop - clear, then reset to continue]")
+            return
+        if core.must_home and core.profile.lock_alarm is not None:
+            core.say(f"ALARM:{core.profile.lock_alarm}")
         if core.state in ("Alarm", "Sleep"):
             core.say("[MSG:'$H'|'$X' to unlock]")
             core.state = "Alarm"
@@ -145,6 +153,7 @@ class Firmware:
         core = self.core
         core.note("line", text)
         core.answering = True
+        core.commanding = text.startswith("$")
         if core.forced_error:
             code, core.forced_error = core.forced_error, 0
         elif overflowed:
@@ -160,7 +169,7 @@ class Firmware:
         if text[:1] != "$" or not code:
             core.last_error = code
         # an alarm that came too late to end this line must not end another one
-        core.answering = core.abandoned = False
+        core.answering = core.abandoned = core.commanding = False
         core.reply(code)
         yield BUSY
 

@@ -44,9 +44,15 @@ class FirmwareProfile:
         max_step_rate_hz: Highest step rate that settings may need; None: not checked, as in GRBL.
         build_lines: Additional lines of the answer to ``$I``.
         start_messages: Lines before the welcome.
+        short_info: Whether the answer to ``$I`` has two lines, and ``$I+`` has all.
         sizes_reported: Whether the answer to ``$I`` has the sizes of planner and receive buffer.
         numbered_settings: Whether ``$$`` is answered; error:3 otherwise.
         jog_cancel_flushes: Whether a jog cancel drops the lines that are not read yet.
+        lock_bit: Bit of ``$22`` with which a board that has not homed is locked when it starts.
+        lock_alarm: Number of the alarm that tells so at every start; None: a message only.
+        measured_speed: Whether status reports have the measured speed of the spindle as well.
+        reports_homing: Whether a status report is answered during homing.
+        error_texts: Whether errors are reported as text (``verbose_errors``).
         axes: Letters of the axes, in the order of their settings and reports.
         settings: The settings of a new board.
     """
@@ -71,11 +77,22 @@ class FirmwareProfile:
     max_step_rate_hz: float | None = None
     build_lines: tuple[str, ...] = ()
     start_messages: tuple[str, ...] = ()
+    short_info: bool = False
     sizes_reported: bool = True
     numbered_settings: bool = True
     jog_cancel_flushes: bool = False
+    lock_bit: int = 1
+    lock_alarm: int | None = None
+    measured_speed: bool = False
+    reports_homing: bool = False
+    error_texts: bool = False
     axes: str = "XYZ"
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
+
+    @property
+    def printable_anywhere(self) -> bool:
+        """Whether ``?``, ``~`` and ``!`` are taken out of ``$`` commands, too (RT- of grblHAL)."""
+        return not any("RT-" in line for line in self.build_lines)
 
     def with_axes(self, letters: str) -> FirmwareProfile:
         """Return the firmware built for other axes. The settings of further ones are those of Z."""
@@ -130,6 +147,8 @@ GRBLHAL = FirmwareProfile(
     estop_alarm=10,
     codes=frozenset(("M6", "M7")),
     jog_cancel_flushes=True,
+    lock_bit=4,
+    lock_alarm=11,
     build_lines=(
         "[AXS:3:XYZ]",
         "[NEWOPT:ENUMS,RT+,TC]",
@@ -137,9 +156,12 @@ GRBLHAL = FirmwareProfile(
         "[SIGNALS:HSEP]",
         "[DRIVER:simulator]",
     ),
-    settings=GRBL_SETTINGS | {TOOL_CHANGE_MODE: 0},
+    settings=GRBL_SETTINGS | {44: 4, 45: 3, 46: 0, TOOL_CHANGE_MODE: 0},
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
+
+GRBLHAL_AS_GRBL = replace(GRBLHAL, banner="Grbl 1.1f ['$' for help]", short_info=True)
+"""grblHAL with a compatibility level of 1."""
 
 FLUIDNC = replace(
     GRBL,
@@ -157,6 +179,8 @@ FLUIDNC = replace(
     ),
     sizes_reported=False,
     numbered_settings=False,
+    lock_alarm=14,
+    reports_homing=True,
 )
 """FluidNC with its settings in a file of YAML, which senders cannot read by numbers."""
 

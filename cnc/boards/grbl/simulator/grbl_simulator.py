@@ -250,7 +250,7 @@ class GrblSimulator:
             for byte in self._byte_faults.pass_on(receiver.take()):
                 if not receiver.seen(core.now):
                     continue
-                if realtime.is_realtime(byte):
+                if realtime.is_realtime(core, byte):
                     realtime.receive(core, byte)
                     until = -math.inf
                 elif (

@@ -94,11 +94,14 @@ def move_to(
 
 
 def within_travel(core: Core, target: Point) -> bool:
-    """Return whether a machine position lies within the travel (``$130``..)."""
-    return all(
-        -travel <= value <= 0.0
-        for value, travel in zip(target, core.per_axis(TRAVELS), strict=True)
-    )
+    """Return whether a machine position lies within the travel (``$130``..).
+
+    grblHAL limits the axes that home, and keeps the pull-off from switches that are in use.
+    """
+    hal = core.profile.name == "grblhal"
+    off = core.setting[27] if hal and core.setting[21] else 0.0
+    each = list(zip(target, core.per_axis(TRAVELS), strict=True))[: 3 if hal else None]
+    return all(off - travel <= value <= -off for value, travel in each)
 
 
 def _soft_limit(core: Core) -> Program:
@@ -335,6 +338,7 @@ def home(core: Core) -> Program:
         core.environment.offset = (shift[0], shift[1], shift[2])
         core.steppers.position = tuple(here)
         core.sync_position()
+    core.homed = True
     core.state = "Idle"
 
 

@@ -12,13 +12,14 @@ Jog --! or 0x85--> at rest, the queue dropped --> Idle
 from __future__ import annotations
 
 from cnc.boards.grbl.simulator.core import CRITICAL, Core
-from cnc.boards.grbl.simulator.report import status_report
+from cnc.boards.grbl.simulator.report import parser_state, status_report
 
 RESET = 0x18
 PRINTABLE = {ord("?"): "status", ord("~"): "start", ord("!"): "hold"}
 EXTENDED = {0x84: "door", 0x85: "jog_cancel"}
 HAL = {0x80: "status", 0x81: "start", 0x82: "hold", 0x87: "status"}
 """grblHAL's second set, for hosts that do not send printable characters."""
+MODES_TOO = 512
 FEED = {0x90: 0, 0x91: 10, 0x92: -10, 0x93: 1, 0x94: -1}
 RAPID = {0x95: 100, 0x96: 50, 0x97: 25}
 SPINDLE = {0x99: 0, 0x9A: 10, 0x9B: -10, 0x9C: 1, 0x9D: -1}
@@ -29,9 +30,11 @@ SPINDLE_DELAY, COOLANT_DELAY = 4.0, 1.0
 """Seconds for spindle and coolant before motion resumes after a door or a spindle stop."""
 
 
-def is_realtime(byte: int) -> bool:
+def is_realtime(core: Core, byte: int) -> bool:
     """Return whether a byte is taken out of the stream: the printable ones, and all above ASCII."""
-    return byte in PRINTABLE or byte == RESET or byte >= 0x80
+    if byte in PRINTABLE:
+        return core.profile.printable_anywhere or not core.commanding
+    return byte == RESET or byte >= 0x80
 
 
 def receive(core: Core, byte: int) -> None:
@@ -68,7 +71,7 @@ def _note_jog_cancel(core: Core) -> None:
 
 def reset(core: Core) -> None:
     """Switch outputs off and stop motion, with an alarm if there was motion (0x18)."""
-    if core.flags.reset:
+    if core.flags.reset or core.environment.stop_pressed:
         return
     core.flags.reset = True
     core.note("reset", core.state)
@@ -108,6 +111,7 @@ def serve(core: Core) -> None:
     if flags.status:
         flags.status = False
         core.say(status_report(core))
+        _push_modes(core)
     _serve_holds(core)
     _serve_start(core)
     for byte in flags.overrides:
@@ -115,8 +119,20 @@ def serve(core: Core) -> None:
     flags.overrides.clear()
 
 
+def _push_modes(core: Core) -> None:
+    """Report the modes behind a status report if they have changed (bit 9 of grblHAL's ``$10``)."""
+    if core.profile.name == "grblhal" and int(core.setting[10]) & MODES_TOO:
+        modes = parser_state(core)
+        if modes != core.pushed_modes:
+            core.pushed_modes = modes
+            core.say(modes)
+
+
 def _serve_homing(core: Core) -> None:
-    """Serve the door, the only command during homing."""
+    """Serve the door, and on FluidNC a status report: there is nothing else during homing."""
+    if core.flags.status and core.profile.reports_homing:
+        core.flags.status = False
+        core.say(status_report(core))
     if core.flags.door:
         core.flags.door = False
         core.stop_dead()

@@ -43,7 +43,10 @@ def status_report(core: Core) -> str:
         fields.append(f"Ln:{blocks[0].number}")
     rate = speed * 60.0 / (MM_PER_INCH if core.setting[13] else 1.0)
     feed = f"{rate:.1f}" if core.setting[13] else f"{rate:.0f}"
-    fields.append(f"FS:{feed},{core.rpm:.0f}" if core.profile.variable_spindle else f"F:{feed}")
+    measured = f",{core.rpm:.0f}" if core.profile.measured_speed else ""
+    fields.append(
+        f"FS:{feed},{core.rpm:.0f}{measured}" if core.profile.variable_spindle else f"F:{feed}"
+    )
     pins = _pins(core, position)
     if pins:
         fields.append(f"Pn:{pins}")
@@ -83,7 +86,9 @@ def _state(core: Core) -> str:
 def _pins(core: Core, position: Point) -> str:
     """Return the active inputs; limit switches are wired where hard limits or homing are on."""
     limits = core.environment.tripped(position) if core.setting[21] or core.setting[22] else ""
-    return "P" * core.environment.touches(position) + limits + "D" * core.environment.door_open
+    environment = core.environment
+    doors = "D" * environment.door_open + "E" * environment.stop_pressed
+    return "P" * environment.touches(position) + limits + doors
 
 
 def _accessories(core: Core) -> str:
@@ -95,9 +100,9 @@ def parser_state(core: Core) -> str:
     """Return the answer to ``$G``."""
     modes = core.modes
     coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
-    # All reported numbers follow $13 (settings.md).
+    # All reported numbers follow $13 (settings.md); FluidNC leaves the feed in mm.
     inches = bool(core.setting[13])
-    feed = modes.feed / (MM_PER_INCH if inches else 1.0)
+    feed = modes.feed / (MM_PER_INCH if inches and core.profile.name != "fluidnc" else 1.0)
     words = f"{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance}"
     values = f"T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}"
     return f"[GC:{words} {modes.feed_mode} {modes.spindle} {coolant} {values}]"
@@ -137,7 +142,12 @@ def startup_lines(core: Core) -> list[str]:
 
 
 def build_info(core: Core) -> list[str]:
-    """Return the answer to ``$I``: version, options with the sizes of both buffers."""
+    """Return the answer to ``$I``."""
+    return extended_info(core)[: 2 if core.profile.short_info else None]
+
+
+def extended_info(core: Core) -> list[str]:
+    """Return the answer to ``$I+``: version, options with the sizes of both buffers, more lines."""
     profile = core.profile
     sizes = f",{profile.planner_blocks},{profile.rx_reported}" if profile.sizes_reported else ""
     more = f",{len(profile.axes)},0" if profile.name == "grblhal" else ""
