@@ -66,7 +66,7 @@ class Dialect:
     flavour: Flavour
     siemens: bool
     dollar: bool
-    initial_level: bool
+    initial_level: bool | Literal["unclear"]
     lenient: bool
     first_bracket: bool
     after_g80: Literal["none", "previous", "assumed"]

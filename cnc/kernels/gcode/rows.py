@@ -30,6 +30,9 @@ and the garbage collector takes less time if few of them exist at once.
 """
 MOST_AXES = 9
 
+UNCLEAR_LEVEL = 2
+"""Value of ``initial`` where neither G98 nor G99 was given, and dialects differ."""
+
 STATE = np.dtype(
     [
         ("mode", np.int64),
