@@ -291,7 +291,7 @@ abort-possible axis-idle code-not-needed code-skipped code-without-effect commen
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 thread-start tool-word-form turning-plane
-comment-not-active not-gcode percent-code-behind percent-unopened program-for-lathe
+comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
 dwell-short cycle-level-unclear offset-diameter offset-variable-wear
