@@ -46,7 +46,7 @@ def check_listed(
 ) -> list[Report]:
     """Check programs in parallel and print a line for each, in the order of the programs."""
     from cnc.batch.pool import check_many
-    from cnc.report.summary import one_line
+    from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line
 
     if common.has_program_outputs or options.stl is not None:
         message = "--blocks, --trace, --pulses, --lines and --stl take one program"
@@ -56,11 +56,12 @@ def check_listed(
         message = "--jobs is for this computer, --scheduler for others"
         raise UsageError(Diagnostic("jobs-and-scheduler", message, hint="give one of them"))
     reports: list[Report] = []
+    machine = options.machine(common.machine)
     quiet = common.terminal.quiet
     with ProgressDisplay(Control(common.feed_override), quiet=quiet) as display:
         found = check_many(
             files,
-            options.machine(common.machine),
+            machine,
             options.run_options(common),
             jobs=options.jobs,
             scheduler=options.scheduler,
@@ -76,6 +77,8 @@ def check_listed(
                 display.warn(warning)
             if not quiet:
                 print(one_line(report), file=stream, flush=True)
+    if not (machine.has_travel or quiet):
+        print(f"travel was {TRAVEL_NOT_CHECKED}", file=stream)
     return reports
 
 

@@ -192,11 +192,12 @@ def diff(
     terminal.open_log(machine, first, second)
     library()
     from cnc.compare.programs import compare
-    from cnc.machine.load import load_machine
+    from cnc.machine.load import load_machine_of_check
     from cnc.outputs.summary_json import write_object
 
     with ProgressDisplay(Control(), quiet=terminal.quiet) as display:
-        found = compare(first, second, load_machine(machine), dialect, display.callbacks())
+        known = load_machine_of_check(machine)
+        found = compare(first, second, known, dialect, display.callbacks())
     if all(report.ok and report.stopped_at_line is None for report in found.reports):
         if json is not None:
             write_object(json, found.as_json())

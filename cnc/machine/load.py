@@ -122,6 +122,22 @@ def load_machine(path: Path | str | None = None) -> Machine:
     return _with_absolute_files(machine, file, text)
 
 
+def load_machine_of_check(path: Path | str | None = None) -> Machine:
+    """Load a machine for a check, in which nothing moves.
+
+    The travel and the zero of the shipped default are not those of the user's machine. Without a
+    name the machine therefore has no travel.
+
+    Args:
+        path: As of :func:`load_machine`.
+
+    Raises:
+        MachineFileError: As :func:`load_machine`.
+    """
+    machine = load_machine(path)
+    return machine.without_travel() if path is None else machine
+
+
 def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None:
     """Give the axes that joints move the scale and the speed of the fastest of these joints.
 

@@ -140,6 +140,7 @@ class Summary(BaseModel):
     stock: Stock = _optional("The simulated cut of the stock; absent without a stock")
     height_map: WarpedBy = _optional("The height map of the program; absent without one")
     path_length_mm: Amount = Field(description="Length of the path, mm")
+    travel_checked: bool = Field(description="Whether the machine gives a travel of its axes")
     bounding_box: dict[AxisLetter, Span] = Field(
         description="[smallest, largest] position of each axis, mm"
     )

@@ -291,6 +291,7 @@ class Report:
             **played,
             **cut,
             path_length_mm=self.path_length_mm,
+            travel_checked=self.machine.has_travel,
             bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
             end_position=self.end_position,
             max=self.largest.as_model(),

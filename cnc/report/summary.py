@@ -17,6 +17,9 @@ from cnc.report.result import (
 )
 from cnc.report.text_table import aligned, has_styles, join, printable, styled
 
+TRAVEL_NOT_CHECKED = "not checked: no machine file gives one (--machine FILE)"
+"""The statement on a machine without travel."""
+
 _TITLES = {
     "feed": "feed",
     "accel": "acceleration",
@@ -97,6 +100,8 @@ def _facts(report: Report, verbose: bool) -> Iterator[tuple[str, str]]:
     if report.assumed:
         yield "assumed", report.assumed
     yield "result", verdict(report)
+    if not report.machine.has_travel:
+        yield "travel", TRAVEL_NOT_CHECKED
     if report.offset is not None:
         yield "offset", _offset(report.offset)
     yield "time", _time(report)

@@ -94,10 +94,43 @@ def test_many_warnings_are_counted_and_a_loop_gives_one(cncrun, program):
 
 
 def test_many_places_outside_the_travel_are_counted(cncrun, program):
-    code, _, err = cncrun("check", program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n"))
+    file = program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n")
+    code, _, err = cncrun("check", file, "--machine", "default")
     assert code == 1
     assert "20 more places outside the travel are not shown" in err
     assert err.count(": soft-limit: ") == 20
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "checked"),
+    [
+        (("check",), 0, False),
+        (("--dry-run",), 0, False),
+        (("check", "--machine", "default"), 1, True),
+        ((), 1, True),
+    ],
+)
+def test_a_check_without_a_machine_holds_no_travel(
+    cncrun, program, tmp_path, command, code, checked
+):
+    """A run holds the travel of the default machine; it may move something."""
+    file, summary = program("G21 G90\nG0 X500 Y-40\nM2\n"), tmp_path / "summary.json"
+    found, out, err = cncrun(*command, file, "--json", str(summary))
+    assert found == code
+    assert ("soft-limit" in err) is checked
+    assert ("travel       not checked: no machine file gives one (--machine FILE)" in out) is (
+        not checked
+    )
+    written = json.loads(summary.read_text())
+    assert written["travel_checked"] is checked
+    assert written["bounding_box"]["x"] == [0.0, 500.0]
+
+
+def test_a_list_says_once_that_no_travel_was_checked(cncrun, program, tmp_path):
+    program("G21 G90\nG0 X500\nM2\n")
+    said = "travel was not checked: no machine file gives one (--machine FILE)"
+    assert cncrun("check", str(tmp_path), "--jobs", "1")[1].splitlines()[-1] == said
+    assert said not in cncrun("check", str(tmp_path), "--jobs", "1", "--machine", "default")[1]
 
 
 def test_a_fault_of_the_board_is_3(cncrun, program, monkeypatch):

@@ -207,6 +207,15 @@ def test_a_track_is_the_toolpath(name):
     )
 
 
+def test_a_diff_holds_the_travel_of_a_machine_that_is_named(tmp_path, capfd):
+    files = [str(tmp_path / name) for name in ("a.nc", "b.nc")]
+    for x, name in enumerate(files, start=500):
+        Path(name).write_text(f"{HEAD}G0 X{x}\nM2\n")
+    assert cli.exit_code(["diff", *files]) == 0
+    assert cli.exit_code(["diff", *files, "--machine", "default"]) == 1
+    assert "soft-limit" in capfd.readouterr().err
+
+
 def test_diff_on_the_command_line(tmp_path, capfd, monkeypatch):
     one, other, bad = (str(tmp_path / name) for name in ("a.nc", "b.nc", "bad.nc"))
     Path(one).write_text(HEAD + SQUARE + "\nM2\n")

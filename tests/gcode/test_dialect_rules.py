@@ -307,6 +307,13 @@ def test_the_error_of_an_m_code_says_where_its_effect_is_given(code: str) -> Non
     assert f'[program.codes] {code} = ".."' in error_of(code, dialect="linuxcnc").hint
 
 
+@pytest.mark.parametrize("code", ["G47 P0", "G68.2 I0 J45 K0", "G254", "G150 P1"])
+def test_the_error_of_a_code_of_the_control_says_what_to_do_instead(code: str) -> None:
+    found = error_of(f"O00010\n{code}", dialect="haas")
+    assert found.code == "code-not-supported"
+    assert "let the CAM system write" in found.hint
+
+
 @pytest.mark.parametrize("dialect", ["haas", "auto"])
 def test_a_number_with_fanucs_repeats_is_explained(dialect: str) -> None:
     program = "O1\nG0 X1\nM98 P20100\nM30\nO100\nG91 G0 X1\nM99"

@@ -40,6 +40,7 @@ EVIDENCE = [
     ("#<depth> = 5", "linuxcnc"),
     ("O100 (PART)\n#<depth> = 5", "linuxcnc"),
     ("%\n\n(PART)\nO100 (PART)\nG0 X1", "fanuc"),
+    ("PART 17 OF 20\n%\nO0017\nG0 X1", "fanuc"),
     ("G21\nM98 P100 L5\nM2\nO100\nG4 P2\nM99", "auto"),
     ("G21\nM98 P100 L5\nM30\nO100\nG12 I2. F9\nM99\nO200\nG65 P100", "fanuc"),
     ("$H\nG0 X1", "grbl"),

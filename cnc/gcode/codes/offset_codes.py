@@ -136,14 +136,12 @@ class OffsetCodes:
     def _go_home(self, words: LineWords, code: Code) -> None:
         """Move through the point of the axis words to the stored position.
 
-        Only the given axes go on from the point, or all if none is given.
+        Only the given axes go on from the point, or all if none is given. Words of axes that the
+        machine lacks are no reason to move the others.
         """
         motion, stored = self._motion, self._home(words, code)
-        columns = [
-            motion.column[letter]
-            for letter in words.rest
-            if letter in AXES and letter in motion.column
-        ]
+        given = [letter for letter in words.rest if letter in AXES]
+        columns = [motion.column[letter] for letter in given if letter in motion.column]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
         elif self._dialect.home_needs_axes and not self._dialect.lenient:
@@ -153,6 +151,8 @@ class OffsetCodes:
                 code.word,
                 "give the axes that must move, such as Z0",
             )
+        if given and not columns:
+            return
         if not columns:
             motion.length_change = None
         motion.traverse(self._partly_home(columns, stored))

@@ -39,7 +39,7 @@ def bind(parameters: Parameters, state: ModalState, here: SourceLocation) -> Non
         "_units_per_minute": lambda: state.feed_mode == "per-minute",
         "_units_per_rev": lambda: state.feed_mode == "per-revolution",
         "_retract_r_plane": lambda: not state.initial_level,
-        "_retract_old_z": lambda: state.initial_level,
+        "_retract_old_z": lambda: bool(state.initial_level),
         "_spindle_rpm_mode": lambda: not state.constant_surface,
         "_spindle_css_mode": lambda: state.constant_surface,
         "_ijk_absolute_mode": lambda: state.arc_absolute,

@@ -26,6 +26,7 @@ from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.blocks import Plane
@@ -61,10 +62,11 @@ class Series:
 
 
 def register(
-    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner, dwells: Dwells
-) -> DrillingCycles:
+    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner, dwells: Dwells,
+    here: SourceLocation,
+) -> DrillingCycles:  # fmt: skip
     """Register the handlers of the canned cycles of the dialect, and return the cycles."""
-    cycles = DrillingCycles(motion, dialect, state, performer, dwells)
+    cycles = DrillingCycles(motion, dialect, state, performer, dwells, here)
     motion.handlers |= dict.fromkeys(cycles.cycles, cycles.make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
@@ -86,6 +88,7 @@ class DrillingCycles:
         state: ModalState,
         performer: CycleRunner,
         dwells: Dwells,
+        here: SourceLocation,
     ) -> None:
         self.cycles = frozenset(DRILLING) | (
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
@@ -96,6 +99,7 @@ class DrillingCycles:
         self._state = state
         self._performer = performer
         self._dwells = dwells
+        self._here = here
         self.series: Series | None = None
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -130,7 +134,7 @@ class DrillingCycles:
         polar = motion.polar_steps(words, name)
         given = motion.axis_values(words, name)
         self._check_distance(series, (depth, retract), name, at)
-        heights = self._heights(plane, series, depth, retract)
+        heights = self._heights(plane, series, depth, retract, at)
         top, bottom, _ = heights
         if top < bottom:
             message = f"R is at {top:g} mm, below the bottom of the hole at {bottom:g} mm"
@@ -336,10 +340,21 @@ class DrillingCycles:
                 hint = "give R and the depth in this line, or name the --dialect"
                 raise fault("cycle-distance-mode", message, at, hint)
 
+    def _check_level(self, top: float, clear: float, at: Word) -> None:
+        """Warn once of a level between the holes that the dialects read differently, mm."""
+        if self._state.initial_level != "unclear" or clear == top:
+            return
+        self._state.initial_level = True
+        message = (
+            f"without G98 and G99 the tool goes up to {clear:g} mm between the holes, as on FANUC "
+            f"and Haas; LinuxCNC and Mach3 go to R, {top:g} mm"
+        )
+        self._here.report_warning("cycle-level-unclear", message, at, "give G98 or G99")
+
     def _heights(
-        self, plane: CyclePlane, series: Series, depth: Word, retract: Word
+        self, plane: CyclePlane, series: Series, depth: Word, retract: Word, at: Word
     ) -> tuple[float, float, float]:
-        """Heights of R, of the bottom, and of the end of the cycle, mm."""
+        """Heights of R, of the bottom, and of the end of the cycle, mm; ``at`` is for a warning."""
         state, motion = self._state, self._motion
         scale = motion.scales[motion.column[plane.across]]
         level = plane.seen(motion.coordinates.to_program(series.start))[2]
@@ -347,7 +362,9 @@ class DrillingCycles:
         r, z = series.absolute["R"], series.absolute[plane.across]
         top = retract.number * scale + (0.0 if (r if kept else state.absolute) else level)
         bottom = depth.number * scale + (0.0 if (z if kept else state.absolute) else top)
-        return top, bottom, max(level, top) if state.initial_level else top
+        clear = max(level, top) if state.initial_level else top
+        self._check_level(top, clear, at)
+        return top, bottom, clear
 
     def _holes(
         self,

@@ -66,7 +66,7 @@ class Dialect:
     flavour: Flavour
     siemens: bool
     dollar: bool
-    initial_level: bool
+    initial_level: bool | Literal["unclear"]
     lenient: bool
     first_bracket: bool
     after_g80: Literal["none", "previous", "assumed"]
@@ -310,7 +310,7 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
             message = f"{name} is not supported: a builder's code, or {printer}"
         return fault("code-not-supported", message, word, builder)
     if meaning := _known()[kind].get(f"{code:g}"):
-        hint = builder if kind == "m" else ""
+        hint = builder if kind == "m" else _known()["instead"].get(f"g{code:g}", "")
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word, hint)
     similar = " or ".join(
         f"{kind.upper()}{other}"

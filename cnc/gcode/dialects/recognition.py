@@ -136,7 +136,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         places = {"code": [code], "comment": comments, "line": [line],
                   "later" if begun else "first": [code]}  # fmt: skip
-        begun = begun or code not in ("", "%")
+        begun = code != "%" and (begun or code != "")
         for each in tuple(left):
             for text in places.get(each.place, ()):
                 if match := each.pattern.search(text):
@@ -228,7 +228,10 @@ def refuse(recognition: Recognition, kind: MachineKind, file: str) -> None:
         hint = "cncrun reads G-code; let the CAM system write G-code, or name a --dialect"
         raise GcodeError(Diagnostic("not-gcode", message, file, line, hint=hint))
     elif recognition.dialect == "marlin" and kind not in ("printer", "laser"):
-        message = f"this is a 3D printer's program, by {why}; the machine is a {kind}"
+        message = (
+            f"this looks like a program for a 3D printer's firmware, by {why}; "
+            f"the machine is a {kind}"
+        )
         hint = 'use a machine file with kind = "printer", or --dialect marlin'
         raise GcodeError(Diagnostic("program-for-printer", message, file, line, hint=hint))
 

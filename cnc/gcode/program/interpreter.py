@@ -162,7 +162,7 @@ class Interpreter:
         g5_2.register(motion, modal, here, self.feed_codes.feed)
         bspline.register(motion, modal, here, self.feed_codes.feed)
         runner = CycleRunner(motion, modal, here, self.out)
-        self.drilling_cycles = drilling.register(motion, dialect, modal, runner, self._dwells)
+        self.drilling_cycles = drilling.register(motion, dialect, modal, runner, self._dwells, here)
         if dialect.hole_patterns:
             hole_patterns.register(motion, modal, self.drilling_cycles)
         threading.register(motion, dialect, modal, runner)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ MOST_ROWS = 8192
 
 _MOTIONS = (G.G0, G.G1, G.G2, G.G3)
 _CYCLES = (G.G73, G.G81, G.G82, G.G83, G.G85, G.G89)
+_LEVELS: tuple[bool | Literal["unclear"], ...] = (False, True, "unclear")
+"""Ends of canned cycles, by the number in compiled code."""
 _MODES = {None: kernel.NO_MOTION} | {code: code // 10 for code in (*_MOTIONS, *_CYCLES)}
 _MOTION_OF = {mode: code for code, mode in _MODES.items()}
 _PLANES = tuple(PLANES.values())
@@ -211,7 +213,7 @@ class LineMachine:
             _MODES[modal.motion if modal.motion in _MOTIONS else resting],
             _PLANES.index(modal.plane),
             modal.absolute,
-            modal.initial_level,
+            _LEVELS.index(modal.initial_level),
             math.nan if modal.feed is None else modal.feed.linear,
             math.nan if modal.feed is None else modal.feed.rotary,
             SPINDLE_STATES.index(modal.spindle),
@@ -246,7 +248,7 @@ class LineMachine:
             assumed.cancelled()
         elif modal.motion is not None:
             assumed.end()
-        modal.initial_level = bool(initial)
+        modal.initial_level = _LEVELS[initial]
         modal.plane = _PLANES[plane]
         modal.absolute = bool(absolute)
         if linear == linear:

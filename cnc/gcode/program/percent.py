@@ -8,10 +8,40 @@ from collections.abc import Iterator
 from cnc.gcode.program import control_flow
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.line_index import Place
+from cnc.gcode.syntax.parser import Syntax, parse_line
+from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.words import Word
+from cnc.model.diagnostics import GcodeError
 
 _COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
 _CODE = re.compile(r"[A-Za-z#][ \t]*[-+#\[<]?[ \t]*[0-9.]")
+
+
+LEADER = 20
+"""Most lines before the first %."""
+
+
+def leader(text: Text, syntax: Syntax) -> int:
+    """Return the number of lines before the first ``%`` that are no G-code; 0 for none.
+
+    FANUC's and Haas' controls ignore what precedes the first ``%``: the leader of a tape. A line
+    that can be read is none: a file whose first ``%`` is missing would lose a program.
+    """
+    unreadable, lines = False, text.first_lines()
+    for count, line in enumerate(lines):
+        if line.strip() == "%":
+            begins = unreadable and any(_CODE.search(_COMMENT.sub("", behind)) for behind in lines)
+            return count if begins else 0
+        if count == LEADER:
+            break
+        try:
+            statement = parse_line(line.rstrip("\r\n"), syntax)
+        except GcodeError:
+            unreadable = True
+            continue
+        if statement.words or statement.computed or statement.control:
+            break
+    return 0
 
 
 class PercentStep:

@@ -18,6 +18,7 @@ from cnc.gcode import dialects
 from cnc.gcode.program.call_stack import Flow, Limits, Listing, Page, Step
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_steps import StepMaker
+from cnc.gcode.program.percent import leader
 from cnc.gcode.program.subprograms import Library
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
@@ -27,6 +28,7 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.words import Word
 from cnc.model.blocks import Block, ToolOffset
 from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
@@ -134,7 +136,19 @@ def interpret(
     library = Library(options.folders, syntax, block_delete=options.block_delete)
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
-    yield from _run(flow, maker, options.on_line)
+    first = _behind_leader(flow, text, syntax) if rules.lenient or rules.flavour == "macro-b" else 1
+    yield from _run(flow, maker, first, options.on_line)
+
+
+def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
+    """Return the first line of the program, and report a leader before it."""
+    count = leader(text, syntax)
+    if count:
+        message = "text before the first % is not read: FANUC's and Haas' controls ignore it"
+        flow.interpreter.here.line = 1
+        at = Word("", 0.0, "", 1, 1)
+        flow.interpreter.here.report_warning("percent-leader", message, at, "remove it")
+    return count + 1
 
 
 def _defined_variables(text: Text) -> Variables:
@@ -154,11 +168,13 @@ def _mark_tool_offsets(interpreter: Interpreter) -> None:
     interpreter.coordinates.on_tool_offset = mark
 
 
-def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:
-    """Execute the program and end it."""
+def _run(
+    flow: Flow, maker: StepMaker, first: int, on_line: Callable[[int], None] | None
+) -> Iterator[Block]:
+    """Execute the program from a line on, and end it."""
     ready = flow.interpreter.out.ready
     try:
-        yield from _execute_lines(flow, maker, _Watch(flow, on_line))
+        yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
     except GcodeError:
         if flow.interpreter.aborted:
             yield from ready
@@ -170,14 +186,14 @@ def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) ->
     ready.clear()
 
 
-def _execute_lines(flow: Flow, maker: StepMaker, watch: _Watch) -> Iterator[Block]:
-    """Execute line by line until the program ends.
+def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[Block]:
+    """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
     """
     interpreter, listing = flow.interpreter, flow.listing
     execute, ready = interpreter.execute, interpreter.out.ready
-    line, first, count = 1, 1, 0
+    first, count = 1, 0
     page: Page | None = None
     steps: list[Step | Statement | None] = []
     executed, next_check = 0, watch.next_report

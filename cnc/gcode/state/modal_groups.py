@@ -199,7 +199,8 @@ class ModalState:
         most_rpm: Limit of the spindle speed under G96; 0 for none.
         tool: Number of the last T word.
         loaded: Number of the tool in the spindle; 0 for none.
-        initial_level: Canned cycles end at the level before the first one, not at R (G98).
+        initial_level: Canned cycles end at the level before the first one, not at R (G98). It is
+            unclear, and read as G98, until the program says so or is warned.
         compensation: The G41 or G42 in effect, or G40.
         scaled: Whether G51 is in effect.
     """
@@ -221,7 +222,7 @@ class ModalState:
     flood: bool = False
     tool: int | None = None
     loaded: int = 0
-    initial_level: bool = False
+    initial_level: bool | Literal["unclear"] = False
     compensation: G = G.G40
     scaled: bool = False
     path: PathControl = "exact-path"

@@ -18,6 +18,7 @@ from cnc.kernels.gcode.rows import (
     PECK,
     RETRACT,
     STRAIGHT,
+    UNCLEAR_LEVEL,
     WAIT,
     Bytes,
     Floats,
@@ -181,6 +182,7 @@ def _series(
     bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
     clear = top if words.initial == 0 or top > level else level
     known = known and bottom <= top and (not pecks or peck > 0.0)
+    known = known and (words.initial != UNCLEAR_LEVEL or clear == top)
     # Heights of a line before count as that line says, in a way that depends on the dialect.
     keeps = stay and (given[0] != given[0] or given[1] != given[1])
     known = known and (not keeps or int(now["cycle_distance"]) == 1 + words.absolute)

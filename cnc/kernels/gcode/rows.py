@@ -31,6 +31,9 @@ while so few exist at once.
 """
 MOST_AXES = 9
 
+UNCLEAR_LEVEL = 2
+"""Value of ``initial`` where neither G98 nor G99 was given, and dialects differ."""
+
 STATE = np.dtype(
     [
         ("mode", np.int64),

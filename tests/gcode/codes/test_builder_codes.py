@@ -167,3 +167,19 @@ def test_h_stays_in_effect() -> None:
     rows = block_summaries("G0 X0.\nG43 H1 Z5.\nG43 Z6.", dialect="haas", tools=tools)
     assert rows[1:] == ["rapid 0 0 45", "rapid 0 0 46"]
     assert error_of("G43 Z6.", dialect="haas", tools=tools).code == "tool-offset-missing"
+
+
+@pytest.mark.parametrize(
+    ("line", "end"),
+    [
+        ("G91 G28 A0", "rapid 5 6 7"),
+        ("G28 B0 C0", "rapid 5 6 7"),
+        ("G30 U0 W0", "rapid 5 6 7"),
+        ("G91 G28 Z0 A0", "rapid 5 6 0"),
+        ("G91 G28", "rapid 0 0 0"),
+    ],
+)
+def test_axes_that_the_machine_lacks_send_no_other_axis_home(line: str, end: str) -> None:
+    source = f"G0 X5 Y6 Z7\n{line}"
+    assert block_summaries(source)[-1] == end
+    assert set(warnings_of(source)) == ({"axis-idle"} if "0" in line else set())

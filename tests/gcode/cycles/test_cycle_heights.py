@@ -39,3 +39,29 @@ def test_heights_under_the_other_distance_mode_by_dialect() -> None:
     assert points(given, "auto")[-2:] == [(3, 0, 9), (3, 0, 12)]
     # LinuxCNC counts R from the height at the start of the cycles, and the depth from R.
     assert (3, 0, 7) in points(f"{program}\nM2", "linuxcnc")
+
+
+@pytest.mark.parametrize(
+    ("cycle", "dialect", "above", "lines"),
+    [
+        ("G81 X1 Z-4 R1 F50\nX2\nX3", "auto", [9, 9, 9], [3]),
+        ("G81 X1 Z-4 R1 F50\nX2\nG80\nG81 X3 Z-4 R1", "auto", [9, 9, 9], [3]),
+        ("G98 G81 X1 Z-4 R1 F50\nX2", "auto", [9, 9], []),
+        ("G99 G81 X1 Z-4 R1 F50\nX2", "auto", [1, 1], []),
+        ("G99\nG81 X1 Z-4 R1 F50\nX2", "auto", [1, 1], []),
+        ("G81 X1 Z-4 R9 F50\nX2", "auto", [9, 9], []),
+        ("G81 X1 Z-4 R9 F50\nX2 R1", "auto", [9, 9], [4]),
+        ("G81 X1 Z-4 R1 F50\nX2", "linuxcnc", [1, 1], []),
+        ("G81 X1 Z-4 R1 F50\nX2", "fanuc", [9, 9], []),
+        ("G81 X1 Z-4 R1 F50\nX2", "mach3", [1, 1], []),
+    ],
+)
+def test_a_level_between_the_holes_that_dialects_read_differently_is_reported(
+    cycle: str, dialect: str, above: list[float], lines: list[int]
+) -> None:
+    program, warnings = f"G21 G90\nG0 Z9\n{cycle}\nG80\nM2", []
+    moves = points(program, dialect, warn=warnings.append)
+    found = [end[2] for hole, end in itertools.pairwise(moves) if hole[2] == -4]
+    assert found == above
+    unclear = [each.line for each in warnings if each.code == "cycle-level-unclear"]
+    assert unclear == lines

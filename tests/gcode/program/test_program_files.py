@@ -84,6 +84,29 @@ def test_an_unopened_percent_in_the_last_line_is_a_warning() -> None:
 
 
 @pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+@pytest.mark.parametrize("head", ["PART 17 FOR A CUSTOMER", "\nfrom: CNC-3\n(a comment)", "..."])
+def test_text_before_the_first_percent_is_a_leader(head: str, dialect: str) -> None:
+    warnings: list[Diagnostic] = []
+    program = f"{head}\n%\nO7\nM98 P8\nG0 X1.\nM30\nO8\nG0 X2.\nM99\n%\n"
+    assert xs(program, dialect=dialect, warn=warnings.append) == [2, 1]
+    assert [(each.code, each.line) for each in warnings] == [("percent-leader", 1)]
+    assert error_of(program, dialect="linuxcnc").line == 1 + head.startswith("\n")
+
+
+@pytest.mark.parametrize(
+    ("program", "line"),
+    [
+        ("G0 X1.\nnothing\n%\nO2\nG0 X2.\nM30\n%", 2),  # a program without its first %
+        ("G0 X1.Y\n%\n", 1),
+        ("nothing\nO1\nG0 X1.\nM30\n", 1),
+        ("nothing\n" * 21 + "%\nO1\nG0 X1.\nM30\n%", 1),
+    ],
+)
+def test_a_line_that_belongs_to_the_program_is_no_leader(program: str, line: int) -> None:
+    assert error_of(program, dialect="fanuc").line == line
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
 def test_a_called_program_behind_the_last_percent_is_named(dialect: str) -> None:
     """The control ends to read at the second %."""
     program = "%\nO1\nM98 P10\nM30\n%\n\n(SUB)\nO10\nG0 X1.\nM99\n"

@@ -291,10 +291,10 @@ abort-possible axis-idle code-not-needed code-skipped code-without-effect commen
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 thread-start tool-word-form turning-plane
-comment-not-active not-gcode percent-code-behind percent-unopened program-for-lathe
+comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
 tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
-dwell-short offset-diameter offset-variable-wear
+dwell-short cycle-level-unclear offset-diameter offset-variable-wear
 feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
 unreadable-file unwritable-file
 unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
