@@ -27,7 +27,7 @@ from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
 from cnc.executor.run import Progress
-from cnc.machine.load import load_machine, load_machine_of_check
+from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.choices import DialectName
@@ -127,7 +127,7 @@ def check(
 
     Args:
         program: The file; ``-`` for standard input.
-        machine: The machine; None for the default machine without its travel.
+        machine: The machine.
         options: Options of the check; None for the defaults.
         callbacks: Functions that follow the check.
         control: Its feed override scales the feeds. Its stop request ends the check.
@@ -139,8 +139,7 @@ def check(
         UsageError: If an option is wrong.
         MachineFileError: If the machine file is wrong.
     """
-    known = _loaded(machine, load_machine_of_check)
-    session = Session(program, known, options, callbacks=callbacks, control=control)
+    session = Session(program, _loaded(machine), options, callbacks=callbacks, control=control)
     return session.run()
 
 
@@ -159,7 +158,7 @@ def check_many(
 
     Args:
         programs: The files.
-        machine: The machine; None for the default machine without its travel.
+        machine: The machine.
         options: Options of each check; None for the defaults.
         jobs: Number of processes; None for one for each core.
         scheduler: Address of a Dask scheduler, whose workers check the programs instead.
@@ -171,8 +170,7 @@ def check_many(
     from cnc.batch import pool  # a check of one program does not need it
 
     names = [str(program) for program in programs]
-    known = _loaded(machine, load_machine_of_check)
-    return pool.check_many(names, known, options, jobs=jobs, scheduler=scheduler)
+    return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
 
 
 def run(
@@ -309,7 +307,5 @@ def home(
     return {letter: None if place != place else place for letter, place in each}
 
 
-def _loaded(
-    machine: MachineChoice, load: Callable[[Path | str | None], Machine] = load_machine
-) -> Machine:
-    return machine if isinstance(machine, Machine) else load(machine)
+def _loaded(machine: MachineChoice) -> Machine:
+    return machine if isinstance(machine, Machine) else load_machine(machine)

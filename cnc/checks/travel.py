@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import AXES, LENGTH, START
+from cnc.machine.load import is_default
 from cnc.machine.models import Axis, Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block, SpindleSync
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
@@ -156,6 +157,10 @@ class TravelCheck:
             f"move the work offset or the part, or correct {table}.{letter}.travel in the machine "
             "file; positions are machine coordinates, after all offsets"
         )
+        if is_default(self.machine):
+            hint = (
+                f"this is the travel of the default machine; name yours: --machine FILE; or {hint}"
+            )
         return MotionLimitError(Diagnostic("soft-limit", message, chunk.file, line, hint=hint))
 
 

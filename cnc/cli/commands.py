@@ -192,11 +192,11 @@ def diff(
     terminal.open_log(machine, first, second)
     library()
     from cnc.compare.programs import compare
-    from cnc.machine.load import load_machine_of_check
+    from cnc.machine.load import load_machine
     from cnc.outputs.summary_json import write_object
 
     with ProgressDisplay(Control(), quiet=terminal.quiet) as display:
-        known = load_machine_of_check(machine)
+        known = load_machine(machine)
         found = compare(first, second, known, dialect, display.callbacks())
     if all(report.ok and report.stopped_at_line is None for report in found.reports):
         if json is not None:

@@ -316,10 +316,10 @@ class CheckOptions:
 
     def machine(self, name: str | None) -> Machine:
         """Return the machine of a file, with the raw part."""
-        from cnc.machine.load import load_machine_of_check
+        from cnc.machine.load import load_machine
         from cnc.machine.stock import with_stock
 
-        machine = load_machine_of_check(name)
+        machine = load_machine(name)
         return machine if self.stock is None else with_stock(machine, self.stock)
 
     def run_options(self, common: CommonOptions, *, picture: str | None = None) -> RunOptions:

@@ -122,22 +122,6 @@ def load_machine(path: Path | str | None = None) -> Machine:
     return _with_absolute_files(machine, file, text)
 
 
-def load_machine_of_check(path: Path | str | None = None) -> Machine:
-    """Load a machine for a check, in which nothing moves.
-
-    The travel and the zero of the shipped default are not those of the user's machine. Without a
-    name the machine therefore has no travel.
-
-    Args:
-        path: As of :func:`load_machine`.
-
-    Raises:
-        MachineFileError: As :func:`load_machine`.
-    """
-    machine = load_machine(path)
-    return machine.without_travel() if path is None else machine
-
-
 def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None:
     """Give the axes that joints move the scale and the speed of the fastest of these joints.
 
@@ -166,6 +150,11 @@ def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None
             values = [joint.get(key) for joint in given]
             numbers = [float(value) for value in values if isinstance(value, int | float)]
             table[key] = max(numbers, default=1.0)
+
+
+def is_default(machine: Machine) -> bool:
+    """Return whether a machine is the shipped default, so perhaps not the user's own."""
+    return machine.file == str(shipped_machines()[DEFAULT])
 
 
 def _resolve(path: Path | str | None) -> Traversable:

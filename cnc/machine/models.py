@@ -237,13 +237,6 @@ class Machine(Section):
         """Whether an axis or a joint has a travel."""
         return any(each.travel for each in (*self.axes.values(), *self.joints.values()))
 
-    def without_travel(self) -> Machine:
-        """Return the machine with axes of any travel."""
-        axes = {
-            letter: axis.model_copy(update={"travel": None}) for letter, axis in self.axes.items()
-        }
-        return self.model_copy(update={"axes": axes})
-
     @property
     def can_home(self) -> bool:
         """Whether the machine file mentions limit switches."""

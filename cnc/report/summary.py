@@ -17,7 +17,7 @@ from cnc.report.result import (
 )
 from cnc.report.text_table import aligned, has_styles, join, printable, styled
 
-TRAVEL_NOT_CHECKED = "not checked: no machine file gives one (--machine FILE)"
+TRAVEL_NOT_CHECKED = "not checked: the machine file gives none"
 """The statement on a machine without travel."""
 
 _TITLES = {

@@ -216,7 +216,7 @@ def test_baseline_on_the_command_line(tmp_path, capfd, monkeypatch):
         (tmp_path / name).write_text(HEAD + text + "M2\n")
 
     def carry_out(*arguments: str) -> tuple[int, str, str]:
-        code = cli.exit_code(["check", "--jobs", "1", "--machine", "default", *arguments])
+        code = cli.exit_code(["check", "--jobs", "1", *arguments])
         return code, *capfd.readouterr()
 
     write("a.nc", "G1 X10 F600\n")

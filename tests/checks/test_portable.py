@@ -20,7 +20,7 @@ def found(tmp_path):
         file.write_text(HEAD + text)
         faults = [
             fault.diagnostic
-            for fault in check(file, "default", RunOptions(dialect=dialect, portable=others)).faults
+            for fault in check(file, None, RunOptions(dialect=dialect, portable=others)).faults
         ]
         assert {fault.severity for fault in faults} <= {"error"}
         return [(fault.code, fault.line, fault.message) for fault in faults]

@@ -101,38 +101,6 @@ def test_many_places_outside_the_travel_are_counted(cncrun, program):
     assert err.count(": soft-limit: ") == 20
 
 
-@pytest.mark.parametrize(
-    ("command", "code", "checked"),
-    [
-        (("check",), 0, False),
-        (("--dry-run",), 0, False),
-        (("check", "--machine", "default"), 1, True),
-        ((), 1, True),
-    ],
-)
-def test_a_check_without_a_machine_holds_no_travel(
-    cncrun, program, tmp_path, command, code, checked
-):
-    """A run holds the travel of the default machine; it may move something."""
-    file, summary = program("G21 G90\nG0 X500 Y-40\nM2\n"), tmp_path / "summary.json"
-    found, out, err = cncrun(*command, file, "--json", str(summary))
-    assert found == code
-    assert ("soft-limit" in err) is checked
-    assert ("travel       not checked: no machine file gives one (--machine FILE)" in out) is (
-        not checked
-    )
-    written = json.loads(summary.read_text())
-    assert written["travel_checked"] is checked
-    assert written["bounding_box"]["x"] == [0.0, 500.0]
-
-
-def test_a_list_says_once_that_no_travel_was_checked(cncrun, program, tmp_path):
-    program("G21 G90\nG0 X500\nM2\n")
-    said = "travel was not checked: no machine file gives one (--machine FILE)"
-    assert cncrun("check", str(tmp_path), "--jobs", "1")[1].splitlines()[-1] == said
-    assert said not in cncrun("check", str(tmp_path), "--jobs", "1", "--machine", "default")[1]
-
-
 def test_a_fault_of_the_board_is_3(cncrun, program, monkeypatch):
     monkeypatch.setattr(api, "open_board", lambda *_, **__: Loopback(3, fail_after=700))
     code, _, err = cncrun(program("G21 G90\nG1 X2 F600\nG1 X10\nM2\n"))
@@ -373,3 +341,30 @@ def test_overrides_of_grbl_are_refused_on_other_boards(cncrun, program, option, 
     assert exit_code == 2
     assert code in err
     assert cncrun(program("G0 X1\nM2\n"), "--board", "grbl-sim", option, "50")[0] == 0
+
+
+@pytest.mark.parametrize("command", [("check",), ("--dry-run",), ()])
+def test_the_travel_of_the_default_machine_is_named(cncrun, program, command):
+    file = program("G21 G90\nG0 X1000\nM2\n")
+    code, _, err = cncrun(*command, file)
+    assert code == 1
+    assert "soft-limit" in err
+    assert "default machine; name yours: --machine FILE" in err
+    assert "name yours" not in cncrun("check", file, "--machine", "klipper-uno")[2]
+
+
+def test_a_machine_without_travel_says_that_none_was_checked(cncrun, program, tmp_path):
+    mill = tmp_path / "mill.toml"
+    axis = "steps_per_mm = 100\nmax_velocity = 400\nmax_acceleration = 2400\nmax_jerk = 48000\n"
+    mill.write_text("".join(f"[axes.{letter}]\n{axis}" for letter in "xyz"))
+    file, summary = program("G21 G90\nG0 X500\nM2\n"), tmp_path / "summary.json"
+    said = "not checked: the machine file gives none"
+    for machine, checked in ((str(mill), False), ("klipper-uno", True)):
+        options = ("--machine", machine, "--json", str(summary))
+        out = cncrun("check", file, *options)[1]
+        assert (said in out) is not checked
+        assert json.loads(summary.read_text())["travel_checked"] is checked
+    folder = tmp_path / "programs"
+    program("G0 X1\nM2\n", "programs/a.nc")
+    listed = cncrun("check", str(folder), "--jobs", "1", "--machine", str(mill))[1]
+    assert listed.splitlines()[-1] == f"travel was {said}"

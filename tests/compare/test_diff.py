@@ -207,12 +207,11 @@ def test_a_track_is_the_toolpath(name):
     )
 
 
-def test_a_diff_holds_the_travel_of_a_machine_that_is_named(tmp_path, capfd):
+def test_a_diff_holds_the_travel_of_the_machine(tmp_path, capfd):
     files = [str(tmp_path / name) for name in ("a.nc", "b.nc")]
     for x, name in enumerate(files, start=500):
         Path(name).write_text(f"{HEAD}G0 X{x}\nM2\n")
-    assert cli.exit_code(["diff", *files]) == 0
-    assert cli.exit_code(["diff", *files, "--machine", "default"]) == 1
+    assert cli.exit_code(["diff", *files]) == 1
     assert "soft-limit" in capfd.readouterr().err
 
 

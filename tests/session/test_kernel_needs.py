@@ -83,7 +83,7 @@ def test_a_wrong_program_asks_for_nothing(tmp_path: Path, asked) -> None:
     file.write_text("G21 G90\nG1 X\n")
     assert not check_with(file).ok
     file.write_text("G21 G90\nG1 X9999 F100\n")
-    assert not check_with(file, "default").ok
+    assert not check_with(file).ok
     assert asked == set()
 
 

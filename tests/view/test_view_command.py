@@ -117,9 +117,8 @@ def test_programs_with_little_motion_are_drawn(view, tmp_path, text, suffix):
 )
 def test_a_rejected_program_is_reported_as_by_check_and_writes_nothing(view, tmp_path, capfd, text):
     (tmp_path / "out.html").write_text("as before")
-    code, messages = view(text, "out.html", "--machine", "default")
-    command = ["check", str(tmp_path / "p.nc"), "--quiet", "--machine", "default"]
-    checked = cli.exit_code(command)
+    code, messages = view(text, "out.html")
+    checked = cli.exit_code(["check", str(tmp_path / "p.nc"), "--quiet"])
     assert (code, messages) == (checked, capfd.readouterr().err)
     assert code == 1
     assert (tmp_path / "out.html").read_text() == "as before"
@@ -209,8 +208,7 @@ def test_the_policy_permits_one_script_and_no_requests(view, tmp_path):
 
 def test_the_columns_contain_the_picture(view, tmp_path):
     text = (ROOT / "programs" / "pocket.nc").read_text()
-    options = ("--stock", "X-1:120,Y-2:80,Z-10:0", "--machine", "default")
-    assert view(text, "out.html", *options) == (0, "")
+    assert view(text, "out.html", "--stock", "X-1:120,Y-2:80,Z-10:0") == (0, "")
     page, picture = tmp_path / "out.html", drawn(tmp_path / "p.nc").picture
     about = json.loads(unpacked(page, "about"))
     strokes = picture.strokes
