@@ -11,8 +11,8 @@ The deviation is that of the planned motion from the polygon, relative to the to
 ratios tell where time is lost:
 
 - "along ours": our duration over that of the fastest motion along our own path, which
-  :mod:`benchmarks.optimum` finds. It is below 1 where stops are passed, because that path goes through
-  the corner. What is lost there is lost by the planner, the rest by the path.
+  :mod:`benchmarks.optimum` finds. It is below 1 where stops are passed, because that path goes
+  through the corner. What is lost there is lost by the planner, the rest by the path.
 - "along best": the duration of our plan along the path of the optimum over that of the optimum.
   The path is fitted again, within a part of the tolerance. So it is the ratio that a better
   path would reach.

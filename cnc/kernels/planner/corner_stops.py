@@ -303,17 +303,11 @@ def _rounded(value: float, scale: float) -> float:
     return math.floor(value / unit + 0.5) * unit
 
 
-@njit
-def input_size(axes: int) -> int:
-    """Return the size of the input of a search."""
-    return 13 + 4 * axes + 2 * POINTS
-
-
-@njit
 def new_known(axes: int) -> Known:
     """Return space for motions that are found."""
+    numbers = 13 + 4 * axes + 2 * POINTS
     return Known(
-        np.full((KNOWN, input_size(axes)), math.nan),
+        np.full((KNOWN, numbers), math.nan),
         np.empty((KNOWN, POINTS, 2)),
         np.zeros(KNOWN),
         np.zeros(1, np.int64),
