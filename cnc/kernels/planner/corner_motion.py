@@ -37,6 +37,7 @@ from cnc.kernels.planner.corner_rows import (
     CornerLimits,
     Rows,
     evaluate,
+    set_step,
 )
 
 FREE = 2 * (POINTS - 2 * FIXED)
@@ -57,6 +58,9 @@ NEWTON_STEPS = 25
 """Largest number of steps for one t."""
 
 LEAST_STEP = 1e-4
+
+LEAST_PRODUCT = 1e-100
+"""Products of distances are not smaller, nor larger than its inverse, before their logarithm."""
 
 FIRST = 10.0
 """The first t, by the number of rows."""
@@ -120,34 +124,39 @@ def place_ends(c: Floats, h: float, before: State, after: State, turn: tuple[flo
 
 
 @njit
-def _inside(rows: Rows, h: float, s: float) -> float:
+def _inside(rows: Rows, s: float) -> float:
     """Return the sum of the logarithms of the distances from the bounds; -infinity outside."""
     total = 0.0
     if 1.0 + s <= 0.0:
         return -math.inf
+    product = 1.0
     for m in range(rows.number[0]):
-        used = rows.value[m] / (rows.bound[m] * h ** rows.power[m])
+        used = rows.value[m] * rows.scale[m]
         room = 1.0 + s - used
         if rows.kind[m] != TRAVEL:
             room *= 1.0 + s + used
         if not room > 0.0:
             return -math.inf
-        total += math.log(room)
-    return total
+        product *= room
+        # One logarithm for several distances is faster.
+        if not LEAST_PRODUCT < product < 1.0 / LEAST_PRODUCT:
+            total += math.log(product)
+            product = 1.0
+    return total + math.log(product)
 
 
 @njit
-def _most_used(rows: Rows, h: float) -> float:
+def _most_used(rows: Rows) -> float:
     """Return the largest part of its bound that a row takes."""
     most = 0.0
     for m in range(rows.number[0]):
-        used = rows.value[m] / (rows.bound[m] * h ** rows.power[m])
+        used = rows.value[m] * rows.scale[m]
         most = max(most, used if rows.kind[m] == TRAVEL else abs(used))
     return most
 
 
 @njit
-def _assemble(rows: Rows, h: float, s: float, n: Newton) -> tuple[float, float]:
+def _assemble(rows: Rows, s: float, n: Newton) -> tuple[float, float]:
     """Write the derivatives of the barrier, and return the first and the second one by s."""
     band, side, slope = n.band, n.side, n.slope
     band[:] = 0.0
@@ -156,7 +165,7 @@ def _assemble(rows: Rows, h: float, s: float, n: Newton) -> tuple[float, float]:
     slope_s = 0.0
     ss = 0.0
     for m in range(rows.number[0]):
-        raw = 1.0 / (rows.bound[m] * h ** rows.power[m])
+        raw = rows.scale[m]
         x = rows.value[m] * raw
         up = 1.0 / (1.0 + s - x)
         down = 0.0 if rows.kind[m] == TRAVEL else 1.0 / (1.0 + s + x)
@@ -189,14 +198,14 @@ def _assemble(rows: Rows, h: float, s: float, n: Newton) -> tuple[float, float]:
 
 
 @njit
-def _centre(rows: Rows, limits: CornerLimits, n: Newton, h: float, s: float, t: float) -> float:
-    """Lower the barrier for one ``t`` and ``h``, and return s; infinity after a rounding error."""
+def _centre(rows: Rows, limits: CornerLimits, n: Newton, s: float, t: float) -> float:
+    """Lower the barrier for one ``t``, and return s; infinity after a rounding error."""
     evaluate(rows, limits, n.c)
-    value = t * s - _inside(rows, h, s)
+    value = t * s - _inside(rows, s)
     if not value < math.inf:
         return math.inf
     for _ in range(NEWTON_STEPS):
-        slope_s, ss = _assemble(rows, h, s, n)
+        slope_s, ss = _assemble(rows, s, n)
         slope_s += t
         step_s, decrement = _newton_step(n, slope_s, ss)
         if not CLOSE <= decrement < math.inf:
@@ -209,7 +218,7 @@ def _centre(rows: Rows, limits: CornerLimits, n: Newton, h: float, s: float, t: 
                 for i in range(2):
                     n.tried[k, i] = n.c[k, i] + part * n.slope[2 * (k - FIXED) + i]
             evaluate(rows, limits, n.tried)
-            new = t * (s + part * step_s) - _inside(rows, h, s + part * step_s)
+            new = t * (s + part * step_s) - _inside(rows, s + part * step_s)
             better = new < value - 0.1 * part * decrement
             if not better:
                 part *= 0.5
@@ -267,7 +276,7 @@ def _follow(
     ss = 0.0
     sh = 0.0
     for m in range(rows.number[0]):
-        raw = 1.0 / (rows.bound[m] * h ** rows.power[m])
+        raw = rows.scale[m]
         x = rows.value[m] * raw
         up = 1.0 / (1.0 + s - x)
         down = 0.0 if rows.kind[m] == TRAVEL else 1.0 / (1.0 + s + x)
@@ -328,10 +337,11 @@ def fastest_corner(
     t = FIRST * rows.number[0]
     for _ in range(ROUNDS):
         place_ends(n.c, h, before, after, limits.turn)
+        set_step(rows, h)
         evaluate(rows, limits, n.c)
-        s = (1.0 + INSIDE) * _most_used(rows, h) - 1.0 + INSIDE
+        s = (1.0 + INSIDE) * _most_used(rows) - 1.0 + INSIDE
         while True:
-            s = _centre(rows, limits, n, h, s, t)
+            s = _centre(rows, limits, n, s, t)
             if t == last or s == math.inf:
                 break
             t = min(last, RAISE * t)

@@ -62,6 +62,7 @@ class Rows(NamedTuple):
         offset: (m,): constant part of x, of TRAVEL rows.
         bound: (m,): b, in mm and s.
         power: (m,): p.
+        scale: (m,): 1 / (b h^p).
         value: (m,): x.
         gradient: (m, 8): of x, by the two coordinates of four control points.
         bend: (m,): curvature of x across its gradient; 0 for LINEAR and TRAVEL rows.
@@ -73,7 +74,8 @@ class Rows(NamedTuple):
     stencil: Floats
     offset: Floats
     bound: Floats
-    power: Floats
+    power: Ints
+    scale: Floats
     value: Floats
     gradient: Floats
     bend: Floats
@@ -121,6 +123,7 @@ def new_rows(size: int) -> Rows:
         np.zeros((size, 4)),
         np.zeros(size),
         np.zeros(size),
+        np.zeros(size, np.int64),
         np.zeros(size),
         np.zeros(size),
         np.zeros((size, 8)),
@@ -135,7 +138,7 @@ def _add(
     first: int,
     stencil: tuple[float, float, float, float],
     bound: float,
-    power: float,
+    power: int,
 ) -> int:
     """Append a row, and return its index."""
     m = rows.number[0]
@@ -158,7 +161,7 @@ def _add_axis(
     stencil: tuple[float, float, float, float],
     axis: Floats,
     bound: float,
-    power: float,
+    power: int,
 ) -> None:
     """Append the row of a difference in an axis with the components ``axis`` (2,)."""
     if bound == math.inf or (axis[0] == 0.0 and axis[1] == 0.0):
@@ -182,23 +185,23 @@ def write_rows(limits: CornerLimits, corner: int, rows: Rows) -> None:
             feed = min(limits.feed[0], limits.feed[1])
         for i in range(len(limits.jerk)):
             axis = limits.axes[i]
-            _add_axis(rows, k, (-1.0, 3.0, -3.0, 1.0), axis, limits.jerk[i], 3.0)
+            _add_axis(rows, k, (-1.0, 3.0, -3.0, 1.0), axis, limits.jerk[i], 3)
             if k > 0:
-                _add_axis(rows, k, (1.0, -2.0, 1.0, 0.0), axis, limits.acceleration[i], 2.0)
+                _add_axis(rows, k, (1.0, -2.0, 1.0, 0.0), axis, limits.acceleration[i], 2)
             if k > 1 and limits.velocity[i] < feed * math.hypot(axis[0], axis[1]):
-                _add_axis(rows, k, (-1.0, 1.0, 0.0, 0.0), axis, limits.velocity[i], 1.0)
+                _add_axis(rows, k, (-1.0, 1.0, 0.0, 0.0), axis, limits.velocity[i], 1)
         if k > 1 and feed < math.inf:
-            _add(rows, LENGTH, k, (-1.0, 1.0, 0.0, 0.0), feed, 1.0)
+            _add(rows, LENGTH, k, (-1.0, 1.0, 0.0, 0.0), feed, 1)
         if k > 0 and limits.pull < math.inf:
-            _add(rows, LENGTH, k, (1.0, -2.0, 1.0, 0.0), limits.pull, 2.0)
+            _add(rows, LENGTH, k, (1.0, -2.0, 1.0, 0.0), limits.pull, 2)
         leg = LEG1 if k < corner else LEG2
         eps = limits.tolerance
-        _add(rows, leg, k, (0.0, 2.0 / 3.0, 1.0 / 3.0, 0.0), eps, 0.0)
-        _add(rows, leg, k, (0.0, 1.0 / 3.0, 2.0 / 3.0, 0.0), eps, 0.0)
+        _add(rows, leg, k, (0.0, 2.0 / 3.0, 1.0 / 3.0, 0.0), eps, 0)
+        _add(rows, leg, k, (0.0, 1.0 / 3.0, 2.0 / 3.0, 0.0), eps, 0)
         if k > 0:
-            _add(rows, leg, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0.0)
+            _add(rows, leg, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0)
         if k == corner:
-            _add(rows, LENGTH, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0.0)
+            _add(rows, LENGTH, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0)
     _add_travel(rows, limits)
 
 
@@ -216,12 +219,20 @@ def _add_travel(rows: Rows, limits: CornerLimits) -> None:
             sign = 1.0 if side else -1.0
             for k in range(FIXED, POINTS - FIXED):
                 first = min(k, POINTS - 4)
-                m = _add(rows, TRAVEL, first, NONE, eps + max(room, 0.0), 0.0)
+                m = _add(rows, TRAVEL, first, NONE, eps + max(room, 0.0), 0)
                 rows.offset[m] = eps
                 for j in range(8):
                     rows.gradient[m, j] = 0.0
                 rows.gradient[m, 2 * (k - first)] = sign * axis[0]
                 rows.gradient[m, 2 * (k - first) + 1] = sign * axis[1]
+
+
+@njit
+def set_step(rows: Rows, h: float) -> None:
+    """Set the duration h of a step, s."""
+    powers = (1.0, h, h * h, h * h * h)
+    for m in range(rows.number[0]):
+        rows.scale[m] = 1.0 / (rows.bound[m] * powers[rows.power[m]])
 
 
 @njit
@@ -244,7 +255,7 @@ def evaluate(rows: Rows, limits: CornerLimits, c: Floats) -> None:
         beside = False
         if kind != LENGTH:
             x, y, beside = _off_leg(x, y, kind == LEG1, limits)
-        length = math.hypot(x, y)
+        length = math.sqrt(x * x + y * y)
         rows.value[m] = length
         scale = 1.0 / length if length > 1e-30 else 0.0
         # Along a leg its distance does not change.

@@ -465,13 +465,8 @@ def find_motion(
     )
     feeds = (bound[b], bound[b + 1])
     here = _limits_of(path, b, feeds, limits, travel, u)
-    # The last one has steps that fit the jerks of the plan.
-    for k in range(len(PARTS) + 1):
-        if k < len(PARTS):
-            first, second = PARTS[k] * reach1, PARTS[k] * reach2
-        else:
-            first, second = t - plan.t[rest - 1], plan.t[rest + 1] - t
-        first, second = min(first, t - earliest), min(second, latest - t)
+    for part in PARTS:
+        first, second = min(part * reach1, t - earliest), min(part * reach2, latest - t)
         # The rest is between two steps, because the direction of the plan's jerk changes there.
         corner_step = min(max(round(STEPS * first / (first + second)), 3), STEPS - 3)
         h = min(first / corner_step, second / (STEPS - corner_step))
