@@ -129,9 +129,3 @@ def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
     ]
     program.write_text(SQUARE)
     refused(ran(simulator, program))
-
-
-def test_a_grbl_board_homes_by_its_own_cycle_only(program: Path) -> None:
-    (fault,) = ran(GrblSimulator(settings=SWITCHES), program, home=True).faults
-    assert "own cycle" in fault.diagnostic.message
-    assert "cncrun home" in fault.diagnostic.hint

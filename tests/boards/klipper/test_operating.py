@@ -27,11 +27,11 @@ from tests.support.soak import share
 
 PROGRAM = (
     "G21 G90 G64\nM3 S500\nG0 Z3\nG1 Z-1 F600\n"
-    + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9))
+    + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 13))
     + "G0 Z5\nM2\n"
 )
 """Line k + 4 moves to X k."""
-END = [8 * 400, 2 * 400, 5 * 400]
+END = [12 * 400, 0, 5 * 400]
 
 
 @pytest.fixture
@@ -40,20 +40,25 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "p.ngc"
 
 
+@pytest.fixture
+def exact(tmp_path: Path) -> Path:
+    """The program on the exact path. Corners within a tolerance depend on the feed."""
+    (tmp_path / "exact.ngc").write_text(PROGRAM.replace("G64", "G61"))
+    return tmp_path / "exact.ngc"
+
+
 class Died(BaseException):
     """Stands for the death of the process."""
 
 
 @pytest.mark.parametrize("percent", share([30, 70, 140], [30]))
-def test_override_changes_the_speed_and_no_step(
-    program: Path, tmp_path: Path, percent: int
-) -> None:
+def test_override_changes_the_speed_and_no_step(exact: Path, tmp_path: Path, percent: int) -> None:
     known = machine()
-    _, reference = played(program, tmp_path, known)
+    _, reference = played(exact, tmp_path, known)
     control, simulator = Control(), simulator_for(known)
     after(simulator, 0.4, lambda: control.override(percent))
     with board(known, simulator) as (driver, _):
-        report = run(program, known, board=driver, control=control)
+        report = run(exact, known, board=driver, control=control)
     assert report.ok, report.faults
     for letter in known.axes:
         np.testing.assert_array_equal(
@@ -62,14 +67,14 @@ def test_override_changes_the_speed_and_no_step(
     slower, usual = (
         np.ptp(steps_of(known, each, "x")[0].astype(float)) for each in (simulator, reference)
     )
-    assert (slower > 1.3 * usual) if percent < 100 else (slower < usual)
+    assert (slower > 1.05 * usual) if percent < 100 else (slower < usual)
 
 
 @pytest.mark.parametrize("seed", range(share(20, 1)))
-def test_holds_and_overrides_at_any_moment(program: Path, tmp_path: Path, seed: int) -> None:
+def test_holds_and_overrides_at_any_moment(exact: Path, tmp_path: Path, seed: int) -> None:
     """The order of the steps of each axis stays, and they end where the program ends."""
     known, chance = machine(), np.random.default_rng(seed)
-    _, reference = played(program, tmp_path, known)
+    _, reference = played(exact, tmp_path, known)
     control, rests = Control(), []
     with board(known) as (driver, simulator):
 
@@ -83,7 +88,7 @@ def test_holds_and_overrides_at_any_moment(program: Path, tmp_path: Path, seed: 
                 control.override(float(chance.integers(20, 180)))
 
         callbacks = Callbacks(on_sent=on_sent)
-        report = run(program, known, board=driver, control=control, callbacks=callbacks)
+        report = run(exact, known, board=driver, control=control, callbacks=callbacks)
     assert report.ok, report.faults
     assert rests
     for letter in known.axes:
@@ -123,7 +128,7 @@ def test_an_interrupted_run_continues_at_its_checkpoint(program: Path, kind: str
     simulator.set_pin(stop_pin, 1)
     found = json.loads(Path(f"{program}.checkpoint").read_text())
     stands = place(known, simulator)[0] / 400
-    assert 3.9 < stands < 8.0
+    assert 3.9 < stands < 12.0
     # The line that the machine has come to, or an earlier one: nothing is left out.
     assert (
         0
