@@ -20,16 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path, state_at
 from cnc.kernels.planner.corner_rows import STEPS
-from cnc.kernels.planner.corner_stops import (
-    corner_size,
-    count_corners,
-    first_undecided,
-    leaves_path,
-    new_known,
-    pass_corners,
-    state_at,
-)
+from cnc.kernels.planner.corner_search import new_known
+from cnc.kernels.planner.corner_stops import corner_size, pass_corners
 from cnc.kernels.planner.legs import REST, record_end
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined

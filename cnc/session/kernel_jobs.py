@@ -188,8 +188,11 @@ JOBS = {
     ),
     "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
     "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
-    "corner stops": Job(_kernels("planner.corner_stops", "planner.corner_rows"), plan_corner),
-    "corner motions": Job(_kernels("planner.corner_motion"), plan_corner),
+    "corner stops": Job(
+        _kernels("planner.corner_stops", "planner.corner_places", "planner.corner_rows"),
+        plan_corner,
+    ),
+    "corner motions": Job(_kernels("planner.corner_motion", "planner.corner_search"), plan_corner),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),

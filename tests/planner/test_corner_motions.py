@@ -21,7 +21,7 @@ from cnc.kernels.planner.corner_rows import (
     rows_size,
     write_rows,
 )
-from cnc.kernels.planner.corner_stops import new_known
+from cnc.kernels.planner.corner_search import new_known
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
