@@ -1,8 +1,8 @@
 """The motion at a corner, sought with the states of a plan beside it.
 
-What the search ends with depends on rounding. So its input is rounded to less than rounding errors
-of plans reach. The same motion is found again wherever a plan is cut, and need not be searched for
-twice.
+What the search ends with depends on rounding. So its input is rounded, to more than the rounding
+errors of plans. But for rare cases the same motion is found wherever a plan is cut, and it need not
+be sought twice.
 """
 
 from __future__ import annotations
