@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path, state_at
-from cnc.kernels.planner.corner_rows import STEPS
 from cnc.kernels.planner.corner_search import new_known
-from cnc.kernels.planner.corner_stops import corner_size, pass_corners
+from cnc.kernels.planner.corner_stops import CORNER_STEPS, corner_size, pass_corners
 from cnc.kernels.planner.legs import REST, record_end
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined
@@ -50,7 +49,7 @@ class CornerMotions:
         """Create the stage behind the window; ``audit`` checks its results."""
         self._limits = limits
         self._audit = audit
-        self._known = new_known(len(limits.axis_jerk))
+        self._known = new_known()
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
@@ -133,7 +132,7 @@ class CornerMotions:
         corners = count_corners(path, plan.arrays)
         if not corners:
             return None
-        most, phases = pieces + (STEPS + 1) * corners, len(plan.phase_j) + (STEPS + 2) * corners
+        most, phases = pieces + (CORNER_STEPS + 1) * corners, len(plan.phase_j) + (CORNER_STEPS + 2) * corners
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = _empty_plan(most, phases)
         count, spans, numbers, passed = pass_corners(

@@ -1,23 +1,19 @@
-r"""The fastest motion round a corner within its tolerance, by an interior-point method.
+r"""The fastest motion past corners within their tolerance, by an interior-point method.
 
-The duration h of a step is lowered to the least at which all rows can be kept. For one h let
+The control points and the durations of the groups of steps are sought together. All rows of
+:mod:`cnc.kernels.planner.corner_rows` have the form |x| <= b. Newton's method lowers
 
-    |x| <= b h^p (1 + s)
+    t T / T0 - sum over the rows of log(1 - x/b) + log(1 + x/b)
 
-for each row (:mod:`cnc.kernels.planner.corner_rows`). x is linear in the control points, or convex
-(feed, tolerance), so the least s is found by convex optimisation: Newton's method lowers
+for growing t, where T is the duration. T0, its first value, makes t a plain number. At the least
+value T exceeds the optimum by about T0 (number of rows) / t.
 
-    t s - sum over the rows of log(b h^p (1 + s) - x) + log(b h^p (1 + s) + x)
+x is linear in the control points, or convex (feed, tolerance), and there the second derivatives are
+exact. By the durations, those of x are left out. They count less and less, because the fastest
+motion has nearly as many bounds as unknowns. The matrix is a band, and one column for each group.
 
-for growing t. The matrix of second derivatives is a band of 8 with one column more, for s. Where s
-is below 0, the motion is legal. The derivative of the least s by h follows from the last Newton
-step, because all others vanish there. So h goes to the root of s by Newton's method, too.
-
-       s |`.
-         |  `.
-         |    `.
-       0 |------`o.------- h
-         |         ``--..
+The method begins inside all bounds. To get there, (1 + s) b takes the place of each bound, and s is
+lowered in the same way until it is negative.
 """
 
 from __future__ import annotations
@@ -32,336 +28,420 @@ from cnc.kernels.path.curve import Floats
 from cnc.kernels.path.fit_band import factorise, solve
 from cnc.kernels.planner.corner_rows import (
     FIXED,
-    POINTS,
+    MOST_GROUPS,
     TRAVEL,
-    CornerLimits,
     Rows,
+    Tube,
+    derive_by_groups,
     evaluate,
-    set_step,
+    place_ends,
+    set_knots,
+    set_stencils,
 )
 
-FREE = 2 * (POINTS - 2 * FIXED)
-"""Number of free coordinates."""
-
-BAND = 8
-
-GAP = 4e-3
-"""The last s may be so much above the least, by the number of rows / t, and so much below 0."""
-
-RAISE = 12.0
-"""Factor from one t to the next."""
-
-CLOSE = 0.05
-"""Newton's decrement at which a search ends."""
-
-NEWTON_STEPS = 25
-"""Largest number of steps for one t."""
-
-LEAST_STEP = 1e-4
-
-LEAST_PRODUCT = 1e-100
-"""Products of distances are not smaller, nor larger than its inverse, before their logarithm."""
+GAP = 2e-3
+"""The last (number of rows) / t."""
 
 FIRST = 10.0
 """The first t, by the number of rows."""
 
+RAISE = 8.0
+"""Factor from one t to the next."""
+
+CLOSE = 0.1
+"""Newton's decrement at which a search ends."""
+
+NEWTON_STEPS = 40
+"""Largest number of steps for one t."""
+
+LEAST_STEP = 1e-4
+
+LONGEST = 0.03
+"""Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
+
+LEAST_PRODUCT = 1e-100
+"""Products of distances are not smaller, nor larger than its inverse, before their logarithm."""
+
 INSIDE = 0.02
-"""A search starts with bounds that are raised by so much more than it needs."""
+"""The search for a first motion begins with bounds that are raised by so much more than it needs.
+"""
 
-ROUNDS = 10
-"""Largest number of values of h."""
+LEGAL = -0.01
+"""It ends at this s."""
 
-CHANGE = 0.15
-"""Largest relative change of h in one round."""
+ENOUGH = -0.001
+"""The motion is legal enough with this s where no lower one was found."""
 
+TRIALS = 3
+"""Number of times that it is begun with slower motion."""
 
-class State(NamedTuple):
-    """The state beside a corner: distance from it, speed and acceleration along the leg.
+SLOWER = 0.04
+"""Rise of the logarithms of the durations from one to the next."""
 
-    Attributes:
-        s: mm.
-        v: mm/s.
-        a: mm/s^2.
-    """
-
-    s: float
-    v: float
-    a: float
+WEIGHT = 0.01
+"""T / T0 counts so much beside s in that search, so that slower motion is not sought at any price.
+"""
 
 
 class Newton(NamedTuple):
-    """Arrays of the search.
+    """Unknowns and arrays of the search.
 
     Attributes:
-        c: (POINTS, 2): control points.
-        tried: (POINTS, 2): those of the step that is tried.
-        band: (FREE, BAND): second derivatives by the free coordinates.
-        side: (FREE,): those by s and a free coordinate.
-        slope: (FREE,): first derivatives by the free coordinates.
-        ahead: (FREE,): derivatives of the free coordinates by h.
+        c: (steps + 3, d): control points.
+        spans: (groups,): logarithms of the durations of the groups.
+        tried: (steps + 3, d): control points of the step that is tried.
+        tried_spans: (groups,): its logarithms.
+        band: (free, 4 d): second derivatives by the free coordinates.
+        side: (groups + 1, free): those by a logarithm, or s, and a coordinate.
+        block: (groups + 1, groups + 1): those by logarithms and s.
+        slope: (free,): first derivatives by the coordinates.
+        other: (groups + 1,): those by the logarithms and s.
+        share: (groups,): number of times that the duration of a group counts.
     """
 
     c: Floats
+    spans: Floats
     tried: Floats
+    tried_spans: Floats
     band: Floats
     side: Floats
+    block: Floats
     slope: Floats
-    ahead: Floats
+    other: Floats
+    share: Floats
 
 
 @njit
-def place_ends(c: Floats, h: float, before: State, after: State, turn: tuple[float, float]) -> None:
-    """Write the control points that give the motion its state at both ends."""
-    for k in range(FIXED):
-        # The second differences vanish but for the acceleration: r -+ v h + a h^2 / 3.
-        by_v = (k - 1.0) * h
-        by_a = h * h / 3.0 if k != 1 else -h * h / 6.0
-        c[k, 0] = -before.s + by_v * before.v + by_a * before.a
-        c[k, 1] = 0.0
-        on = after.s + by_v * after.v + by_a * after.a
-        c[POINTS - FIXED + k, 0] = on * turn[0]
-        c[POINTS - FIXED + k, 1] = on * turn[1]
+def new_newton(tube: Tube, c: Floats, spans: Floats) -> Newton:
+    """Return the arrays for a search that begins with these control points and logarithms."""
+    points, d = c.shape
+    free, columns = d * (points - 2 * FIXED), len(spans) + 1
+    share = np.zeros(len(spans))
+    for k in range(len(tube.leg)):
+        share[tube.group[k]] += tube.part[k]
+    return Newton(
+        c.copy(),
+        spans.copy(),
+        c.copy(),
+        spans.copy(),
+        np.zeros((free, 4 * d)),
+        np.zeros((columns, free)),
+        np.zeros((columns, columns)),
+        np.zeros(free),
+        np.zeros(columns),
+        share,
+    )
 
 
 @njit
-def _inside(rows: Rows, s: float) -> float:
-    """Return the sum of the logarithms of the distances from the bounds; -infinity outside."""
+def duration(share: Floats, spans: Floats) -> float:
+    """Return the duration of all groups, s."""
     total = 0.0
-    if 1.0 + s <= 0.0:
-        return -math.inf
+    for g in range(len(spans)):
+        total += share[g] * math.exp(spans[g])
+    return total
+
+
+@njit
+def _barrier(rows: Rows, s: float) -> float:
+    """Return minus the sum of the logarithms of the distances from the bounds; infinity outside."""
+    total = 0.0
     product = 1.0
-    for m in range(rows.number[0]):
+    for m in range(rows.number[1]):
         used = rows.value[m] * rows.scale[m]
         room = 1.0 + s - used
-        if rows.kind[m] != TRAVEL:
-            room *= 1.0 + s + used
-        if not room > 0.0:
-            return -math.inf
-        product *= room
+        other = 1.0 if rows.row[m] == TRAVEL else 1.0 + s + used
+        if not (room > 0.0 and other > 0.0):
+            return math.inf
+        product *= room * other
         # One logarithm for several distances is faster.
         if not LEAST_PRODUCT < product < 1.0 / LEAST_PRODUCT:
             total += math.log(product)
             product = 1.0
-    return total + math.log(product)
+    return -total - math.log(product)
 
 
 @njit
 def _most_used(rows: Rows) -> float:
     """Return the largest part of its bound that a row takes."""
     most = 0.0
-    for m in range(rows.number[0]):
+    for m in range(rows.number[1]):
         used = rows.value[m] * rows.scale[m]
-        most = max(most, used if rows.kind[m] == TRAVEL else abs(used))
+        most = max(most, used if rows.row[m] == TRAVEL else abs(used))
     return most
 
 
 @njit
-def _assemble(rows: Rows, s: float, n: Newton) -> tuple[float, float]:
-    """Write the derivatives of the barrier, and return the first and the second one by s."""
-    band, side, slope = n.band, n.side, n.slope
-    band[:] = 0.0
-    side[:] = 0.0
-    slope[:] = 0.0
-    slope_s = 0.0
-    ss = 0.0
-    for m in range(rows.number[0]):
-        raw = rows.scale[m]
-        x = rows.value[m] * raw
-        up = 1.0 / (1.0 + s - x)
-        down = 0.0 if rows.kind[m] == TRAVEL else 1.0 / (1.0 + s + x)
-        by_x = (up - down) * raw
-        xx = (up * up + down * down) * raw * raw
-        slope_s -= up + down
-        ss += up * up + down * down
-        xs = (down * down - up * up) * raw
-        bend = max(by_x, 0.0) * rows.bend[m]
-        first = 2 * (rows.first[m] - FIXED)
-        for j in range(max(-first, 0), min(8, FREE - first)):
-            i = first + j
-            g = rows.gradient[m, j]
-            if g != 0.0:
-                slope[i] += by_x * g
-                side[i] += xs * g
-                weight = xx * g
-                for o in range(j, min(8, FREE - first)):
-                    band[i, o - j] += weight * rows.gradient[m, o]
-            if bend > 0.0:
-                across = -rows.gradient[m, j + 1] if j % 2 == 0 else rows.gradient[m, j - 1]
-                weight = bend * across
-                for o in range(j, min(8, FREE - first)):
-                    if o % 2 == 0:
-                        other = -rows.gradient[m, o + 1]
-                    else:
-                        other = rows.gradient[m, o - 1]
-                    band[i, o - j] += weight * other
-    return slope_s, ss
+def _assemble(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
+    """Write the derivatives of the barrier."""
+    n.band[:] = 0.0
+    n.side[:] = 0.0
+    n.slope[:] = 0.0
+    n.block[:] = 0.0
+    n.other[:] = 0.0
+    d = n.c.shape[1]
+    slope, by_s, bend = np.empty(d), np.empty(d), np.empty((d, d))
+    for i in range(rows.number[0]):
+        _add_rows(tube, rows, i, s, n, slope, by_s, bend)
+        _add_place(rows, i, n, slope, by_s, bend)
 
 
 @njit
-def _centre(rows: Rows, limits: CornerLimits, n: Newton, s: float, t: float) -> float:
-    """Lower the barrier for one ``t``, and return s; infinity after a rounding error."""
-    evaluate(rows, limits, n.c)
-    value = t * s - _inside(rows, s)
-    if not value < math.inf:
-        return math.inf
+def _add_rows(
+    tube: Tube,
+    rows: Rows,
+    i: int,
+    s: float,
+    n: Newton,
+    slope: Floats,
+    by_s: Floats,
+    bend: Floats,
+) -> None:
+    """Add up the derivatives of the rows of place i: by x (d,), by x and s (d,), twice by x (d, d).
+
+    The derivatives by s alone go into ``n``.
+    """
+    last, d = len(n.spans), len(slope)
+    leg = tube.leg[rows.step[i]]
+    slope[:] = 0.0
+    by_s[:] = 0.0
+    bend[:] = 0.0
+    for m in range(rows.first[i], rows.first[i + 1]):
+        raw = rows.scale[m]
+        x = rows.value[m] * raw
+        up = 1.0 / (1.0 + s - x)
+        down = 0.0 if rows.row[m] == TRAVEL else 1.0 / (1.0 + s + x)
+        by_x = (up - down) * raw
+        xx = (up * up + down * down) * raw * raw
+        xs = (down * down - up * up) * raw
+        n.other[last] -= up + down
+        n.block[last, last] += up * up + down * down
+        gradient = rows.gradient[m]
+        across = 0.0 if rows.row[m] <= TRAVEL else max(by_x, 0.0) * rows.bend[m]
+        along = across * rows.beside[m]
+        if rows.row[m] > TRAVEL and rows.bend[m] == 0.0:
+            # At a length of 0 both bounds bend alike in all directions.
+            across, along = xx, xx * rows.beside[m]
+        for q in range(d):
+            slope[q] += by_x * gradient[q]
+            by_s[q] += xs * gradient[q]
+            bend[q, q] += across
+            for o in range(d):
+                bend[q, o] += (xx - across) * gradient[q] * gradient[o]
+                # Along a leg its distance does not change.
+                bend[q, o] -= along * tube.along[leg, q] * tube.along[leg, o]
+
+
+@njit
+def _add_place(
+    rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend: Floats
+) -> None:
+    """Add the derivatives of place i by x to those by the unknowns."""
+    free, d, last = len(n.slope), len(slope), len(n.spans)
+    first = d * (rows.step[i] - FIXED)
+    for j in range(4):
+        weight = rows.stencil[i, j]
+        at = first + d * j
+        if weight == 0.0 or at < 0 or at >= free:
+            continue
+        for q in range(d):
+            n.slope[at + q] += weight * slope[q]
+            n.side[last, at + q] += weight * by_s[q]
+        for o in range(j, 4):
+            both = weight * rows.stencil[i, o]
+            to = first + d * o
+            if both == 0.0 or to >= free:
+                continue
+            for q in range(d):
+                for r in range(q if o == j else 0, d):
+                    n.band[at + q, to + r - at - q] += both * bend[q, r]
+    for a in range(MOST_GROUPS):
+        g = rows.group[i, a]
+        if g < 0:
+            continue
+        for q in range(d):
+            moved = rows.by_group[i, a, q]
+            n.other[g] += slope[q] * moved
+            n.block[g, last] += by_s[q] * moved
+            n.block[last, g] += by_s[q] * moved
+            bent = 0.0
+            for o in range(d):
+                bent += bend[q, o] * rows.by_group[i, a, o]
+            for b in range(MOST_GROUPS):
+                h = rows.group[i, b]
+                if h >= 0:
+                    n.block[g, h] += bent * rows.by_group[i, b, q]
+            for j in range(4):
+                at = first + d * j
+                if 0 <= at < free:
+                    n.side[g, at + q] += rows.stencil[i, j] * bent
+
+
+@njit
+def _newton_step(n: Newton, first: int, end: int) -> float:
+    """Return the decrement; ``n.slope`` and ``n.other`` become the step.
+
+    The columns are eliminated last: the band alone is factorised. Those before ``first`` and from
+    ``end`` on stay as they are.
+    """
+    free, columns = len(n.slope), end - first
+    factorise(n.band)
+    rest = n.slope.copy()
+    solve(n.band, rest)
+    reduced, right = np.zeros((columns, columns)), np.empty(columns)
+    solved = np.empty((columns, free))
+    for a in range(columns):
+        solved[a] = n.side[first + a]
+        solve(n.band, solved[a])
+        right[a] = -n.other[first + a]
+        for i in range(free):
+            right[a] += n.side[first + a, i] * rest[i]
+    for a in range(columns):
+        for b in range(a, columns):
+            value = n.block[first + a, first + b]
+            for i in range(free):
+                value -= n.side[first + a, i] * solved[b, i]
+            reduced[a, b - a] = value
+    factorise(reduced)
+    solve(reduced, right)
+    decrement = 0.0
+    for i in range(free):
+        step = -rest[i]
+        for a in range(columns):
+            step -= solved[a, i] * right[a]
+        decrement -= n.slope[i] * step
+        n.slope[i] = step
+    for a in range(columns):
+        decrement -= n.other[first + a] * right[a]
+    n.other[:] = 0.0
+    n.other[first:end] = right
+    return decrement
+
+
+@njit
+def _place(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> None:
+    """Evaluate the rows for these unknowns; the fixed points of ``c`` are written."""
+    set_knots(tube, spans, rows)
+    place_ends(tube, rows, c)
+    set_stencils(rows)
+    evaluate(tube, rows, c)
+
+
+@njit
+def _lowered(
+    tube: Tube, rows: Rows, n: Newton, weights: tuple[float, float], s: float, goal: float
+) -> float:
+    """Lower the sum for one t, and return s.
+
+    Args:
+        tube: the legs.
+        rows: their limits.
+        n: receives the unknowns.
+        weights: of T / T0 (as t / T0), and of s. Where one is 0, the durations or s stay.
+        s: part by which the bounds are raised.
+        goal: s that ends the search.
+    """
+    groups = len(n.spans)
+    first = 0 if weights[0] > 0.0 else groups
+    end = groups + (1 if weights[1] > 0.0 else 0)
+    _place(tube, rows, n.c, n.spans)
+    value = weights[0] * duration(n.share, n.spans) + weights[1] * s + _barrier(rows, s)
+    d = n.c.shape[1]
+    held = False
     for _ in range(NEWTON_STEPS):
-        slope_s, ss = _assemble(rows, s, n)
-        slope_s += t
-        step_s, decrement = _newton_step(n, slope_s, ss)
-        if not CLOSE <= decrement < math.inf:
+        if not value < math.inf or s <= goal:
             break
+        if first == 0 and not held:
+            derive_by_groups(tube, rows, n.spans, n.c)
+        _assemble(tube, rows, s, n)
+        for g in range(groups):
+            time = weights[0] * n.share[g] * math.exp(n.spans[g])
+            n.other[g] += time
+            n.block[g, g] += time
+        n.other[groups] += weights[1]
+        decrement = _newton_step(n, groups if held else first, end)
+        if not CLOSE <= decrement < math.inf:
+            if not held:
+                break
+            held = False
+            continue
         part = 1.0
+        for g in range(groups):
+            part = min(part, LONGEST / max(abs(n.other[g]), LONGEST))
+        step_s = n.other[groups]
         better = False
-        n.tried[:] = n.c
         while part > LEAST_STEP and not better:
-            for k in range(FIXED, POINTS - FIXED):
-                for i in range(2):
-                    n.tried[k, i] = n.c[k, i] + part * n.slope[2 * (k - FIXED) + i]
-            evaluate(rows, limits, n.tried)
-            new = t * (s + part * step_s) - _inside(rows, s + part * step_s)
-            better = new < value - 0.1 * part * decrement
+            for i in range(len(n.slope)):
+                k, q = FIXED + i // d, i % d
+                n.tried[k, q] = n.c[k, q] + part * n.slope[i]
+            for g in range(groups):
+                n.tried_spans[g] = n.spans[g] + part * n.other[g]
+            _place(tube, rows, n.tried, n.tried_spans)
+            tried = s + part * step_s
+            new = weights[0] * duration(n.share, n.tried_spans) + weights[1] * tried
+            new += _barrier(rows, tried)
+            better = new < value - 0.05 * part * decrement
             if not better:
                 part *= 0.5
         if not better:
-            evaluate(rows, limits, n.c)
-            break
+            if held or first == groups:
+                break
+            # With the durations as they are, the sum is convex: its least value is a better place
+            # to change them.
+            held = True
+            _place(tube, rows, n.c, n.spans)
+            continue
         n.c[:] = n.tried
+        n.spans[:] = n.tried_spans
         s += part * step_s
         value = new
     return s
 
 
 @njit
-def _newton_step(n: Newton, slope_s: float, ss: float) -> tuple[float, float]:
-    """Return the step of s and the decrement; ``n.slope`` becomes the rest of the step.
-
-    The column is eliminated last: the band alone is factorised.
-    """
-    band, side, slope = n.band, n.side, n.slope
-    factorise(band)
-    by_s, free = side.copy(), slope.copy()
-    solve(band, by_s)
-    solve(band, free)
-    rest = slope_s
-    for i in range(FREE):
-        ss -= side[i] * by_s[i]
-        rest -= side[i] * free[i]
-    step_s = -rest / max(ss, 1e-300)
-    decrement = -slope_s * step_s
-    for i in range(FREE):
-        step = -free[i] - by_s[i] * step_s
-        decrement -= slope[i] * step
-        slope[i] = step
-    return step_s, decrement
-
-
-@njit
-def _follow(
-    rows: Rows, n: Newton, h: float, s: float, t: float, ends: tuple[State, State, float, float]
-) -> float:
-    """Return the derivative of the least s by h, and write that of the control points.
-
-    ``n.band`` has to be the factor at this place, from the last Newton step. ``ends``: the states
-    beside the corner, and its turn.
-    """
-    before, after, cos, sin = ends
-    small = 1e-6 * h
-    place_ends(n.tried, h + small, before, after, (cos, sin))
-    place_ends(n.c, h, before, after, (cos, sin))
-    for k in range(FIXED, POINTS - FIXED):
-        n.tried[k] = n.c[k]
-    ahead = n.ahead
-    ahead[:] = 0.0
-    slope = 0.0
-    ss = 0.0
-    sh = 0.0
-    for m in range(rows.number[0]):
-        raw = rows.scale[m]
-        x = rows.value[m] * raw
-        up = 1.0 / (1.0 + s - x)
-        down = 0.0 if rows.kind[m] == TRAVEL else 1.0 / (1.0 + s + x)
-        k = rows.first[m]
-        x_h = -rows.power[m] * x / h
-        for j in range(8):
-            p, i = k + j // 2, j % 2
-            x_h += rows.gradient[m, j] * (n.tried[p, i] - n.c[p, i]) / small * raw
-        slope += (up - down) * x_h
-        ss += up * up + down * down
-        sh += (down * down - up * up) * x_h
-        to_c = ((up * up + down * down) * x_h - (up - down) * rows.power[m] / h) * raw
-        first = 2 * (k - FIXED)
-        for j in range(max(-first, 0), min(8, FREE - first)):
-            ahead[first + j] += to_c * rows.gradient[m, j]
-    by_s = n.side.copy()
-    solve(n.band, by_s)
-    solve(n.band, ahead)
-    for i in range(FREE):
-        ss -= n.side[i] * by_s[i]
-        sh -= n.side[i] * ahead[i]
-    step_s = -sh / max(ss, 1e-300)
-    for i in range(FREE):
-        ahead[i] = -ahead[i] - by_s[i] * step_s
-    return slope / t
-
-
-@njit
-def fastest_corner(
-    rows: Rows, limits: CornerLimits, before: State, after: State, c: Floats, h: float
-) -> float:
-    """Make a motion round a corner the fastest one.
+def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
+    """Make a motion past corners the fastest one.
 
     Args:
-        rows: the rows of the corner.
-        limits: in its plane.
-        before: the state at the start, at a distance ``s`` before the corner.
-        after: the state at the end, behind the corner.
-        c: (POINTS, 2): control points of a motion near it, replaced by those of the result.
-        h: the duration of a step there, s.
+        tube: the legs, and the states at both ends.
+        rows: their limits.
+        c: (steps + 3, d): control points of a motion near it, replaced by those of the result.
+        spans: (groups,): logarithms of the durations of the groups there, replaced likewise.
 
     Returns:
-        The duration of a step, s; 0 if no faster motion inside the limits was found.
+        Whether a motion inside all limits was found.
     """
-    n = Newton(
-        c.copy(),
-        np.zeros((POINTS, 2)),
-        np.zeros((FREE, BAND)),
-        np.zeros(FREE),
-        np.zeros(FREE),
-        np.zeros(FREE),
-    )
-    ends = (before, after, limits.turn[0], limits.turn[1])
-    last = rows.number[0] / GAP
-    found = 0.0
-    longest = h
-    h *= 1.0 - CHANGE
-    t = FIRST * rows.number[0]
-    for _ in range(ROUNDS):
-        place_ends(n.c, h, before, after, limits.turn)
-        set_step(rows, h)
-        evaluate(rows, limits, n.c)
-        s = (1.0 + INSIDE) * _most_used(rows) - 1.0 + INSIDE
-        while True:
-            s = _centre(rows, limits, n, s, t)
-            if t == last or s == math.inf:
-                break
-            t = min(last, RAISE * t)
-        if s == math.inf:
+    n = new_newton(tube, c, spans)
+    _place(tube, rows, n.c, n.spans)
+    count = float(rows.number[1])
+    unit = 1.0 / duration(n.share, n.spans)
+    s = (1.0 + INSIDE) * _most_used(rows) - 1.0 + INSIDE
+    last = count / GAP
+    rows.group[:] = -1
+    for trial in range(TRIALS + 1):
+        # With given durations the problem is convex. If slower motion does not help, they change.
+        weight = WEIGHT * unit if trial == TRIALS else 0.0
+        t = FIRST * count
+        while s > LEGAL and t <= last:
+            s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
+            t *= RAISE
+        if s < ENOUGH:
             break
-        slope = _follow(rows, n, h, s, t, ends)
-        if s < 0.0 and (found == 0.0 or h < found):
-            found = h
-            c[:] = n.c
-        if -GAP < s < 0.0 and slope < 0.0:
+        if trial + 1 < TRIALS:
+            n.spans[:] += SLOWER
+            _place(tube, rows, n.c, n.spans)
+            s = (1.0 + INSIDE) * _most_used(rows) - 1.0 + INSIDE
+    if not s < 0.0:
+        return False
+    t = FIRST * count
+    while True:
+        _lowered(tube, rows, n, (t * unit, 0.0), 0.0, -math.inf)
+        if t == last:
             break
-        change = CHANGE * h
-        if slope < 0.0:
-            change = (s + 0.5 * GAP) / slope
-        change = max(-CHANGE * h, min(CHANGE * h, change))
-        h -= change
-        if h >= longest:
-            break
-        for k in range(FIXED, POINTS - FIXED):
-            for i in range(2):
-                n.c[k, i] -= change * n.ahead[2 * (k - FIXED) + i]
-        t = last / RAISE
-    return found
+        t = min(last, RAISE * t)
+    _place(tube, rows, n.c, n.spans)
+    if not _barrier(rows, 0.0) < math.inf:
+        return False
+    c[:] = n.c
+    spans[:] = n.spans
+    return True

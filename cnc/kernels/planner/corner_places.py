@@ -1,6 +1,20 @@
-"""Where the motion at a corner may begin and end."""
+r"""Where the motion at corners may begin and end, and which corners are passed together.
+
+A motion past a corner reaches about as far as the ramp beside it. Where the reaches of two corners
+meet, their motions depend on each other: the corners form a chain.
+
+          reach              reach          reach   reach
+        |------->o<---------|             |----->o<------|
+        _________           ______________                ________
+                 \_________/              \______________/
+               corner    corner                corner
+               '--- one chain --'             another chain
+"""
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +33,40 @@ from cnc.kernels.planner.legs import (
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.kernels.planner.scurve import ramp_time
 
-REACH = 4.0
-"""The motion is replaced for so many times :func:`corner_time` before and behind a stop."""
+NEAR = 4.0
+"""A motion reaches at least so many times :func:`corner_time` before and behind a corner."""
+
+SHARP = math.sin(math.radians(120.0) / 2.0)
+"""Sine of half the turn from which on the motion is so slow that it reaches no farther."""
+
+MOST_CORNERS = 8
+"""Largest number of corners of a chain."""
+
+MOST_TIME = 4.0
+"""s; a chain of stops that takes longer ends. It bounds the latency of a hold."""
 
 SPARE = 0.01
 """Part of the reach by which more of a plan is held back: its start has to stay as it is."""
+
+
+class Chain(NamedTuple):
+    """Corners that are passed together, the first and the last stop among them.
+
+    Attributes:
+        first: piece before the first corner.
+        last: piece before the last corner.
+        begin: time at which the motion there may begin, s.
+        end: time at which it ends, s.
+        known: whether no later plan can change this.
+    """
+
+    first: int
+    last: int
+    begin: float
+    end: float
+    known: bool
 
 
 @njit
@@ -69,7 +111,10 @@ def leaves_path(path: PathArrays, b: int) -> bool:
 
 @njit
 def rest_at(path: PathArrays, plan: PlanArrays, b: int) -> int:
-    """Return the phase that begins with a rest on the corner behind piece ``b``, or -1."""
+    """Return the phase that begins with a rest on the corner behind piece ``b``, or -1.
+
+    It is -1, too, where the plan ends there, and where the corner is none to be passed.
+    """
     following = b + 1 < len(path.pieces.kind) and path.pieces.kind[b + 1] == LINE
     if not (following and leaves_path(path, b)):
         return -1
@@ -93,7 +138,7 @@ def count_corners(path: PathArrays, plan: PlanArrays) -> int:
 
 @njit
 def legs_used(path: PathArrays, b: int, shared: bool) -> tuple[float, float]:
-    """Return the lengths that the motion at the corner behind piece ``b`` may take of its legs, mm.
+    """Return the lengths that a motion at the corner behind piece ``b`` may take of its legs, mm.
 
     A leg between two corners belongs to both. ``shared``: whether the first leg of the path begins
     with a corner that the motion passes.
@@ -102,6 +147,17 @@ def legs_used(path: PathArrays, b: int, shared: bool) -> tuple[float, float]:
     share1 = LEGS_SHARE if before else 2.0 * LEGS_SHARE
     share2 = LEGS_SHARE if leaves_path(path, b + 1) else 2.0 * LEGS_SHARE
     return share1 * path.length[b], share2 * path.length[b + 1]
+
+
+@njit
+def _reach(u: Floats, turn: Turn, bound: float, tolerance: float, limits: LimitArrays) -> float:
+    """Return the time that a motion past a corner may reach on a leg of direction ``u``, s."""
+    line = line_bounds(u, bound, limits)
+    near = NEAR * corner_time(line.j, turn, tolerance)
+    ramp = ramp_time(0.0, line.v, line.a, line.j) if line.v < math.inf else math.inf
+    if turn.sine >= SHARP or not ramp < math.inf:
+        return 1.5 * near
+    return near + ramp
 
 
 @njit
@@ -116,9 +172,81 @@ def reach_of(
     turn = directions(data, at[b], data, at[b + 1], u)
     if not STRAIGHTEST < turn.sine < REVERSED:
         return 0.0, 0.0
-    before = corner_time(line_bounds(u[0], bound[b], limits).j, turn, path.tolerance[b])
-    after = corner_time(line_bounds(u[1], bound[b + 1], limits).j, turn, path.tolerance[b])
-    return REACH * before, REACH * after
+    eps = path.tolerance[b]
+    before = _reach(u[0], turn, bound[b], eps, limits)
+    return before, _reach(u[1], turn, bound[b + 1], eps, limits)
+
+
+@njit
+def passes_corner(
+    path: PathArrays, plan: PlanArrays, b: int, bound: Floats, limits: LimitArrays
+) -> bool:
+    """Return whether the motion may pass the stop on the corner behind piece ``b``."""
+    if rest_at(path, plan, b) < 0:
+        return False
+    return reach_of(path, b, bound, limits, np.empty((2, len(limits.axis_jerk))))[0] > 0.0
+
+
+@njit
+def chain_from(
+    path: PathArrays,
+    plan: PlanArrays,
+    b: int,
+    shared: bool,
+    bound: Floats,
+    limits: LimitArrays,
+    most: int = MOST_CORNERS,
+) -> Chain:
+    """Return the chain of which the corner behind piece ``b`` is the first.
+
+    Args:
+        path: of the motion.
+        plan: its phases.
+        b: the piece before the corner.
+        shared: whether the first leg begins with a corner that the motion passes.
+        bound: (pieces,): largest feeds, mm/s.
+        limits: of the machine.
+        most: largest number of its corners.
+    """
+    u = np.empty((2, len(limits.axis_jerk)))
+    rest = rest_at(path, plan, b)
+    reach1, reach2 = reach_of(path, b, bound, limits, u)
+    t, now = plan.t[rest], plan.t[-1]
+    half = time_of(plan.piece_s[b + 1] - legs_used(path, b, shared)[0], plan)
+    begin = max(t - reach1, half)
+    e = b
+    while True:
+        ends = plan.piece_s[e + 2]
+        passed = plan.s[-1] > ends + REST
+        following = rest_at(path, plan, e + 1)
+        whole = e - b + 1 >= most or t - begin > MOST_TIME
+        if whole or following < 0:
+            # The next corner is too late to count, or it is none.
+            known = whole or passed or not leaves_path(path, e + 1)
+            known = known or now - t > reach2 + _longest_reach(path, e + 1, bound, limits)
+            break
+        reach1, further = reach_of(path, e + 1, bound, limits, u)
+        if reach1 == 0.0 or plan.t[following] - t >= reach1 + reach2:
+            known = True
+            break
+        t, reach2 = plan.t[following], further
+        e += 1
+    half_s = plan.piece_s[e + 1] + legs_used(path, e, shared)[1]
+    end = t + reach2
+    reached = plan.s[-1] >= half_s
+    if reached:
+        end = min(end, time_of(half_s, plan))
+    return Chain(b, e, begin, end, known and (reached or end <= now))
+
+
+@njit
+def _longest_reach(path: PathArrays, b: int, bound: Floats, limits: LimitArrays) -> float:
+    """Return the longest time that a motion may reach before a corner behind piece ``b``, s."""
+    u = np.empty((2, len(limits.axis_jerk)))
+    data, at = path.pieces.data, path.pieces.at[b]
+    directions(data, at, data, at, u)
+    straightest = Turn(STRAIGHTEST, STRAIGHTEST)
+    return _reach(u[0], straightest, bound[b], path.tolerance[b], limits)
 
 
 @njit
@@ -127,8 +255,7 @@ def first_undecided(
 ) -> float:
     """Return the time from which on a later plan may change the motion at a corner.
 
-    That is the start of the motion at the last stop on a corner, if the plan ends before that
-    motion does, or of that at a stop that may follow.
+    That is the start of a chain that may go on, or of the motion at a stop that may follow.
 
     Args:
         path: of the motion.
@@ -137,31 +264,27 @@ def first_undecided(
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
     """
-    u = np.empty((2, len(limits.axis_jerk)))
     last, now = len(path.length) - 1, plan.t[-1]
     time = now
     if leaves_path(path, last):
-        # The turn at the end of the last piece is not known, but the longest reach is.
-        data, at = path.pieces.data, path.pieces.at[last]
-        directions(data, at, data, at, u)
-        line = line_bounds(u[0], bound[last], limits)
-        straightest = Turn(STRAIGHTEST, STRAIGHTEST)
-        reach = REACH * corner_time(line.j, straightest, path.tolerance[last])
         before = leaves_path(path, last - 1) if last > 0 else shared
         share = LEGS_SHARE if before else 2.0 * LEGS_SHARE
         begin = plan.piece_s[last + 1] - share * path.length[last]
-        fastest = max(line.v, plan.v[-1])
+        # The turn at the end of the last piece is not known, but the longest reach is.
+        reach = _longest_reach(path, last, bound, limits)
+        u = np.empty((2, len(limits.axis_jerk)))
+        data, at = path.pieces.data, path.pieces.at[last]
+        directions(data, at, data, at, u)
+        fastest = max(line_bounds(u[0], bound[last], limits).v, plan.v[-1])
         soonest = now + (plan.piece_s[last + 1] - plan.s[-1]) / fastest
         time = min(time, max(soonest - reach * (1.0 + SPARE), time_of(begin, plan) - SPARE * reach))
-    b = last - 1
-    if b >= 0:
-        rest = rest_at(path, plan, b)
-        reach1, reach2 = reach_of(path, b, bound, limits, u) if rest >= 0 else (0.0, 0.0)
-        if reach1 > 0.0:
-            length1, length2 = legs_used(path, b, shared)
-            corner = plan.piece_s[b + 1]
-            if plan.t[rest] + reach2 > now and plan.s[-1] < corner + length2:
-                sooner = plan.t[rest] - reach1 * (1.0 + SPARE)
-                begin = time_of(corner - length1, plan) - SPARE * reach1
-                time = min(time, max(sooner, begin))
+    b = 0
+    while b < last:
+        if passes_corner(path, plan, b, bound, limits):
+            chain = chain_from(path, plan, b, shared, bound, limits)
+            if not chain.known:
+                time = min(time, chain.begin - SPARE * (chain.end - chain.begin))
+                break
+            b = chain.last
+        b += 1
     return max(time, plan.t[0])

@@ -1,27 +1,30 @@
-r"""The limits of a motion round a corner, as rows of one inequality each.
+r"""The limits of a motion past corners, as rows of one inequality each.
 
-The motion is a uniform cubic B-spline in time, so each axis has a constant jerk in each of its
-STEPS steps of duration h. Its control points c are in the plane of the two legs, with the corner at
-the origin. Step k has the control points k .. k + 3.
+The motion is a cubic B-spline in time, so each axis has a constant jerk in each of its steps. A
+step belongs to one leg of the path, and its duration is a part of that of its group of steps. The
+motion passes a corner between the steps of its two legs.
 
-        v1, a1                    e2
-     o-----o----o----o            |
-                       `o         |____ u1
-        before the      |  behind the corner
-        corner          o
-                        o  v2, a2
+            group 0    group 1   group 2
+          o---o---o---o-o-o-o.             e2
+                             o             |
+                leg 0        o  leg 1      |____ e1
+                             o
+                             o             step k lasts from t_k to t_k+1
 
-A row bounds a value x of up to four control points in a row, |x| <= b h^p:
+Control point c_k has the parameters (t_k-2, t_k-1, t_k) of the polar form f (the blossom), so the
+position at t_k is f(t_k, t_k, t_k), and step k has the control points c_k .. c_k+3. From the polar
+form follow all that a row bounds:
 
-- a difference of order p = 1, 2, 3 in an axis: velocity, acceleration, jerk. Velocity is a convex
-  combination of first differences, acceleration of second ones, so the rows hold everywhere.
+- a difference: jerk of a step, acceleration at t_k, control points of the velocity. Speed and
+  acceleration are convex combinations of these, so the rows hold everywhere;
 - the length of a difference: the feed, and the acceleration where it is limited along the path;
-- the distance of a Bezier point from its leg, and of the point between the legs from the corner:
-  the tolerance, with p = 0. The points within a distance of a leg form a convex set, so the whole
-  spline lies within the tolerance. It crosses the plane at right angles to a leg through each of
-  its points up to the one nearest to the point between the legs, and the rest of the leg is no
-  farther from that than the corner. So no point of the legs lies farther from the spline.
-- a control point, where the travel of an axis ends close to the corner: x <= b alone, with p = 0.
+- the distance of a Bezier point from its leg, and of the point between two legs from their corner:
+  the tolerance. The points within a distance of a leg form a convex set, so the whole spline lies
+  within the tolerance. It crosses the plane at right angles to a leg through each of its points
+  between those nearest to the points where the spline enters and leaves the leg. What is left of
+  the leg is no farther from these than its corners are. So no point of the legs lies farther from
+  the spline;
+- a control point, where the travel of an axis ends close to the corners.
 """
 
 from __future__ import annotations
@@ -34,66 +37,51 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
 
-STEPS = 16
-"""Steps of the motion round a corner."""
-
-POINTS = STEPS + 3
-"""Control points. The first three and the last three follow from the motion beside."""
-
 FIXED = 3
+"""The first and the last three control points follow from the motion beside."""
 
-LINEAR, TRAVEL, LENGTH, LEG1, LEG2 = range(5)
-"""Kinds of rows."""
+JERK, ACCELERATION, VELOCITY, EARLY, LATE, FIRST_POINT, CORNER, POINT = range(8)
+"""What the rows of a place bound: the jerk of a step, the acceleration at its start, a control point
+of the velocity; the second, third and first Bezier point of the step; the first one where it lies
+between two legs; a control point.
+"""
 
-NONE = (0.0, 0.0, 0.0, 0.0)
+AXIS, TRAVEL, LENGTH, LEG = range(4)
+"""Kinds of rows: a component in an axis, that in one direction, a length, a distance from a leg."""
 
 ROOM = 4.0
 """An axis counts as close to the end of its travel within so many tolerances."""
 
+MOST_GROUPS = 2
+"""Groups whose durations change a place: it depends on five steps, and no group is shorter than 4.
+"""
 
-class Rows(NamedTuple):
-    """The rows of a corner.
+NEGLIGIBLE = 1e-9
+"""A length that is so small a part of its bound counts as 0."""
 
-    Attributes:
-        number: (1,): of rows.
-        kind: (m,): LINEAR ... LEG2.
-        first: (m,): index of the first control point.
-        stencil: (m, 4): weights of the control points.
-        offset: (m,): constant part of x, of TRAVEL rows.
-        bound: (m,): b, in mm and s.
-        power: (m,): p.
-        scale: (m,): 1 / (b h^p).
-        value: (m,): x.
-        gradient: (m, 8): of x, by the two coordinates of four control points.
-        bend: (m,): curvature of x across its gradient; 0 for LINEAR and TRAVEL rows.
-    """
-
-    number: Ints
-    kind: Ints
-    first: Ints
-    stencil: Floats
-    offset: Floats
-    bound: Floats
-    power: Ints
-    scale: Floats
-    value: Floats
-    gradient: Floats
-    bend: Floats
+SMALL = 1e-6
+"""Change of the logarithm of a duration in a difference quotient."""
 
 
-class CornerLimits(NamedTuple):
-    """Limits in the plane of a corner; infinite where there are none.
+class Tube(NamedTuple):
+    """A chain of legs with their tolerance, the limits, and the motion beside.
 
     Attributes:
-        axes: (n, 2): components of the plane's two directions in each axis.
-        velocity: (n,): mm/s.
+        axes: (n, d): components in each axis of the d directions in which the motion is sought.
+        velocity: (n,): limits of each axis, mm/s; infinite where there are none.
         acceleration: (n,): mm/s^2.
         jerk: (n,): mm/s^3.
-        travel: (2, n): lowest and highest position, from the corner, mm.
-        feed: of the two legs, mm/s.
+        travel: (2, n): lowest and highest position, from the origin of the legs, mm.
+        feed: (legs,): mm/s.
         pull: largest length of the acceleration, mm/s^2.
         tolerance: mm.
-        turn: (2,): cosine and sine of the turn: the direction of the second leg.
+        start: (legs, d): a point of each leg, mm.
+        along: (legs, d): direction of each leg.
+        reach: (legs, 2): first and last place of each leg on its line, from ``start``, mm.
+        leg: (steps,): leg of each step.
+        group: (steps,): group of each step.
+        part: (steps,): duration of each step, as a part of that of its group.
+        ends: (2, 3, d): position, velocity and acceleration at the start and at the end.
     """
 
     axes: Floats
@@ -101,181 +89,360 @@ class CornerLimits(NamedTuple):
     acceleration: Floats
     jerk: Floats
     travel: Floats
-    feed: tuple[float, float]
+    feed: Floats
     pull: float
     tolerance: float
-    turn: tuple[float, float]
+    start: Floats
+    along: Floats
+    reach: Floats
+    leg: Ints
+    group: Ints
+    part: Floats
+    ends: Floats
+
+
+class Rows(NamedTuple):
+    """The rows, by the places that they bound, in the order of the steps.
+
+    Attributes:
+        number: (2,): of places and of rows.
+        kind: (places,): JERK ... POINT.
+        step: (places,): its step.
+        first: (places + 1,): first row of each place.
+        stencil: (places, 4): weights of control points step .. step + 3.
+        x: (places, d): the value that is bounded.
+        group: (places, MOST_GROUPS): groups whose duration changes it; -1 for none.
+        by_group: (places, MOST_GROUPS, d): derivative by the logarithm of that duration.
+        row: (rows,): AXIS ... LEG.
+        scale: (rows,): 1 / bound.
+        offset: (rows,): constant part, of TRAVEL rows.
+        value: (rows,): the bounded value.
+        gradient: (rows, d): its derivative by x.
+        bend: (rows,): its curvature across the gradient; 0 for AXIS and TRAVEL.
+        beside: (rows,): 1 where the nearest point of the leg is none of its ends.
+        t: (steps + 5,): t_-2 ... t_steps+2.
+    """
+
+    number: Ints
+    kind: Ints
+    step: Ints
+    first: Ints
+    stencil: Floats
+    x: Floats
+    group: Ints
+    by_group: Floats
+    row: Ints
+    scale: Floats
+    offset: Floats
+    value: Floats
+    gradient: Floats
+    bend: Floats
+    beside: Floats
+    t: Floats
 
 
 @njit
-def rows_size(axes: int) -> int:
-    """Return the largest number of rows."""
-    return STEPS * (3 * axes + 5) + 1 + 2 * axes * POINTS
-
-
-@njit
-def new_rows(size: int) -> Rows:
-    """Return space for so many rows."""
+def new_rows(steps: int, axes: int, directions: int) -> Rows:
+    """Return space for the rows of so many steps."""
+    places, rows = 8 * steps + FIXED, steps * (5 * axes + 6)
     return Rows(
-        np.zeros(1, np.int64),
-        np.zeros(size, np.int64),
-        np.zeros(size, np.int64),
-        np.zeros((size, 4)),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size, np.int64),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros((size, 8)),
-        np.zeros(size),
+        np.zeros(2, np.int64),
+        np.zeros(places, np.int64),
+        np.zeros(places, np.int64),
+        np.zeros(places + 1, np.int64),
+        np.zeros((places, 4)),
+        np.zeros((places, directions)),
+        np.zeros((places, MOST_GROUPS), np.int64),
+        np.zeros((places, MOST_GROUPS, directions)),
+        np.zeros(rows, np.int64),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros((rows, directions)),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros(steps + 5),
     )
 
 
 @njit
-def _add(
-    rows: Rows,
-    kind: int,
-    first: int,
-    stencil: tuple[float, float, float, float],
-    bound: float,
-    power: int,
-) -> int:
-    """Append a row, and return its index."""
-    m = rows.number[0]
+def _add_place(rows: Rows, kind: int, step: int) -> None:
+    """Append a place without rows."""
+    i = rows.number[0]
     rows.number[0] += 1
-    rows.kind[m] = kind
-    rows.first[m] = first
-    for j in range(4):
-        rows.stencil[m, j] = stencil[j]
-    rows.offset[m] = 0.0
-    rows.bound[m] = bound
-    rows.power[m] = power
-    rows.bend[m] = 0.0
+    rows.kind[i] = kind
+    rows.step[i] = step
+    rows.first[i + 1] = rows.first[i] = rows.number[1]
+
+
+@njit
+def _add_row(rows: Rows, kind: int, bound: float) -> int:
+    """Append a row to the last place, and return its index."""
+    m = rows.number[1]
+    rows.number[1] += 1
+    rows.row[m] = kind
+    rows.scale[m] = 1.0 / bound
+    rows.offset[m] = rows.bend[m] = rows.beside[m] = 0.0
+    rows.first[rows.number[0]] = rows.number[1]
     return m
 
 
 @njit
-def _add_axis(
-    rows: Rows,
-    first: int,
-    stencil: tuple[float, float, float, float],
-    axis: Floats,
-    bound: float,
-    power: int,
-) -> None:
-    """Append the row of a difference in an axis with the components ``axis`` (2,)."""
-    if bound == math.inf or (axis[0] == 0.0 and axis[1] == 0.0):
-        return
-    m = _add(rows, LINEAR, first, stencil, bound, power)
-    for j in range(4):
-        rows.gradient[m, 2 * j] = stencil[j] * axis[0]
-        rows.gradient[m, 2 * j + 1] = stencil[j] * axis[1]
+def _add_axes(rows: Rows, tube: Tube, bounds: Floats, least: float) -> None:
+    """Append the rows of the axes; none where a vector of length ``least`` keeps to the bound."""
+    n, d = tube.axes.shape
+    for i in range(n):
+        wide = 0.0
+        for q in range(d):
+            wide += tube.axes[i, q] ** 2
+        if wide > 0.0 and bounds[i] < least * math.sqrt(wide):
+            m = _add_row(rows, AXIS, bounds[i])
+            for q in range(d):
+                rows.gradient[m, q] = tube.axes[i, q]
 
 
 @njit
-def write_rows(limits: CornerLimits, corner: int, rows: Rows) -> None:
-    """Write the rows of a corner that the motion passes at the start of step ``corner``."""
-    rows.number[0] = 0
-    for k in range(STEPS):
-        # A difference counts for the two steps before, too.
-        feed = limits.feed[1]
-        if k < corner:
-            feed = limits.feed[0]
-        elif k < corner + 2:
-            feed = min(limits.feed[0], limits.feed[1])
-        for i in range(len(limits.jerk)):
-            axis = limits.axes[i]
-            _add_axis(rows, k, (-1.0, 3.0, -3.0, 1.0), axis, limits.jerk[i], 3)
-            if k > 0:
-                _add_axis(rows, k, (1.0, -2.0, 1.0, 0.0), axis, limits.acceleration[i], 2)
-            if k > 1 and limits.velocity[i] < feed * math.hypot(axis[0], axis[1]):
-                _add_axis(rows, k, (-1.0, 1.0, 0.0, 0.0), axis, limits.velocity[i], 1)
-        if k > 1 and feed < math.inf:
-            _add(rows, LENGTH, k, (-1.0, 1.0, 0.0, 0.0), feed, 1)
-        if k > 0 and limits.pull < math.inf:
-            _add(rows, LENGTH, k, (1.0, -2.0, 1.0, 0.0), limits.pull, 2)
-        leg = LEG1 if k < corner else LEG2
-        eps = limits.tolerance
-        _add(rows, leg, k, (0.0, 2.0 / 3.0, 1.0 / 3.0, 0.0), eps, 0)
-        _add(rows, leg, k, (0.0, 1.0 / 3.0, 2.0 / 3.0, 0.0), eps, 0)
+def write_rows(tube: Tube, rows: Rows) -> None:
+    """Write the rows of a tube."""
+    rows.number[:] = 0
+    eps = tube.tolerance
+    near = _close_to_travel(tube)
+    steps = len(tube.leg)
+    for k in range(steps):
+        leg = tube.leg[k]
+        # A control point of the velocity counts for the two steps before, too.
+        feed = tube.feed[leg]
+        for before in range(max(k - 2, 0), k):
+            feed = min(feed, tube.feed[tube.leg[before]])
+        _add_place(rows, JERK, k)
+        _add_axes(rows, tube, tube.jerk, math.inf)
         if k > 0:
-            _add(rows, leg, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0)
-        if k == corner:
-            _add(rows, LENGTH, k, (1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0), eps, 0)
-    _add_travel(rows, limits)
+            _add_place(rows, ACCELERATION, k)
+            _add_axes(rows, tube, tube.acceleration, math.inf)
+            if tube.pull < math.inf:
+                _add_row(rows, LENGTH, tube.pull)
+        if k > 1:
+            _add_place(rows, VELOCITY, k)
+            _add_axes(rows, tube, tube.velocity, feed)
+            if feed < math.inf:
+                _add_row(rows, LENGTH, feed)
+        _add_place(rows, EARLY, k)
+        _add_row(rows, LEG, eps)
+        _add_place(rows, LATE, k)
+        _add_row(rows, LEG, eps)
+        if k > 0:
+            _add_place(rows, FIRST_POINT, k)
+            _add_row(rows, LEG, eps)
+            if leg != tube.leg[k - 1]:
+                _add_place(rows, CORNER, k)
+                _add_row(rows, LENGTH, eps)
+        if near and k >= FIXED:
+            _add_place(rows, POINT, k)
+            _add_travel(rows, tube)
 
 
 @njit
-def _add_travel(rows: Rows, limits: CornerLimits) -> None:
-    """Append the rows of the free control points where the travel ends close to the corner."""
-    eps = limits.tolerance
-    for i in range(len(limits.jerk)):
-        axis = limits.axes[i]
-        wide = math.hypot(axis[0], axis[1])
+def _close_to_travel(tube: Tube) -> bool:
+    """Return whether the travel of an axis ends close to the legs."""
+    for i in range(tube.axes.shape[0]):
         for side in range(2):
-            room = limits.travel[1, i] if side else -limits.travel[0, i]
-            if wide == 0.0 or not room < ROOM * eps * wide:
+            if _room(tube, i, side) < math.inf:
+                return True
+    return False
+
+
+@njit
+def _room(tube: Tube, i: int, side: int) -> float:
+    """Return the distance of an end of the travel from the origin; infinity where it is far."""
+    end = tube.travel[1, i] if side else -tube.travel[0, i]
+    sign = 1.0 if side else -1.0
+    d = tube.axes.shape[1]
+    wide, farthest = 0.0, 0.0
+    for q in range(d):
+        wide += tube.axes[i, q] ** 2
+    for leg in range(len(tube.feed)):
+        for place in tube.reach[leg]:
+            if math.isfinite(place):
+                at = 0.0
+                for q in range(d):
+                    on = tube.start[leg, q] + place * tube.along[leg, q]
+                    at += sign * tube.axes[i, q] * on
+                farthest = max(farthest, at)
+    if wide == 0.0 or end - farthest >= ROOM * tube.tolerance * math.sqrt(wide):
+        return math.inf
+    return max(end, farthest)
+
+
+@njit
+def _add_travel(rows: Rows, tube: Tube) -> None:
+    """Append the rows of a control point where the travel ends close to the legs."""
+    for i in range(tube.axes.shape[0]):
+        for side in range(2):
+            room = _room(tube, i, side)
+            if room == math.inf:
                 continue
+            m = _add_row(rows, TRAVEL, tube.tolerance + room)
+            rows.offset[m] = tube.tolerance
             sign = 1.0 if side else -1.0
-            for k in range(FIXED, POINTS - FIXED):
-                first = min(k, POINTS - 4)
-                m = _add(rows, TRAVEL, first, NONE, eps + max(room, 0.0), 0)
-                rows.offset[m] = eps
-                for j in range(8):
-                    rows.gradient[m, j] = 0.0
-                rows.gradient[m, 2 * (k - first)] = sign * axis[0]
-                rows.gradient[m, 2 * (k - first) + 1] = sign * axis[1]
+            for q in range(tube.axes.shape[1]):
+                rows.gradient[m, q] = sign * tube.axes[i, q]
 
 
 @njit
-def set_step(rows: Rows, h: float) -> None:
-    """Set the duration h of a step, s."""
-    powers = (1.0, h, h * h, h * h * h)
-    for m in range(rows.number[0]):
-        rows.scale[m] = 1.0 / (rows.bound[m] * powers[rows.power[m]])
+def set_knots(tube: Tube, spans: Floats, rows: Rows) -> None:
+    """Write t for logarithms ``spans`` (groups,) of the durations. Beside the ends, steps repeat."""
+    t, steps = rows.t, len(tube.leg)
+    t[2] = 0.0
+    for k in range(steps):
+        t[k + 3] = t[k + 2] + math.exp(spans[tube.group[k]]) * tube.part[k]
+    first, last = t[3] - t[2], t[steps + 2] - t[steps + 1]
+    t[1], t[0] = -first, -2.0 * first
+    t[steps + 3], t[steps + 4] = t[steps + 2] + last, t[steps + 2] + 2.0 * last
 
 
 @njit
-def evaluate(rows: Rows, limits: CornerLimits, c: Floats) -> None:
-    """Write values, gradients and bends of the rows for control points ``c`` (POINTS, 2)."""
-    for m in range(rows.number[0]):
-        kind, k = rows.kind[m], rows.first[m]
-        if kind <= TRAVEL:
-            value = rows.offset[m]
-            for j in range(4):
-                value += rows.gradient[m, 2 * j] * c[k + j, 0]
-                value += rows.gradient[m, 2 * j + 1] * c[k + j, 1]
-            rows.value[m] = value
-            continue
-        x = 0.0
-        y = 0.0
-        for j in range(4):
-            x += rows.stencil[m, j] * c[k + j, 0]
-            y += rows.stencil[m, j] * c[k + j, 1]
-        beside = False
-        if kind != LENGTH:
-            x, y, beside = _off_leg(x, y, kind == LEG1, limits)
-        length = math.sqrt(x * x + y * y)
-        rows.value[m] = length
-        scale = 1.0 / length if length > 1e-30 else 0.0
-        # Along a leg its distance does not change.
-        rows.bend[m] = 0.0 if beside else scale
-        if kind != LENGTH and scale == 0.0:
-            scale = 1.0
-        for j in range(4):
-            rows.gradient[m, 2 * j] = rows.stencil[m, j] * x * scale
-            rows.gradient[m, 2 * j + 1] = rows.stencil[m, j] * y * scale
+def place_ends(tube: Tube, rows: Rows, c: Floats) -> None:
+    """Write the control points (steps + 3, d) that give the motion its states at both ends.
 
-
-@njit
-def _off_leg(x: float, y: float, first: bool, limits: CornerLimits) -> tuple[float, float, bool]:
-    """Return the vector from the nearest point of a leg to a point, and whether it is beside it.
-
-    The leg ends at the corner.
+    They have t_0 or t_steps among their parameters, so the jerk does not count.
     """
-    along_x, along_y = 1.0, 0.0
-    if not first:
-        along_x, along_y = limits.turn
-    on = x * along_x + y * along_y
-    inside = min(on, 0.0) if first else max(on, 0.0)
-    return x - inside * along_x, y - inside * along_y, on * inside > 0.0
+    steps = len(tube.leg)
+    for end in range(2):
+        first = steps * end
+        origin = rows.t[first + 2]
+        for k in range(first, first + FIXED):
+            x, y, z = rows.t[k] - origin, rows.t[k + 1] - origin, rows.t[k + 2] - origin
+            by_v, by_a = (x + y + z) / 3.0, (x * y + y * z + z * x) / 6.0
+            for q in range(c.shape[1]):
+                state = tube.ends[end]
+                c[k, q] = state[0, q] + by_v * state[1, q] + by_a * state[2, q]
+
+
+@njit
+def write_stencil(kind: int, k: int, t: Floats, out: Floats) -> None:
+    """Write the weights (4,) of control points k .. k + 3 in what a place bounds."""
+    tm2, tm1, t0, t1, t2 = t[k], t[k + 1], t[k + 2], t[k + 3], t[k + 4]
+    out[:] = 0.0
+    if kind == VELOCITY:
+        out[1] = 3.0 / (t1 - tm2)
+        out[0] = -out[1]
+    elif kind <= ACCELERATION:
+        rate = 2.0 / (t1 - tm1)
+        first, second = rate * 3.0 / (t1 - tm2), rate * 3.0 / (t2 - tm1)
+        if kind == ACCELERATION:
+            out[0], out[1], out[2] = first, -first - second, second
+        else:
+            t3 = t[k + 5]
+            rate = 2.0 / (t2 - t0)
+            third, fourth = rate * 3.0 / (t2 - tm1), rate * 3.0 / (t3 - t0)
+            step = 1.0 / (t1 - t0)
+            out[0] = -step * first
+            out[1] = step * (third + first + second)
+            out[2] = -step * (third + fourth + second)
+            out[3] = step * fourth
+    elif kind == POINT:
+        out[0] = 1.0
+    elif kind == LATE:
+        out[2] = (t1 - tm1) / (t2 - tm1)
+        out[1] = 1.0 - out[2]
+    else:
+        early = (t0 - tm1) / (t2 - tm1)
+        if kind == EARLY:
+            out[1], out[2] = 1.0 - early, early
+        else:
+            before, part = (t0 - tm2) / (t1 - tm2), (t0 - tm1) / (t1 - tm1)
+            out[0] = (1.0 - part) * (1.0 - before)
+            out[1] = (1.0 - part) * before + part * (1.0 - early)
+            out[2] = part * early
+
+
+@njit
+def set_stencils(rows: Rows) -> None:
+    """Write the weights of all places."""
+    for i in range(rows.number[0]):
+        write_stencil(rows.kind[i], rows.step[i], rows.t, rows.stencil[i])
+
+
+@njit
+def evaluate(tube: Tube, rows: Rows, c: Floats) -> None:
+    """Write values, gradients and bends of the rows for control points ``c`` (steps + 3, d)."""
+    d = c.shape[1]
+    for i in range(rows.number[0]):
+        k = rows.step[i]
+        for q in range(d):
+            x = 0.0
+            for j in range(4):
+                x += rows.stencil[i, j] * c[k + j, q]
+            rows.x[i, q] = x
+        for m in range(rows.first[i], rows.first[i + 1]):
+            if rows.row[m] <= TRAVEL:
+                value = rows.offset[m]
+                for q in range(d):
+                    value += rows.gradient[m, q] * rows.x[i, q]
+                rows.value[m] = value
+            else:
+                _evaluate_length(tube, rows, i, m)
+
+
+@njit
+def _evaluate_length(tube: Tube, rows: Rows, i: int, m: int) -> None:
+    """Write value, gradient and bend of a LENGTH or LEG row m of place i."""
+    d = tube.along.shape[1]
+    leg, off = tube.leg[rows.step[i]], rows.gradient[m]
+    for q in range(d):
+        off[q] = rows.x[i, q]
+    if rows.kind[i] >= EARLY:
+        on = 0.0
+        for q in range(d):
+            off[q] -= tube.start[leg, q]
+            on += off[q] * tube.along[leg, q]
+        if rows.row[m] == LEG:
+            nearest = min(max(on, tube.reach[leg, 0]), tube.reach[leg, 1])
+            rows.beside[m] = 1.0 if nearest == on else 0.0
+            for q in range(d):
+                off[q] -= nearest * tube.along[leg, q]
+    length = 0.0
+    for q in range(d):
+        length += off[q] * off[q]
+    length = math.sqrt(length)
+    rows.value[m] = length
+    # The direction of a rounding error says nothing.
+    rows.bend[m] = 1.0 / length if length * rows.scale[m] > NEGLIGIBLE else 0.0
+    for q in range(d):
+        off[q] *= rows.bend[m]
+
+
+@njit
+def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
+    """Write the derivatives of all places by the logarithms ``spans`` of the durations."""
+    places, steps, d = rows.number[0], len(tube.leg), c.shape[1]
+    other, moved, stencil = spans.copy(), c.copy(), np.empty(4)
+    for i in range(places):
+        rows.group[i, :] = -1
+    at = 0
+    first = 0
+    while first < steps:
+        group = tube.group[first]
+        last = first
+        while last + 1 < steps and tube.group[last + 1] == group:
+            last += 1
+        other[group] = spans[group] + SMALL
+        set_knots(tube, other, rows)
+        place_ends(tube, rows, moved)
+        while at < places and rows.step[at] < first - 2:
+            at += 1
+        i = at
+        while i < places and rows.step[i] <= last + 2:
+            k = rows.step[i]
+            write_stencil(rows.kind[i], k, rows.t, stencil)
+            slot = 0 if rows.group[i, 0] < 0 else 1
+            rows.group[i, slot] = group
+            for q in range(d):
+                x = 0.0
+                for j in range(4):
+                    x += stencil[j] * moved[k + j, q]
+                rows.by_group[i, slot, q] = (x - rows.x[i, q]) / SMALL
+            i += 1
+        other[group] = spans[group]
+        first = last + 1
+    set_knots(tube, spans, rows)

@@ -1,4 +1,4 @@
-"""The motion at a corner, sought with the states of a plan beside it.
+"""The motion past a chain of corners, sought with the states of a plan beside it.
 
 What the search ends with depends on rounding. So its input is rounded, to more than the rounding
 errors of plans. But for rare cases the same motion is found wherever a plan is cut, and it need not
@@ -13,40 +13,64 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import START, Floats, Ints
-from cnc.kernels.planner.corner_motion import State, fastest_corner, place_ends
-from cnc.kernels.planner.corner_places import legs_used, phase_of_time, reach_of, state_at, time_of
+from cnc.kernels.path.curve import LENGTH, METRIC, METRICS, START, Floats, Ints
+from cnc.kernels.planner.corner_motion import duration, fastest_motion
+from cnc.kernels.planner.corner_places import (
+    MOST_CORNERS,
+    NEAR,
+    Chain,
+    legs_used,
+    phase_of_time,
+    rest_at,
+    state_at,
+    time_of,
+)
 from cnc.kernels.planner.corner_rows import (
-    POINTS,
     ROOM,
-    STEPS,
-    CornerLimits,
     Rows,
+    Tube,
+    place_ends,
+    set_knots,
     write_rows,
 )
-from cnc.kernels.planner.legs import (
-    REST,
-    directions,
-)
+from cnc.kernels.planner.legs import REST, corner_time, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 
-PARTS = (1.0, 0.6)
-"""Parts of the reach that are tried. The steps of a short motion are finer."""
+GROUPS = 3
+STEPS = (5, 4, 5)
+"""Groups of a leg, and steps of each: behind a corner, in the middle, before the next corner."""
+
+LEG_STEPS = 14
+MOST_STEPS = (MOST_CORNERS + 1) * LEG_STEPS
+
+SIDE = 0.3
+CLOSEST = 3.0
+"""The outer groups of a leg take this part of its time, but no more than so many times
+:func:`corner_time` of the corner beside.
+"""
+
+SLOWED = 1.02
+"""The search begins with a motion that takes so many times as long as the plan."""
 
 UNTOUCHED = 1e-3
 """Part of the time to the start or end of a plan that stays as it is."""
 
-SHORTEST_STEP = 1e-6
-"""s; steps of a corner are longer, or it stays a stop."""
+SHORTEST = 1e-6
+"""s; each leg of a chain takes longer, or its corners stay stops."""
 
 GAIN = 1e-3
-"""Part of its duration that the motion at a corner has to save."""
+"""Part of its duration that a motion has to save."""
 
 WITHIN = 1.0 - 1e-6
 """Part of the tolerance that is used."""
+
+FLAT = 1e-10
+"""mm per mm; a leg with no more than this in another direction has none there."""
+
+MOST_DIRECTIONS = 3
 
 DIGITS = 27
 """Binary digits of the search's input."""
@@ -54,100 +78,65 @@ DIGITS = 27
 KNOWN = 64
 """Motions that are kept, so that they need not be searched for again."""
 
+NUMBERS = 1536
+"""Most numbers of the input of a motion that is kept."""
+
 
 class Known(NamedTuple):
     """Motions that were found.
 
     Attributes:
-        input: (KNOWN, numbers): what each was searched for with; nan for none.
-        points: (KNOWN, POINTS, 2): its control points.
-        step: (KNOWN,): duration of its steps, s; 0 if there is none.
+        input: (KNOWN, NUMBERS): what each was searched for with; nan for none.
+        count: (KNOWN,): number of these numbers.
+        points: (KNOWN, MOST_STEPS + 3, MOST_DIRECTIONS): its control points.
+        spans: (KNOWN, groups): logarithms of the durations of its groups.
+        found: (KNOWN,): 1 if there is a motion, or 0.
         next: (1,): the one to be replaced next.
     """
 
     input: Floats
+    count: Ints
     points: Floats
-    step: Floats
+    spans: Floats
+    found: Ints
     next: Ints
 
 
-class Scratch(NamedTuple):
-    """Arrays that are used again for each corner.
+class Motion(NamedTuple):
+    """The motion past a chain of corners.
 
     Attributes:
-        rows: its limits.
-        u: (2, axes): the directions of its plane: of the first leg, and at right angles.
-        c: (POINTS, 2): control points of its motion.
-    """
-
-    rows: Rows
-    u: Floats
-    c: Floats
-
-
-class Corner(NamedTuple):
-    """The motion at a corner.
-
-    Attributes:
-        saved: time that it saves, s; 0 for a stop.
+        saved: time that it saves, s; 0 for stops.
         begin: time in the plan at which it begins, s.
         end: time in the plan at which it ends, s.
-        before: the state at its start.
-        after: the state at its end.
-        turn: index of the first step behind the corner.
-        duration: of a step, s.
+        before: distance of its start from the first corner, mm.
+        after: distance of its end from the last corner, mm.
+        basis: (d, axes): the directions in which its control points are given.
+        tube: its legs, and their limits.
+        t: (steps + 5,): the knots, from its start, s.
+        c: (steps + 3, d): control points, from the first corner, mm.
     """
 
     saved: float
     begin: float
     end: float
-    before: State
-    after: State
-    turn: int
-    duration: float
+    before: float
+    after: float
+    basis: Floats
+    tube: Tube
+    t: Floats
+    c: Floats
 
 
-@njit
-def _limits_of(
-    path: PathArrays,
-    b: int,
-    feeds: tuple[float, float],
-    limits: LimitArrays,
-    travel: Floats,
-    u: Floats,
-) -> CornerLimits:
-    """Return the limits in the plane of a corner; ``u[1]`` becomes its second direction."""
-    n = u.shape[1]
-    data, at = path.pieces.data, path.pieces.at
-    turn = directions(data, at[b], data, at[b + 1], u)
-    cos = 1.0 - 2.0 * turn.sine * turn.sine
-    sin = 2.0 * turn.sine * math.sqrt(1.0 - turn.sine * turn.sine)
-    eps = path.tolerance[b]
-    axes, space = np.empty((n, 2)), np.empty((2, n))
-    widest = 1.0
-    for i in range(n):
-        u[1, i] = (u[1, i] - cos * u[0, i]) / sin
-        axes[i, 0] = u[0, i]
-        axes[i, 1] = u[1, i]
-        wide = math.hypot(axes[i, 0], axes[i, 1])
-        widest = max(widest, wide)
-        corner = data[at[b + 1] + START + i]
-        # An end of the travel that is out of reach is none, so that it makes no other input.
-        for side in range(2):
-            room = travel[side, i] - corner
-            space[side, i] = room if abs(room) < ROOM * eps * wide else (side - 0.5) * math.inf
-    bend = 8.0 * limits.chord_error / limits.period**2
-    pull = min(limits.tangential_acceleration, limits.normal_acceleration, bend)
-    return CornerLimits(
-        axes,
-        limits.axis_velocity * (1.0 - UNSEEN),
-        limits.axis_acceleration * (1.0 - UNSEEN),
-        limits.axis_jerk * (1.0 - 2.0 * UNSEEN),
-        space,
-        feeds,
-        pull * (1.0 - UNSEEN),
-        WITHIN * eps / widest,
-        (cos, sin),
+def new_known() -> Known:
+    """Return space for motions that are found."""
+    return Known(
+        np.full((KNOWN, NUMBERS), math.nan),
+        np.zeros(KNOWN, np.int64),
+        np.empty((KNOWN, MOST_STEPS + 3, MOST_DIRECTIONS)),
+        np.empty((KNOWN, GROUPS * (MOST_CORNERS + 1))),
+        np.zeros(KNOWN, np.int64),
+        np.zeros(1, np.int64),
     )
 
 
@@ -158,177 +147,446 @@ def _rounded(value: float, scale: float) -> float:
     return math.floor(value / unit + 0.5) * unit
 
 
-def new_known(axes: int) -> Known:
-    """Return space for motions that are found."""
-    numbers = 13 + 4 * axes + 2 * POINTS
-    return Known(
-        np.full((KNOWN, numbers), math.nan),
-        np.empty((KNOWN, POINTS, 2)),
-        np.zeros(KNOWN),
-        np.zeros(1, np.int64),
+@njit
+def basis_of(path: PathArrays, first: int, last: int, along: Floats) -> Floats:
+    """Return the directions (d, axes) that legs ``first`` to ``last`` + 1 span.
+
+    They are at right angles in the metric axes. ``along`` (legs, MOST_DIRECTIONS) receives the
+    components of the legs. There are none where the legs span more than MOST_DIRECTIONS, or are
+    measured over different axes.
+    """
+    data = path.pieces.data
+    n = int(data[path.pieces.at[first]])
+    basis = np.zeros((MOST_DIRECTIONS, n))
+    u = np.empty((2, n))
+    d = 0
+    for leg in range(last - first + 2):
+        at = path.pieces.at[first + leg]
+        if directions(data, path.pieces.at[first], data, at, u).sine > 1.0:
+            return basis[:0]
+        rest = u[1].copy()
+        along[leg, :] = 0.0
+        for q in range(d):
+            for m in range(int(data[at + METRICS])):
+                i = int(data[at + METRIC + m])
+                along[leg, q] += u[1, i] * basis[q, i]
+            for i in range(n):
+                rest[i] -= along[leg, q] * basis[q, i]
+        square, most = 0.0, 0.0
+        for m in range(int(data[at + METRICS])):
+            square += rest[int(data[at + METRIC + m])] ** 2
+        for i in range(n):
+            most = max(most, abs(rest[i]))
+        size = math.sqrt(square)
+        if size <= FLAT:
+            if most > FLAT:
+                return basis[:0]
+            continue
+        if d == MOST_DIRECTIONS:
+            return basis[:0]
+        along[leg, d] = size
+        for i in range(n):
+            basis[d, i] = rest[i] / size
+        d += 1
+    return basis[:d].copy()
+
+
+@njit
+def _times_of(
+    path: PathArrays, plan: PlanArrays, chain: Chain, times: tuple[float, float]
+) -> Floats:
+    """Return the times of the start, of each stop of the chain and of the end."""
+    corners = chain.last - chain.first + 1
+    t = np.empty(corners + 2)
+    t[0], t[corners + 1] = times
+    for k in range(corners):
+        t[k + 1] = plan.t[rest_at(path, plan, chain.first + k)]
+    return t
+
+
+@njit
+def _tube_of(
+    path: PathArrays,
+    chain: Chain,
+    bound: Floats,
+    limits: LimitArrays,
+    travel: Floats,
+    basis: Floats,
+    along: Floats,
+) -> Tube:
+    """Return the legs of a chain; the states at its ends are to be written."""
+    legs, (d, n) = chain.last - chain.first + 2, basis.shape
+    data, at = path.pieces.data, path.pieces.at
+    start, reach = np.zeros((legs, d)), np.zeros((legs, 2))
+    reach[0, 0] = -math.inf
+    reach[legs - 1, 1] = math.inf
+    for leg in range(1, legs):
+        before = reach[leg - 1, 1]
+        for q in range(d):
+            start[leg, q] = start[leg - 1, q] + before * along[leg - 1, q]
+        if leg + 1 < legs:
+            reach[leg, 1] = path.length[chain.first + leg]
+    widest = 1.0
+    space = np.empty((2, n))
+    for i in range(n):
+        wide = 0.0
+        for q in range(d):
+            wide += basis[q, i] ** 2
+        widest = max(widest, math.sqrt(wide))
+        corner = data[at[chain.first + 1] + START + i]
+        for side in range(2):
+            space[side, i] = travel[side, i] - corner
+    eps = math.inf
+    for b in range(chain.first, chain.last + 1):
+        eps = min(eps, path.tolerance[b])
+    _leave_out_far_ends(space, basis, start, reach, along, eps)
+    bend = 8.0 * limits.chord_error / limits.period**2
+    pull = min(limits.tangential_acceleration, limits.normal_acceleration, bend)
+    leg_of = np.empty(legs * LEG_STEPS, np.int64)
+    group, part = leg_of.copy(), np.empty(legs * LEG_STEPS)
+    k = 0
+    for leg in range(legs):
+        for g in range(GROUPS):
+            for _ in range(STEPS[g]):
+                leg_of[k], group[k], part[k] = leg, GROUPS * leg + g, 1.0 / STEPS[g]
+                k += 1
+    return Tube(
+        np.ascontiguousarray(basis.T),
+        limits.axis_velocity * (1.0 - UNSEEN),
+        limits.axis_acceleration * (1.0 - UNSEEN),
+        limits.axis_jerk * (1.0 - 2.0 * UNSEEN),
+        space,
+        bound[chain.first : chain.last + 2].copy(),
+        pull * (1.0 - UNSEEN),
+        WITHIN * eps / widest,
+        start,
+        along[:legs, :d].copy(),
+        reach,
+        leg_of,
+        group,
+        part,
+        np.zeros((2, 3, d)),
     )
 
 
 @njit
-def _write_input(
-    here: CornerLimits,
-    corner: int,
-    before: State,
-    after: State,
-    c: Floats,
-    h: float,
-    to: Floats,
+def _leave_out_far_ends(
+    space: Floats, basis: Floats, start: Floats, reach: Floats, along: Floats, eps: float
 ) -> None:
-    """Write all that the search depends on, but for the machine's limits."""
-    to[0], to[1], to[2] = before
-    to[3], to[4], to[5] = after
-    to[6], to[7] = here.feed
-    to[8], to[9] = here.turn
-    to[10] = here.tolerance
-    to[11] = h
-    to[12] = corner
-    at = 13
-    for i in range(len(here.jerk)):
-        to[at], to[at + 1] = here.axes[i, 0], here.axes[i, 1]
-        to[at + 2], to[at + 3] = here.travel[0, i], here.travel[1, i]
-        at += 4
-    for k in range(POINTS):
-        to[at], to[at + 1] = c[k, 0], c[k, 1]
-        at += 2
+    """Make those ends of the travel infinite that no corner is close to.
+
+    So the input of equal corners is the same wherever they are.
+    """
+    d, n = basis.shape
+    for i in range(n):
+        wide = 0.0
+        for q in range(d):
+            wide += basis[q, i] ** 2
+        for side in range(2):
+            sign = 1.0 if side else -1.0
+            farthest = -math.inf
+            for leg in range(1, len(start)):
+                at = 0.0
+                for q in range(d):
+                    at += sign * start[leg, q] * basis[q, i]
+                farthest = max(farthest, at)
+            if sign * space[side, i] - farthest >= ROOM * eps * math.sqrt(wide):
+                space[side, i] = sign * math.inf
 
 
 @njit
-def _known_as(wanted: Floats, known: Known) -> int:
+def _first_points(
+    plan: PlanArrays, corners: Floats, t: Floats, tube: Tube, rows: Rows, spans: Floats
+) -> Floats:
+    """Return control points of a motion near the plan's, and write its durations.
+
+    Args:
+        plan: its phases.
+        corners: (corners,): arc lengths of the stops, mm.
+        t: (corners + 2,): the times of start, stops and end, s.
+        tube: the legs; receives the states at both ends.
+        rows: receives the knots.
+        spans: (groups,): logarithms of the plan's durations.
+    """
+    steps, d = len(tube.leg), tube.axes.shape[1]
+    legs = len(corners) + 1
+    c = np.empty((steps + 3, d))
+    set_knots(tube, spans, rows)
+    length = corners[legs - 2] - corners[0] + 1.0
+    for k in range(steps + 3):
+        # The polar form of a parabola at three parameters, from their mean.
+        mean = (rows.t[k] + rows.t[k + 1] + rows.t[k + 2]) / 3.0
+        x, y, z = rows.t[k] - mean, rows.t[k + 1] - mean, rows.t[k + 2] - mean
+        now = min(max(t[0] + mean, plan.t[0]), plan.t[-1])
+        s, _, a = state_at(now, phase_of_time(now, plan), plan)
+        leg = 0
+        while leg + 1 < legs and now > t[leg + 1]:
+            leg += 1
+        on = s - corners[max(leg - 1, 0)] + a * (x * y + y * z + z * x) / 6.0
+        on = _rounded(on, length)
+        for q in range(d):
+            c[k, q] = tube.start[leg, q] + on * tube.along[leg, q]
+    return c
+
+
+@njit
+def _known_as(wanted: Floats, count: int, known: Known) -> int:
     """Return the index of the motion that was found with the same input, or -1."""
     for k in range(KNOWN):
-        same = True
-        for i in range(len(wanted)):
-            if wanted[i] != known.input[k, i]:
-                same = False
-                break
+        same = known.count[k] == count
+        i = 0
+        while same and i < count:
+            same = wanted[i] == known.input[k, i]
+            i += 1
         if same:
             return k
     return -1
 
 
 @njit
-def _passed(
+def _write_input(tube: Tube, c: Floats, spans: Floats, to: Floats) -> int:
+    """Write all that the search depends on, but for the machine's limits; return the count."""
+    parts = (
+        tube.axes.ravel(),
+        tube.travel.ravel(),
+        tube.feed,
+        tube.along.ravel(),
+        tube.start.ravel(),
+        tube.ends.ravel(),
+        spans,
+        c.ravel(),
+    )
+    to[0] = tube.tolerance
+    at = 1
+    for part in parts:
+        if at + len(part) > NUMBERS:
+            return 0
+        to[at : at + len(part)] = part
+        at += len(part)
+    return at
+
+
+@njit
+def _solved(tube: Tube, rows: Rows, c: Floats, spans: Floats, known: Known) -> bool:
+    """Make the motion the fastest one; return whether there is one."""
+    wanted = np.empty(NUMBERS)
+    count = _write_input(tube, c, spans, wanted)
+    points, d = c.shape
+    k = _known_as(wanted, count, known) if count else -1
+    if k >= 0:
+        c[:] = known.points[k, :points, :d]
+        spans[:] = known.spans[k, : len(spans)]
+        return known.found[k] > 0
+    write_rows(tube, rows)
+    found = fastest_motion(tube, rows, c, spans)
+    if count:
+        k = known.next[0]
+        known.next[0] = (k + 1) % KNOWN
+        known.input[k] = wanted
+        known.count[k] = count
+        known.points[k, :points, :d] = c
+        known.spans[k, : len(spans)] = spans
+        known.found[k] = 1 if found else 0
+    return found
+
+
+@njit
+def _write_ends(tube: Tube, ends: Floats, scales: tuple[float, float], exact: bool) -> None:
+    """Write the states at both ends: ``ends`` (2, 3) along the first and the last leg.
+
+    They are rounded to DIGITS of ``scales``, of length and time, if not ``exact``.
+    """
+    last = len(tube.feed) - 1
+    for end in range(2):
+        leg = last * end
+        for order in range(3):
+            value = ends[end, order]
+            if not exact:
+                value = _rounded(value, scales[0] / scales[1] ** order)
+            for q in range(tube.axes.shape[1]):
+                place = tube.start[leg, q] if order == 0 else 0.0
+                tube.ends[end, order, q] = place + value * tube.along[leg, q]
+
+
+@njit
+def motion_between(
+    path: PathArrays,
     plan: PlanArrays,
-    corner: float,
+    chain: Chain,
     times: tuple[float, float],
-    middle: int,
-    here: CornerLimits,
+    tube: Tube,
+    basis: Floats,
+    limits: LimitArrays,
     known: Known,
-    scratch: Scratch,
-) -> Corner:
-    """Return the motion at a corner between two times of the plan.
+    rows: Rows,
+) -> Motion:
+    """Return the motion past a chain of corners between two times of the plan.
 
     Args:
+        path: of the motion.
         plan: its phases.
-        corner: arc length of the corner, mm.
+        chain: the corners.
         times: of the start and of the end, s.
-        middle: the step that begins at the rest.
-        here: limits in the plane of the corner.
+        tube: the legs.
+        basis: their directions.
+        limits: of the machine.
         known: the motions that were found before.
-        scratch: receives the control points.
+        rows: space for the limits.
     """
-    begin, end = times
-    c = scratch.c
-    none = State(0.0, 0.0, 0.0)
-    stop = Corner(0.0, begin, end, none, none, 0, 0.0)
-    s1, v1, a1 = state_at(begin, phase_of_time(begin, plan), plan)
-    s2, v2, a2 = state_at(end, phase_of_time(end, plan), plan)
-    first, second = State(corner - s1, v1, a1), State(s2 - corner, v2, a2)
-    length, time = first.s + second.s, end - begin
-    h = time / STEPS
-    if not (h > SHORTEST_STEP and first.s > REST and second.s > REST):
-        return stop
-    # The first and the last difference of control points are given.
-    if v1 + 0.5 * h * a1 > here.feed[0] or v2 - 0.5 * h * a2 > here.feed[1]:
-        return stop
-    for k in range(POINTS):
-        now = min(max(begin + (k - 1.0) * h, plan.t[0]), plan.t[-1])
-        s = state_at(now, phase_of_time(now, plan), plan)[0] - corner
-        on = _rounded(s, length)
-        c[k, 0] = on if on <= 0.0 else on * here.turn[0]
-        c[k, 1] = 0.0 if on <= 0.0 else on * here.turn[1]
-    speed, pull = length / time, length / (time * time)
-    before = State(_rounded(first.s, length), _rounded(v1, speed), _rounded(a1, pull))
-    after = State(_rounded(second.s, length), _rounded(v2, speed), _rounded(a2, pull))
-    h = _rounded(h, h)
-    wanted = np.empty(known.input.shape[1])
-    _write_input(here, middle, before, after, c, h, wanted)
-    k = _known_as(wanted, known)
-    if k < 0:
-        k = known.next[0]
-        write_rows(here, middle, scratch.rows)
-        known.step[k] = fastest_corner(scratch.rows, here, before, after, c, h)
-        known.points[k] = c
-        known.input[k] = wanted
-        known.next[0] = (k + 1) % KNOWN
-    step = known.step[k]
-    saved = time - STEPS * step
-    if step < SHORTEST_STEP or saved < GAIN * time:
-        return stop
-    c[:] = known.points[k]
-    place_ends(c, step, first, second, here.turn)
-    return Corner(saved, begin, end, first, second, middle, step)
+    t = _times_of(path, plan, chain, times)
+    legs = len(t) - 1
+    corners = plan.piece_s[chain.first + 1 : chain.last + 2]
+    s1, v1, a1 = state_at(t[0], phase_of_time(t[0], plan), plan)
+    s2, v2, a2 = state_at(t[legs], phase_of_time(t[legs], plan), plan)
+    ends = np.array([[s1 - corners[0], v1, a1], [s2 - corners[legs - 2], v2, a2]])
+    none = Motion(
+        0.0, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, np.empty((0, 0))
+    )
+    if not (-ends[0, 0] > REST and ends[1, 0] > REST):
+        return none
+    spans = np.empty(GROUPS * legs)
+    for leg in range(legs):
+        whole = t[leg + 1] - t[leg]
+        if not whole > SHORTEST:
+            return none
+        first, second = _sides(path, chain, leg, whole, limits)
+        spans[GROUPS * leg] = math.log(SLOWED * _rounded(first, whole))
+        spans[GROUPS * leg + 1] = math.log(SLOWED * _rounded(whole - first - second, whole))
+        spans[GROUPS * leg + 2] = math.log(SLOWED * _rounded(second, whole))
+    scales = (corners[legs - 2] - corners[0] - ends[0, 0] + ends[1, 0], t[legs] - t[0])
+    plan_spans = spans - math.log(SLOWED)
+    c = _first_points(plan, corners, t, tube, rows, plan_spans)
+    _write_ends(tube, ends, scales, False)
+    if not _solved(tube, rows, c, spans, known):
+        return none
+    set_knots(tube, spans, rows)
+    _write_ends(tube, ends, scales, True)
+    place_ends(tube, rows, c)
+    steps = len(tube.leg)
+    saved = t[legs] - t[0] - (rows.t[steps + 2] - rows.t[2])
+    # The first and the last difference of control points of the speed are given.
+    first, last = rows.t[3] - rows.t[2], rows.t[steps + 2] - rows.t[steps + 1]
+    fast = v1 + 0.5 * first * a1 > tube.feed[0] or v2 - 0.5 * last * a2 > tube.feed[legs - 1]
+    if fast or saved < GAIN * (t[legs] - t[0]):
+        return none
+    return Motion(
+        saved, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t[: steps + 5].copy(), c
+    )
+
+
+@njit
+def _sides(
+    path: PathArrays, chain: Chain, leg: int, whole: float, limits: LimitArrays
+) -> tuple[float, float]:
+    """Return the durations of the first and of the last group of a leg that takes ``whole`` s."""
+    data, at = path.pieces.data, path.pieces.at
+    u = np.empty((2, len(limits.axis_jerk)))
+    sides = (SIDE * whole, SIDE * whole)
+    first, second = sides
+    for side in range(2):
+        b = chain.first + leg - 1 + side
+        if chain.first <= b <= chain.last:
+            turn = directions(data, at[b], data, at[b + 1], u)
+            line = line_bounds(u[1 - side], 1.0, limits)
+            near = CLOSEST * corner_time(line.j, turn, path.tolerance[b])
+            if side == 0:
+                first = min(first, near)
+            else:
+                second = min(second, near)
+    return first, second
 
 
 @njit
 def find_motion(
     path: PathArrays,
     plan: PlanArrays,
-    b: int,
-    rest: int,
+    chain: Chain,
     shared: bool,
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
     known: Known,
-    scratch: Scratch,
-) -> Corner:
-    """Return the motion at a corner.
+    rows: Rows,
+) -> Motion:
+    """Return the motion past a chain of corners.
 
     Args:
         path: of the motion.
         plan: its phases.
-        b: the piece before the corner.
-        rest: the phase that begins with the rest there.
+        chain: the corners.
         shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
         known: the motions that were found before.
-        scratch: receives the directions of the plane and the control points.
+        rows: space for the limits.
     """
-    none, u = State(0.0, 0.0, 0.0), scratch.u
-    best = np.empty((POINTS, 2))
-    found = Corner(0.0, 0.0, 0.0, none, none, 0, 0.0)
-    reach1, reach2 = reach_of(path, b, bound, limits, u)
-    if reach1 == 0.0:
-        return found
-    corner, t = plan.piece_s[b + 1], plan.t[rest]
-    before, after = legs_used(path, b, shared)
+    along = np.zeros((MOST_CORNERS + 1, MOST_DIRECTIONS))
+    basis = basis_of(path, chain.first, chain.last, along)
+    t1 = plan.t[rest_at(path, plan, chain.first)]
+    t2 = plan.t[rest_at(path, plan, chain.last)]
     earliest = max(
-        time_of(corner - before, plan),
-        plan.t[0] + UNTOUCHED * (t - plan.t[0]),
+        time_of(plan.piece_s[chain.first + 1] - legs_used(path, chain.first, shared)[0], plan),
+        plan.t[0] + UNTOUCHED * (t1 - plan.t[0]),
     )
     latest = min(
-        time_of(corner + after, plan),
-        plan.t[-1] - UNTOUCHED * (plan.t[-1] - t),
+        time_of(plan.piece_s[chain.last + 1] + legs_used(path, chain.last, shared)[1], plan),
+        plan.t[-1] - UNTOUCHED * (plan.t[-1] - t2),
     )
-    feeds = (bound[b], bound[b + 1])
-    here = _limits_of(path, b, feeds, limits, travel, u)
-    for part in PARTS:
-        first, second = min(part * reach1, t - earliest), min(part * reach2, latest - t)
-        # The rest is between two steps, because the direction of the plan's jerk changes there.
-        corner_step = min(max(round(STEPS * first / (first + second)), 3), STEPS - 3)
-        h = min(first / corner_step, second / (STEPS - corner_step))
-        begin, end = t - corner_step * h, t + (STEPS - corner_step) * h
-        tried = _passed(plan, corner, (begin, end), corner_step, here, known, scratch)
-        if tried.saved > found.saved:
-            found = tried
-            best[:] = scratch.c
-    scratch.c[:] = best
-    return found
+    begin, end = max(chain.begin, earliest), min(chain.end, latest)
+    if begin > earliest:
+        begin = min(_after_rise(begin, plan), t1)
+    if end < latest:
+        end = max(_before_fall(end, plan), t2)
+    tube = _tube_of(path, chain, bound, limits, travel, basis, along)
+    best = motion_between(
+        path, plan, chain, (begin, end), tube, basis, limits, known, rows
+    )
+    near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
+    if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:
+        # Beside a sharp corner, steps that are finer may gain more than a far reach.
+        times = (max(begin, t1 - near1), min(end, t2 + near2))
+        other = motion_between(path, plan, chain, times, tube, basis, limits, known, rows)
+        if other.saved > best.saved:
+            return other
+    return best
+
+
+@njit
+def _after_rise(t: float, plan: PlanArrays) -> float:
+    """Return the first time from ``t`` on at which the speed does not rise.
+
+    While it rises to the feed, little but the plan's motion is possible.
+    """
+    k = phase_of_time(t, plan)
+    _, _, a = state_at(t, k, plan)
+    while a > 0.0 and k < len(plan.j):
+        if plan.j[k] < 0.0 and t - a / plan.j[k] <= plan.t[k + 1]:
+            return t - a / plan.j[k]
+        k += 1
+        t, a = plan.t[k], plan.a[k]
+    return t
+
+
+@njit
+def _before_fall(t: float, plan: PlanArrays) -> float:
+    """Return the last time until ``t`` at which the speed does not fall."""
+    k = phase_of_time(t, plan)
+    _, _, a = state_at(t, k, plan)
+    while a < 0.0 and k > 0:
+        if plan.j[k] < 0.0 and t - a / plan.j[k] >= plan.t[k]:
+            return t - a / plan.j[k]
+        t, a = plan.t[k], plan.a[k]
+        k -= 1
+    return t
+
+
+@njit
+def _near(path: PathArrays, b: int, limits: LimitArrays) -> float:
+    """Return the shorter reach of a motion at the corner behind piece ``b``, s."""
+    data, at = path.pieces.data, path.pieces.at
+    u = np.empty((2, len(limits.axis_jerk)))
+    turn = directions(data, at[b], data, at[b + 1], u)
+    line = line_bounds(u[0], 1.0, limits)
+    other = line_bounds(u[1], 1.0, limits)
+    return NEAR * corner_time(min(line.j, other.j), turn, path.tolerance[b])

@@ -24,14 +24,22 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LENGTH, SPAN, START, Floats, Ints
-from cnc.kernels.planner.corner_places import phase_of_time, rest_at, state_at
-from cnc.kernels.planner.corner_rows import (
-    POINTS,
-    STEPS,
-    new_rows,
-    rows_size,
+from cnc.kernels.planner.corner_places import (
+    Chain,
+    chain_from,
+    passes_corner,
+    phase_of_time,
+    state_at,
 )
-from cnc.kernels.planner.corner_search import Corner, Known, Scratch, find_motion
+from cnc.kernels.planner.corner_rows import EARLY, FIRST_POINT, LATE, Rows, new_rows, write_stencil
+from cnc.kernels.planner.corner_search import (
+    LEG_STEPS,
+    MOST_DIRECTIONS,
+    MOST_STEPS,
+    Known,
+    Motion,
+    find_motion,
+)
 from cnc.kernels.planner.legs import (
     record_end,
     write_line,
@@ -40,6 +48,10 @@ from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
+
+
+CORNER_STEPS = 2 * LEG_STEPS
+"""Largest number of steps for each corner."""
 
 
 class Progress(NamedTuple):
@@ -65,39 +77,47 @@ REACHED, EARLIER, SHIFT = range(3)
 @njit
 def _write_steps(
     path: PathArrays,
-    b: int,
-    corner: Corner,
-    scratch: Scratch,
+    chain: Chain,
+    motion: Motion,
     out: PathArrays,
     out_plan: PlanArrays,
     progress: Progress,
 ) -> None:
-    """Append the timed pieces of a corner behind piece ``b``, and a phase for each."""
-    counts, places, u, c = progress.counts, progress.places, scratch.u, scratch.c
-    n = u.shape[1]
+    """Append the timed pieces of a chain of corners, and a phase for each."""
+    counts, places, tube, c = progress.counts, progress.places, motion.tube, motion.c
+    d, n = motion.basis.shape
     q = np.empty((4, n))
     ends = np.empty((4, n))
     left = out.pieces.at[counts[PIECES] - 1]
-    centre = path.pieces.at[b + 1] + START
+    centre = path.pieces.at[chain.first + 1] + START
     for i in range(n):
         ends[3, i] = out.pieces.data[left + START + n + i]
-    for k in range(STEPS):
+    weights, points = np.empty(4), np.empty((3, d))
+    steps = len(tube.leg)
+    for k in range(steps):
+        for place in range(3):
+            # The last point of a step is the first of the next.
+            kind, at = (EARLY, LATE, FIRST_POINT)[place], k + (1 if place == 2 else 0)
+            write_stencil(kind, at, motion.t, weights)
+            for r in range(d):
+                points[place, r] = 0.0
+                for j in range(4 if at < steps else 3):
+                    points[place, r] += weights[j] * c[at + j, r]
         for i in range(n):
-            p0 = u[0, i] * c[k, 0] + u[1, i] * c[k, 1]
-            p1 = u[0, i] * c[k + 1, 0] + u[1, i] * c[k + 1, 1]
-            p2 = u[0, i] * c[k + 2, 0] + u[1, i] * c[k + 2, 1]
-            p3 = u[0, i] * c[k + 3, 0] + u[1, i] * c[k + 3, 1]
-            start = (p0 + 4.0 * p1 + p2) / 6.0
-            ends[0, i] = ends[3, i]
-            ends[1, i] = (2.0 * p1 + p2) / 3.0 - start
-            ends[2, i] = (p1 + 2.0 * p2) / 3.0 - start
-            ends[3, i] = path.pieces.data[centre + i] + (p1 + 4.0 * p2 + p3) / 6.0
+            start = ends[3, i]
+            ends[0, i] = start
+            for place in range(3):
+                at_place = path.pieces.data[centre + i]
+                for r in range(d):
+                    at_place += motion.basis[r, i] * points[place, r]
+                ends[place + 1, i] = at_place if place == 2 else at_place - start
         used, count, written = counts[NUMBERS], counts[PIECES], counts[PHASES]
         counts[NUMBERS] = write_timed(
             out.pieces.data, used, left, ends[0], ends[1], ends[2], ends[3], q
         )
         length = out.pieces.data[used + LENGTH]
-        leg = b if k < corner.turn else b + 1
+        leg = chain.first + tube.leg[k]
+        lasts = motion.t[k + 3] - motion.t[k + 2]
         out.pieces.kind[count] = SPAN
         out.pieces.at[count] = used
         out.length[count] = length
@@ -106,14 +126,38 @@ def _write_steps(
         out.stop_after[count] = False
         out.tolerance[count] = 0.0
         out_plan.piece_s[count] = places[REACHED]
-        out_plan.t[written] = corner.begin + k * corner.duration - places[EARLIER]
+        out_plan.t[written] = motion.begin + motion.t[k + 2] - places[EARLIER]
         out_plan.s[written] = places[REACHED]
-        out_plan.v[written] = length / corner.duration
+        out_plan.v[written] = length / lasts
         out_plan.a[written] = 0.0
         out_plan.j[written] = 0.0
         counts[PIECES] += 1
         counts[PHASES] += 1
         places[REACHED] += length
+
+
+@njit
+def _motion_from(
+    path: PathArrays,
+    plan: PlanArrays,
+    b: int,
+    shared: bool,
+    bound: Floats,
+    limits: LimitArrays,
+    travel: Floats,
+    known: Known,
+    rows: Rows,
+) -> tuple[Chain, Motion]:
+    """Return the chain that begins behind piece ``b``, and the motion past it.
+
+    Where no motion past all its corners is found, it is the first one alone.
+    """
+    chain = chain_from(path, plan, b, shared, bound, limits)
+    motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
+    if chain.last > b and motion.saved == 0.0:
+        chain = chain_from(path, plan, b, shared, bound, limits, 1)
+        motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
+    return chain, motion
 
 
 @njit
@@ -154,9 +198,9 @@ def pass_corners(
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
         known: the motions that were found before.
-        out: space for the new path: STEPS + 1 more pieces for each corner. The data needs the size
+        out: space for the new path: CORNER_STEPS + 1 more pieces for each corner. The data needs the size
             of all records, and :func:`corner_size` for each corner and one more.
-        out_plan: space for its phases: STEPS + 1 more for each corner.
+        out_plan: space for its phases: CORNER_STEPS + 1 more for each corner.
 
     Returns:
         The numbers of pieces, of phases, of numbers in records of the new motion, and of corners
@@ -177,19 +221,21 @@ def pass_corners(
     counts, places = progress.counts, progress.places
     counts[NUMBERS] = used
     n = len(limits.axis_jerk)
-    scratch = Scratch(new_rows(rows_size(n)), np.empty((2, n)), np.empty((POINTS, 2)))
+    rows = new_rows(MOST_STEPS, n, MOST_DIRECTIONS)
     passed = 0
     k = 0
     before = 0.0
-    for b in range(pieces):
+    b = 0
+    while b < pieces:
         count = counts[PIECES]
         at = path.pieces.at[b] - lowest
-        rest = rest_at(path, plan, b)
         after = 0.0
-        if rest >= 0:
-            corner = find_motion(path, plan, b, rest, shared, bound, limits, travel, known, scratch)
-            if corner.saved > 0.0:
-                after = corner.before.s
+        if passes_corner(path, plan, b, bound, limits):
+            chain, motion = _motion_from(
+                path, plan, b, shared, bound, limits, travel, known, rows
+            )
+            if motion.saved > 0.0:
+                after = motion.before
         out.pieces.kind[count] = path.pieces.kind[b]
         out.pieces.at[count] = at
         out.length[count] = path.length[b]
@@ -205,28 +251,30 @@ def pass_corners(
         places[REACHED] += out.length[count]
         counts[PIECES] += 1
         before = 0.0
+        b += 1
         if after == 0.0:
             continue
         passed += 1
-        first = phase_of_time(corner.begin, plan)
+        first = phase_of_time(motion.begin, plan)
         _copy_phases(
-            plan, k, first + (1 if corner.begin > plan.t[first] else 0), out_plan, progress
+            plan, k, first + (1 if motion.begin > plan.t[first] else 0), out_plan, progress
         )
-        _write_steps(path, b, corner, scratch, out, out_plan, progress)
-        # The rest of the phase in which the corner ends.
-        k = phase_of_time(corner.end, plan)
-        s, v, a = state_at(corner.end, k, plan)
-        places[EARLIER] += corner.saved
+        _write_steps(path, chain, motion, out, out_plan, progress)
+        # The rest of the phase in which the motion ends.
+        k = phase_of_time(motion.end, plan)
+        s, v, a = state_at(motion.end, k, plan)
+        places[EARLIER] += motion.saved
         written = counts[PHASES]
-        out_plan.t[written] = corner.end - places[EARLIER]
+        out_plan.t[written] = motion.end - places[EARLIER]
         out_plan.s[written] = places[REACHED]
         out_plan.v[written] = v
         out_plan.a[written] = a
         out_plan.j[written] = plan.j[k]
         counts[PHASES] += 1
         k += 1
-        before = corner.after.s
+        before = motion.after
         places[SHIFT] = places[REACHED] - s
+        b = chain.last + 1
     _copy_phases(plan, k, end, out_plan, progress)
     out_plan.piece_s[counts[PIECES]] = places[REACHED]
     last = counts[PHASES]
@@ -240,4 +288,4 @@ def pass_corners(
 @njit
 def corner_size(axes: int) -> int:
     """Return the largest size of the records of a corner and the line before it, in numbers."""
-    return STEPS * (TIMED_SIZE + axes * TIMED_SIZE_PER_AXIS) + START + 2 * axes
+    return CORNER_STEPS * (TIMED_SIZE + axes * TIMED_SIZE_PER_AXIS) + START + 2 * axes

@@ -236,8 +236,7 @@ def choose(
     eps = path.tolerance[k]
     passable = ramps and straight == 0.0 and limits.tangential_jerk == math.inf
     if passable and STRAIGHTEST < turn.sine < REVERSED:
-        choice = PASS
-        best -= saved_time(turn, eps, (line1, half1), (line2, half2))
+        return PASS, 0.0
     taken = 0.0
     if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
         ends = scratch.ends
