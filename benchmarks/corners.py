@@ -41,6 +41,7 @@ from cnc.kernels.path.curve import curve_eval
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, Block, PathMode, Polyline
 from cnc.path.build import build
+from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -186,7 +187,9 @@ def blocks_of(case: Case) -> list[Block]:
 
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
-    path = build(blocks_of(case), axes=AXES, start=np.zeros(3))
+    path = build(
+        blocks_of(case), axes=AXES, start=np.zeros(3), passes=Joints(case.machine).passes_corners
+    )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]
 

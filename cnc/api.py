@@ -106,13 +106,15 @@ def plan(
         GcodeError, UsageError, MachineFileError: As :func:`parse`.
     """
     known = _loaded(machine)
+    joints = Joints(known)
     path = build(
         parse(program, known, dialect=dialect),
         axes=known.axis_names,
         start=start_position(known),
         tolerance=known.path.tolerance,
+        passes=joints.passes_corners,
     )
-    yield from LookAhead(known).plan(Joints(known).path(path, start_position(known)))
+    yield from LookAhead(known).plan(joints.path(path, start_position(known)))
 
 
 def check(

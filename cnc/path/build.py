@@ -63,6 +63,7 @@ def build(
     accuracy: float = 1e-12,
     tolerance: float = 0.0,
     due_times: DueTimes | None = None,
+    passes: bool = False,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
 
@@ -73,11 +74,13 @@ def build(
         accuracy: largest error of arc length and its inverse, mm.
         tolerance: that of G64 without P, mm.
         due_times: receives the times of the blocks under G93; None for no record.
+        passes: whether the planner passes corners between straight moves within the tolerance
+            (:class:`cnc.planner.joints.Joints`). Then they stay straight.
 
     Raises:
         GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    builder = _Builder(axes, start, accuracy, tolerance, due_times)
+    builder = _Builder(axes, start, accuracy, tolerance, due_times, passes)
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
@@ -93,7 +96,9 @@ class _Builder:
         accuracy: float,
         tolerance: float,
         due_times: DueTimes | None,
+        passes: bool,
     ) -> None:
+        self._passes = passes
         self._frame = Frame(axes, axis_classes(axes), accuracy)
         self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
@@ -174,7 +179,9 @@ class _Builder:
         """Return the pieces of a block under G64 that are final; None if it is to be exact."""
         here, frame = self._position, self._frame
         if self._fitter is None:
-            self._fitter = Fitter(frame, self._allowed, here, curved=self._curved)
+            self._fitter = Fitter(
+                frame, self._allowed, here, curved=self._curved, passes=self._passes
+            )
         fitter = self._fitter
         match block:
             case Polyline():

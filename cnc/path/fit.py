@@ -19,7 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners
+from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners, find_polygons
 from cnc.kernels.path.fit_pieces import Moves, Written, joint_tolerances, write_pieces
 from cnc.kernels.path.fit_records import new_writer
 from cnc.kernels.path.fit_spline import DEGREE, Spline
@@ -57,11 +57,19 @@ class Fitter:
         position: (n,): start of the first move, mm.
         curved: whether chords stand for curves: the spline leaves them a part of the tolerance. A
             curve sets it.
+        passes: whether the motion passes corners within the tolerance.
     """
 
     def __init__(
-        self, frame: Frame, tolerance: float, position: Floats, *, curved: bool = False
+        self,
+        frame: Frame,
+        tolerance: float,
+        position: Floats,
+        *,
+        curved: bool = False,
+        passes: bool = False,
     ) -> None:
+        self._passes = passes
         self._frame = frame
         self._classes = frame.classes
         self._tolerance = tolerance
@@ -227,6 +235,8 @@ class Fitter:
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
         find_corners(x, chain.metric, CORNER_COSINE, tolerance, corner)
+        if self._passes and not self.curved:
+            find_polygons(x, chain.metric, tolerance, corner)
         corner[0] = self._at_corner
         knots = first_knots(chain, corner, tolerance, self._carried)
         states = np.stack(

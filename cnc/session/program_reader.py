@@ -221,14 +221,16 @@ class ProgramReader:
         """
         if self.due_times is not None:
             self.due_times.clear()
+        joints = Joints(self.machine)
         path = build(
             blocks,
             axes=self.machine.axis_names,
             start=self.start,
             tolerance=self.machine.path.tolerance,
             due_times=self.due_times,
+            passes=joints.passes_corners,
         )
-        return Joints(self.machine).path(path, self.start)
+        return joints.path(path, self.start)
 
     def begin_at(self, line: int | None) -> None:
         """Begin at a source line, or at the first for None.

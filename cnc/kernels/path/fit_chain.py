@@ -40,6 +40,17 @@ SHARPEST = math.radians(92.0)
 """See find_corners."""
 ROUNDED = 100.0
 """A short leg has so many tolerances, divided by the square of the turn in rad."""
+SMOOTH = 10.0
+"""Chords of a smooth curve within the tolerance turn by less than so many tolerances, divided by
+the shorter leg, in rad.
+"""
+SLIGHT = math.cos(math.radians(5.0))
+STRAIGHT = math.cos(math.radians(0.05))
+"""Cosines of turns: a corner that the motion passes turns by more than the first, a vertex on a
+straight line by no more than the second.
+"""
+FEW = 4
+"""So many vertices in a row are no curve, however short their legs are."""
 FAR = 256
 """Most vertices that are searched on either side of a corner."""
 LEAST = 0.5
@@ -158,6 +169,53 @@ def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corne
                     first = _leg(x, metric, i, before, far, cosine, one)
                     second = _leg(x, metric, i, after, far, cosine, one)
                     corner[i] = (min(first, second) if one else max(first, second)) >= far
+
+
+@njit
+def _kind_of(x: Floats, metric: Ints, i: int, tolerance: float) -> int:
+    """Return a kind of vertex: 0 on a straight line, 1 on a curve, 2 with short legs, 3 a corner."""
+    if not _turns(x, metric, i, STRAIGHT):
+        return 0
+    before, after = distance(x, metric, i - 1, i), distance(x, metric, i, i + 1)
+    shorter = min(before, after)
+    if not _turns(x, metric, i, SLIGHT) or shorter < tolerance:
+        return 1
+    dot = 0.0
+    for c in metric:
+        dot += (x[i, c] - x[i - 1, c]) * (x[i + 1, c] - x[i, c])
+    angle = math.acos(min(max(dot / (before * after), -1.0), 1.0))
+    return 3 if shorter * angle > SMOOTH * tolerance else 2
+
+
+@njit
+def find_polygons(x: Floats, metric: Ints, tolerance: float, corner: Flags) -> None:
+    """Mark the vertices of polygons, for motion that passes corners within the tolerance.
+
+    A polygon is a part of the chain from one corner or end to another, without a curve. Its legs
+    stay straight. Up to FEW vertices with short legs in a row belong to it.
+
+    Args:
+        x: (m, n): vertices, mm.
+        metric: columns of the metric axes.
+        tolerance: mm.
+        corner: (m,): the marks of find_corners, to which those of polygons are added.
+    """
+    m = x.shape[0]
+    first = 0
+    curved = False
+    few = 0
+    for i in range(1, m):
+        kind = 3 if i == m - 1 else _kind_of(x, metric, i, tolerance)
+        few = few + 1 if kind == 2 else (few if kind == 0 else 0)
+        curved = curved or kind == 1 or few > FEW
+        if i < m - 1 and not corner[i]:
+            continue
+        if not curved:
+            for k in range(first + 1, i):
+                corner[k] = _turns(x, metric, k, SLIGHT)
+        first = i
+        curved = False
+        few = 0
 
 
 @njit
