@@ -56,7 +56,7 @@ NEWTON_STEPS = 40
 
 LEAST_STEP = 1e-4
 
-LONGEST = 0.03
+LONGEST = 0.05
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
 LEAST_PRODUCT = 1e-100
@@ -97,6 +97,9 @@ class Newton(NamedTuple):
         slope: (free,): first derivatives by the coordinates.
         other: (groups + 1,): those by the logarithms and s.
         share: (groups,): number of times that the duration of a group counts.
+        weight: (places, d, d): second derivatives by x of each place.
+        x: (places, d): the places before a step.
+        ahead: (places, d): their change in the step, to first order.
     """
 
     c: Floats
@@ -109,10 +112,13 @@ class Newton(NamedTuple):
     slope: Floats
     other: Floats
     share: Floats
+    weight: Floats
+    x: Floats
+    ahead: Floats
 
 
 @njit
-def new_newton(tube: Tube, c: Floats, spans: Floats) -> Newton:
+def new_newton(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> Newton:
     """Return the arrays for a search that begins with these control points and logarithms."""
     points, d = c.shape
     free, columns = d * (points - 2 * FIXED), len(spans) + 1
@@ -130,6 +136,9 @@ def new_newton(tube: Tube, c: Floats, spans: Floats) -> Newton:
         np.zeros(free),
         np.zeros(columns),
         share,
+        np.zeros((rows.number[0], d, d)),
+        np.zeros((rows.number[0], d)),
+        np.zeros((rows.number[0], d)),
     )
 
 
@@ -183,6 +192,7 @@ def _assemble(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
     slope, by_s, bend = np.empty(d), np.empty(d), np.empty((d, d))
     for i in range(rows.number[0]):
         _add_rows(tube, rows, i, s, n, slope, by_s, bend)
+        n.weight[i] = bend
         _add_place(rows, i, n, slope, by_s, bend)
 
 
@@ -328,6 +338,61 @@ def _place(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> None:
 
 
 @njit
+def _look_ahead(rows: Rows, n: Newton) -> None:
+    """Write the places, and their change in the step ``n.slope`` and ``n.other``."""
+    free, d = len(n.slope), n.c.shape[1]
+    for i in range(rows.number[0]):
+        first = d * (rows.step[i] - FIXED)
+        for q in range(d):
+            n.x[i, q] = rows.x[i, q]
+            ahead = 0.0
+            for j in range(4):
+                at = first + d * j
+                if 0 <= at < free:
+                    ahead += rows.stencil[i, j] * n.slope[at + q]
+            for a in range(MOST_GROUPS):
+                if rows.group[i, a] >= 0:
+                    ahead += rows.by_group[i, a, q] * n.other[rows.group[i, a]]
+            n.ahead[i, q] = ahead
+
+
+@njit
+def _correct(tube: Tube, rows: Rows, n: Newton, part: float) -> None:
+    """Move the tried points so that the places change as the step foresees.
+
+    The places are far from linear in the durations. The difference is least in the sum of squares
+    in which the step was the best.
+    """
+    free, d = len(n.slope), n.c.shape[1]
+    band = np.zeros_like(n.band)
+    right = np.zeros(free)
+    for i in range(rows.number[0]):
+        first = d * (rows.step[i] - FIXED)
+        for j in range(4):
+            weight = rows.stencil[i, j]
+            at = first + d * j
+            if weight == 0.0 or at < 0 or at >= free:
+                continue
+            for q in range(d):
+                for r in range(d):
+                    off = n.x[i, r] + part * n.ahead[i, r] - rows.x[i, r]
+                    right[at + q] += weight * n.weight[i, q, r] * off
+            for o in range(j, 4):
+                both = weight * rows.stencil[i, o]
+                to = first + d * o
+                if both == 0.0 or to >= free:
+                    continue
+                for q in range(d):
+                    for r in range(q if o == j else 0, d):
+                        band[at + q, to + r - at - q] += both * n.weight[i, q, r]
+    factorise(band)
+    solve(band, right)
+    for i in range(free):
+        n.tried[FIXED + i // d, i % d] += right[i]
+    evaluate(tube, rows, n.tried)
+
+
+@njit
 def _lowered(
     tube: Tube, rows: Rows, n: Newton, weights: tuple[float, float], s: float, goal: float
 ) -> float:
@@ -365,6 +430,8 @@ def _lowered(
                 break
             held = False
             continue
+        if first == 0 and not held:
+            _look_ahead(rows, n)
         part = 1.0
         for g in range(groups):
             part = min(part, LONGEST / max(abs(n.other[g]), LONGEST))
@@ -377,6 +444,8 @@ def _lowered(
             for g in range(groups):
                 n.tried_spans[g] = n.spans[g] + part * n.other[g]
             _place(tube, rows, n.tried, n.tried_spans)
+            if first == 0 and not held:
+                _correct(tube, rows, n, part)
             tried = s + part * step_s
             new = weights[0] * duration(n.share, n.tried_spans) + weights[1] * tried
             new += _barrier(rows, tried)
@@ -411,7 +480,7 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     Returns:
         Whether a motion inside all limits was found.
     """
-    n = new_newton(tube, c, spans)
+    n = new_newton(tube, rows, c, spans)
     _place(tube, rows, n.c, n.spans)
     count = float(rows.number[1])
     unit = 1.0 / duration(n.share, n.spans)
@@ -433,6 +502,8 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
             s = (1.0 + INSIDE) * _most_used(rows) - 1.0 + INSIDE
     if not s < 0.0:
         return False
+    # Far from all bounds the durations change more freely.
+    _lowered(tube, rows, n, (0.0, 0.0), 0.0, -math.inf)
     t = FIRST * count
     while True:
         _lowered(tube, rows, n, (t * unit, 0.0), 0.0, -math.inf)

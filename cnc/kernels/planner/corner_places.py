@@ -144,8 +144,8 @@ def legs_used(path: PathArrays, b: int, shared: bool) -> tuple[float, float]:
     with a corner that the motion passes.
     """
     before = leaves_path(path, b - 1) if b > 0 else shared
-    share1 = LEGS_SHARE if before else 2.0 * LEGS_SHARE
-    share2 = LEGS_SHARE if leaves_path(path, b + 1) else 2.0 * LEGS_SHARE
+    share1 = LEGS_SHARE if before else 1.0
+    share2 = LEGS_SHARE if leaves_path(path, b + 1) else 1.0
     return share1 * path.length[b], share2 * path.length[b + 1]
 
 
@@ -268,7 +268,7 @@ def first_undecided(
     time = now
     if leaves_path(path, last):
         before = leaves_path(path, last - 1) if last > 0 else shared
-        share = LEGS_SHARE if before else 2.0 * LEGS_SHARE
+        share = LEGS_SHARE if before else 1.0
         begin = plan.piece_s[last + 1] - share * path.length[last]
         # The turn at the end of the last piece is not known, but the longest reach is.
         reach = _longest_reach(path, last, bound, limits)

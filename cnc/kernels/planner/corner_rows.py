@@ -40,10 +40,15 @@ from cnc.kernels.path.curve import Floats, Ints
 FIXED = 3
 """The first and the last three control points follow from the motion beside."""
 
-JERK, ACCELERATION, VELOCITY, EARLY, LATE, FIRST_POINT, CORNER, POINT = range(8)
+JERK, ACCELERATION, VELOCITY, LAST_VELOCITY, EARLY, LATE, FIRST_POINT, CORNER, POINT = range(9)
 """What the rows of a place bound: the jerk of a step, the acceleration at its start, a control point
-of the velocity; the second, third and first Bezier point of the step; the first one where it lies
-between two legs; a control point.
+of the velocity, the next one; the second, third and first Bezier point of the step; the first one
+where it lies between two legs; a control point.
+"""
+
+EDGE = 1.0 + 1e-4
+"""The first and the last control point of the velocity may be so many times the limit: the motion
+beside may be at the limit.
 """
 
 AXIS, TRAVEL, LENGTH, LEG = range(4)
@@ -144,7 +149,7 @@ class Rows(NamedTuple):
 @njit
 def new_rows(steps: int, axes: int, directions: int) -> Rows:
     """Return space for the rows of so many steps."""
-    places, rows = 8 * steps + FIXED, steps * (5 * axes + 6)
+    places, rows = 8 * steps + 1, steps * (5 * axes + 6) + axes + 1
     return Rows(
         np.zeros(2, np.int64),
         np.zeros(places, np.int64),
@@ -202,6 +207,17 @@ def _add_axes(rows: Rows, tube: Tube, bounds: Floats, least: float) -> None:
 
 
 @njit
+def _add_velocity(
+    rows: Rows, tube: Tube, kind: int, step: int, feed: float, velocity: Floats
+) -> None:
+    """Append a control point of the velocity, with its rows."""
+    _add_place(rows, kind, step)
+    _add_axes(rows, tube, velocity, feed)
+    if feed < math.inf:
+        _add_row(rows, LENGTH, feed)
+
+
+@njit
 def write_rows(tube: Tube, rows: Rows) -> None:
     """Write the rows of a tube."""
     rows.number[:] = 0
@@ -221,11 +237,11 @@ def write_rows(tube: Tube, rows: Rows) -> None:
             _add_axes(rows, tube, tube.acceleration, math.inf)
             if tube.pull < math.inf:
                 _add_row(rows, LENGTH, tube.pull)
-        if k > 1:
-            _add_place(rows, VELOCITY, k)
-            _add_axes(rows, tube, tube.velocity, feed)
-            if feed < math.inf:
-                _add_row(rows, LENGTH, feed)
+        if k > 0:
+            edge = EDGE if k == 1 else 1.0
+            _add_velocity(rows, tube, VELOCITY, k, edge * feed, edge * tube.velocity)
+        if k == steps - 1:
+            _add_velocity(rows, tube, LAST_VELOCITY, k, EDGE * feed, EDGE * tube.velocity)
         _add_place(rows, EARLY, k)
         _add_row(rows, LEG, eps)
         _add_place(rows, LATE, k)
@@ -326,6 +342,9 @@ def write_stencil(kind: int, k: int, t: Floats, out: Floats) -> None:
     if kind == VELOCITY:
         out[1] = 3.0 / (t1 - tm2)
         out[0] = -out[1]
+    elif kind == LAST_VELOCITY:
+        out[2] = 3.0 / (t2 - tm1)
+        out[1] = -out[2]
     elif kind <= ACCELERATION:
         rate = 2.0 / (t1 - tm1)
         first, second = rate * 3.0 / (t1 - tm2), rate * 3.0 / (t2 - tm1)

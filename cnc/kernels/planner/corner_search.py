@@ -55,7 +55,10 @@ CLOSEST = 3.0
 SLOWED = 1.02
 """The search begins with a motion that takes so many times as long as the plan."""
 
-UNTOUCHED = 1e-3
+SLOW = 0.1
+"""Part of the feed; motion that is slower may begin or end anywhere."""
+
+UNTOUCHED = 1e-2
 """Part of the time to the start or end of a plan that stays as it is."""
 
 SHORTEST = 1e-6
@@ -464,10 +467,7 @@ def motion_between(
     place_ends(tube, rows, c)
     steps = len(tube.leg)
     saved = t[legs] - t[0] - (rows.t[steps + 2] - rows.t[2])
-    # The first and the last difference of control points of the speed are given.
-    first, last = rows.t[3] - rows.t[2], rows.t[steps + 2] - rows.t[steps + 1]
-    fast = v1 + 0.5 * first * a1 > tube.feed[0] or v2 - 0.5 * last * a2 > tube.feed[legs - 1]
-    if fast or saved < GAIN * (t[legs] - t[0]):
+    if saved < GAIN * (t[legs] - t[0]):
         return none
     return Motion(
         saved, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t[: steps + 5].copy(), c
@@ -534,9 +534,9 @@ def find_motion(
         plan.t[-1] - UNTOUCHED * (plan.t[-1] - t2),
     )
     begin, end = max(chain.begin, earliest), min(chain.end, latest)
-    if begin > earliest:
+    if state_at(begin, phase_of_time(begin, plan), plan)[1] > SLOW * bound[chain.first]:
         begin = min(_after_rise(begin, plan), t1)
-    if end < latest:
+    if state_at(end, phase_of_time(end, plan), plan)[1] > SLOW * bound[chain.last + 1]:
         end = max(_before_fall(end, plan), t2)
     tube = _tube_of(path, chain, bound, limits, travel, basis, along)
     best = motion_between(
