@@ -56,6 +56,11 @@ NEWTON_STEPS = 40
 
 LEAST_STEP = 1e-4
 
+SHORTEST = math.log(0.1)
+"""Groups become no shorter than by this change of their logarithm: rounding errors of the states at
+the ends count in short steps.
+"""
+
 LONGEST = 0.05
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
@@ -96,6 +101,7 @@ class Newton(NamedTuple):
         block: (groups + 1, groups + 1): those by logarithms and s.
         slope: (free,): first derivatives by the coordinates.
         other: (groups + 1,): those by the logarithms and s.
+        least: (groups,): least logarithms.
         share: (groups,): number of times that the duration of a group counts.
         weight: (places, d, d): second derivatives by x of each place.
         x: (places, d): the places before a step.
@@ -111,6 +117,7 @@ class Newton(NamedTuple):
     block: Floats
     slope: Floats
     other: Floats
+    least: Floats
     share: Floats
     weight: Floats
     x: Floats
@@ -135,6 +142,7 @@ def new_newton(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> Newton:
         np.zeros((columns, columns)),
         np.zeros(free),
         np.zeros(columns),
+        spans + SHORTEST,
         share,
         np.zeros((rows.number[0], d, d)),
         np.zeros((rows.number[0], d)),
@@ -152,10 +160,14 @@ def duration(share: Floats, spans: Floats) -> float:
 
 
 @njit
-def _barrier(rows: Rows, s: float) -> float:
+def _barrier(rows: Rows, s: float, spans: Floats, least: Floats) -> float:
     """Return minus the sum of the logarithms of the distances from the bounds; infinity outside."""
     total = 0.0
     product = 1.0
+    for g in range(len(spans)):
+        if not spans[g] > least[g]:
+            return math.inf
+        total += math.log(spans[g] - least[g])
     for m in range(rows.number[1]):
         used = rows.value[m] * rows.scale[m]
         room = 1.0 + s - used
@@ -410,7 +422,7 @@ def _lowered(
     first = 0 if weights[0] > 0.0 else groups
     end = groups + (1 if weights[1] > 0.0 else 0)
     _place(tube, rows, n.c, n.spans)
-    value = weights[0] * duration(n.share, n.spans) + weights[1] * s + _barrier(rows, s)
+    value = weights[0] * duration(n.share, n.spans) + weights[1] * s + _barrier(rows, s, n.spans, n.least)
     d = n.c.shape[1]
     held = False
     for _ in range(NEWTON_STEPS):
@@ -421,8 +433,9 @@ def _lowered(
         _assemble(tube, rows, s, n)
         for g in range(groups):
             time = weights[0] * n.share[g] * math.exp(n.spans[g])
-            n.other[g] += time
-            n.block[g, g] += time
+            rest = 1.0 / (n.spans[g] - n.least[g])
+            n.other[g] += time - rest
+            n.block[g, g] += time + rest * rest
         n.other[groups] += weights[1]
         decrement = _newton_step(n, groups if held else first, end)
         if not CLOSE <= decrement < math.inf:
@@ -448,7 +461,7 @@ def _lowered(
                 _correct(tube, rows, n, part)
             tried = s + part * step_s
             new = weights[0] * duration(n.share, n.tried_spans) + weights[1] * tried
-            new += _barrier(rows, tried)
+            new += _barrier(rows, tried, n.tried_spans, n.least)
             better = new < value - 0.05 * part * decrement
             if not better:
                 part *= 0.5
@@ -511,7 +524,7 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
             break
         t = min(last, RAISE * t)
     _place(tube, rows, n.c, n.spans)
-    if not _barrier(rows, 0.0) < math.inf:
+    if not _barrier(rows, 0.0, n.spans, n.least) < math.inf:
         return False
     c[:] = n.c
     spans[:] = n.spans

@@ -46,9 +46,9 @@ of the velocity, the next one; the second, third and first Bezier point of the s
 where it lies between two legs; a control point.
 """
 
-EDGE = 1.0 + 1e-4
-"""The first and the last control point of the velocity may be so many times the limit: the motion
-beside may be at the limit.
+FREE = 0.5
+"""The first and the last control point of the velocity have a row where the motion beside takes less
+than this part of its bound. Faster motion does not rise at the start, nor fall at the end.
 """
 
 AXIS, TRAVEL, LENGTH, LEG = range(4)
@@ -207,14 +207,24 @@ def _add_axes(rows: Rows, tube: Tube, bounds: Floats, least: float) -> None:
 
 
 @njit
-def _add_velocity(
-    rows: Rows, tube: Tube, kind: int, step: int, feed: float, velocity: Floats
-) -> None:
-    """Append a control point of the velocity, with its rows."""
+def _add_edge(rows: Rows, tube: Tube, kind: int, step: int, v: Floats) -> None:
+    """Append the first or the last control point of the velocity; ``v`` (d,) is that beside."""
+    n, d = tube.axes.shape
     _add_place(rows, kind, step)
-    _add_axes(rows, tube, velocity, feed)
-    if feed < math.inf:
+    square = 0.0
+    for q in range(d):
+        square += v[q] * v[q]
+    feed = tube.feed[tube.leg[step]]
+    if math.sqrt(square) < FREE * feed < math.inf:
         _add_row(rows, LENGTH, feed)
+    for i in range(n):
+        along = 0.0
+        for q in range(d):
+            along += tube.axes[i, q] * v[q]
+        if abs(along) < FREE * tube.velocity[i] < math.inf:
+            m = _add_row(rows, AXIS, tube.velocity[i])
+            for q in range(d):
+                rows.gradient[m, q] = tube.axes[i, q]
 
 
 @njit
@@ -237,11 +247,15 @@ def write_rows(tube: Tube, rows: Rows) -> None:
             _add_axes(rows, tube, tube.acceleration, math.inf)
             if tube.pull < math.inf:
                 _add_row(rows, LENGTH, tube.pull)
-        if k > 0:
-            edge = EDGE if k == 1 else 1.0
-            _add_velocity(rows, tube, VELOCITY, k, edge * feed, edge * tube.velocity)
+        if k == 1:
+            _add_edge(rows, tube, VELOCITY, k, tube.ends[0, 1])
+        elif k > 1:
+            _add_place(rows, VELOCITY, k)
+            _add_axes(rows, tube, tube.velocity, feed)
+            if feed < math.inf:
+                _add_row(rows, LENGTH, feed)
         if k == steps - 1:
-            _add_velocity(rows, tube, LAST_VELOCITY, k, EDGE * feed, EDGE * tube.velocity)
+            _add_edge(rows, tube, LAST_VELOCITY, k, tube.ends[1, 1])
         _add_place(rows, EARLY, k)
         _add_row(rows, LEG, eps)
         _add_place(rows, LATE, k)

@@ -75,8 +75,8 @@ FLAT = 1e-10
 
 MOST_DIRECTIONS = 3
 
-DIGITS = 27
-"""Binary digits of the search's input."""
+DIGITS, STATE_DIGITS = 27, 36
+"""Binary digits of the search's input, and of the states at its ends: they stay."""
 
 KNOWN = 64
 """Motions that are kept, so that they need not be searched for again."""
@@ -144,9 +144,9 @@ def new_known() -> Known:
 
 
 @njit
-def _rounded(value: float, scale: float) -> float:
-    """Return the value rounded to DIGITS binary digits of the scale."""
-    unit = 2.0 ** (math.floor(math.log2(scale)) - DIGITS)
+def _rounded(value: float, scale: float, digits: int = DIGITS) -> float:
+    """Return the value rounded to so many binary digits of the scale."""
+    unit = 2.0 ** (math.floor(math.log2(scale)) - digits)
     return math.floor(value / unit + 0.5) * unit
 
 
@@ -397,7 +397,7 @@ def _solved(tube: Tube, rows: Rows, c: Floats, spans: Floats, known: Known) -> b
 def _write_ends(tube: Tube, ends: Floats, scales: tuple[float, float], exact: bool) -> None:
     """Write the states at both ends: ``ends`` (2, 3) along the first and the last leg.
 
-    They are rounded to DIGITS of ``scales``, of length and time, if not ``exact``.
+    They are rounded to STATE_DIGITS of ``scales``, of length and time, if not ``exact``.
     """
     last = len(tube.feed) - 1
     for end in range(2):
@@ -405,7 +405,7 @@ def _write_ends(tube: Tube, ends: Floats, scales: tuple[float, float], exact: bo
         for order in range(3):
             value = ends[end, order]
             if not exact:
-                value = _rounded(value, scales[0] / scales[1] ** order)
+                value = _rounded(value, scales[0] / scales[1] ** order, STATE_DIGITS)
             for q in range(tube.axes.shape[1]):
                 place = tube.start[leg, q] if order == 0 else 0.0
                 tube.ends[end, order, q] = place + value * tube.along[leg, q]
