@@ -534,10 +534,8 @@ def find_motion(
         plan.t[-1] - UNTOUCHED * (plan.t[-1] - t2),
     )
     begin, end = max(chain.begin, earliest), min(chain.end, latest)
-    if state_at(begin, phase_of_time(begin, plan), plan)[1] > SLOW * bound[chain.first]:
-        begin = min(_after_rise(begin, plan), t1)
-    if state_at(end, phase_of_time(end, plan), plan)[1] > SLOW * bound[chain.last + 1]:
-        end = max(_before_fall(end, plan), t2)
+    slow = (SLOW * bound[chain.first], SLOW * bound[chain.last + 1])
+    begin, end = _after_rise(begin, t1, slow[0], plan), _before_fall(end, t2, slow[1], plan)
     tube = _tube_of(path, chain, bound, limits, travel, basis, along)
     best = motion_between(
         path, plan, chain, (begin, end), tube, basis, limits, known, rows
@@ -545,7 +543,10 @@ def find_motion(
     near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
     if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:
         # Beside a sharp corner, steps that are finer may gain more than a far reach.
-        times = (max(begin, t1 - near1), min(end, t2 + near2))
+        times = (
+            _after_rise(max(begin, t1 - near1), t1, slow[0], plan),
+            _before_fall(min(end, t2 + near2), t2, slow[1], plan),
+        )
         other = motion_between(path, plan, chain, times, tube, basis, limits, known, rows)
         if other.saved > best.saved:
             return other
@@ -553,32 +554,38 @@ def find_motion(
 
 
 @njit
-def _after_rise(t: float, plan: PlanArrays) -> float:
-    """Return the first time from ``t`` on at which the speed does not rise.
+def _after_rise(t: float, latest: float, slow: float, plan: PlanArrays) -> float:
+    """Return the first time from ``t`` to ``latest`` at which the speed does not rise, or is slow.
 
     While it rises to the feed, little but the plan's motion is possible.
     """
     k = phase_of_time(t, plan)
-    _, _, a = state_at(t, k, plan)
+    _, v, a = state_at(t, k, plan)
+    if v <= slow:
+        return t
     while a > 0.0 and k < len(plan.j):
         if plan.j[k] < 0.0 and t - a / plan.j[k] <= plan.t[k + 1]:
-            return t - a / plan.j[k]
+            t -= a / plan.j[k]
+            break
         k += 1
         t, a = plan.t[k], plan.a[k]
-    return t
+    return min(t, latest)
 
 
 @njit
-def _before_fall(t: float, plan: PlanArrays) -> float:
-    """Return the last time until ``t`` at which the speed does not fall."""
+def _before_fall(t: float, earliest: float, slow: float, plan: PlanArrays) -> float:
+    """Return the last time from ``earliest`` to ``t`` at which it does not fall, or is slow."""
     k = phase_of_time(t, plan)
-    _, _, a = state_at(t, k, plan)
+    _, v, a = state_at(t, k, plan)
+    if v <= slow:
+        return t
     while a < 0.0 and k > 0:
         if plan.j[k] < 0.0 and t - a / plan.j[k] >= plan.t[k]:
-            return t - a / plan.j[k]
+            t -= a / plan.j[k]
+            break
         t, a = plan.t[k], plan.a[k]
         k -= 1
-    return t
+    return max(t, earliest)
 
 
 @njit
