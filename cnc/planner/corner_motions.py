@@ -132,7 +132,10 @@ class CornerMotions:
         corners = count_corners(path, plan.arrays)
         if not corners:
             return None
-        most, phases = pieces + (CORNER_STEPS + 1) * corners, len(plan.phase_j) + (CORNER_STEPS + 2) * corners
+        most, phases = (
+            pieces + (CORNER_STEPS + 1) * corners,
+            len(plan.phase_j) + (CORNER_STEPS + 2) * corners,
+        )
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = _empty_plan(most, phases)
         count, spans, numbers, passed = pass_corners(

@@ -173,7 +173,7 @@ def find_corners(x: Floats, metric: Ints, cosine: float, tolerance: float, corne
 
 @njit
 def _kind_of(x: Floats, metric: Ints, i: int, tolerance: float) -> int:
-    """Return a kind of vertex: 0 on a straight line, 1 on a curve, 2 with short legs, 3 a corner."""
+    """Return 0 for a vertex on a line, 1 on a curve, 2 with short legs, 3 for a corner."""
     if not _turns(x, metric, i, STRAIGHT):
         return 0
     before, after = distance(x, metric, i - 1, i), distance(x, metric, i, i + 1)

@@ -255,9 +255,7 @@ def _add_rows(
 
 
 @njit
-def _add_place(
-    rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend: Floats
-) -> None:
+def _add_place(rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend: Floats) -> None:
     """Add the derivatives of place i by x to those by the unknowns."""
     free, d, last = len(n.slope), len(slope), len(n.spans)
     first = d * (rows.step[i] - FIXED)
@@ -422,7 +420,11 @@ def _lowered(
     first = 0 if weights[0] > 0.0 else groups
     end = groups + (1 if weights[1] > 0.0 else 0)
     _place(tube, rows, n.c, n.spans)
-    value = weights[0] * duration(n.share, n.spans) + weights[1] * s + _barrier(rows, s, n.spans, n.least)
+    value = (
+        weights[0] * duration(n.share, n.spans)
+        + weights[1] * s
+        + _barrier(rows, s, n.spans, n.least)
+    )
     d = n.c.shape[1]
     held = False
     for _ in range(NEWTON_STEPS):

@@ -41,14 +41,14 @@ FIXED = 3
 """The first and the last three control points follow from the motion beside."""
 
 JERK, ACCELERATION, VELOCITY, LAST_VELOCITY, EARLY, LATE, FIRST_POINT, CORNER, POINT = range(9)
-"""What the rows of a place bound: the jerk of a step, the acceleration at its start, a control point
-of the velocity, the next one; the second, third and first Bezier point of the step; the first one
-where it lies between two legs; a control point.
+"""What the rows of a place bound: the jerk of a step, the acceleration at its start, a control
+point of the velocity, the next one; the second, third and first Bezier point of the step; the first
+one where it lies between two legs; a control point.
 """
 
 FREE = 0.5
-"""The first and the last control point of the velocity have a row where the motion beside takes less
-than this part of its bound. Faster motion does not rise at the start, nor fall at the end.
+"""The first and the last control point of the velocity have a row where the motion beside takes
+less than this part of its bound. Faster motion does not rise at the start, nor fall at the end.
 """
 
 AXIS, TRAVEL, LENGTH, LEG = range(4)
@@ -320,7 +320,7 @@ def _add_travel(rows: Rows, tube: Tube) -> None:
 
 @njit
 def set_knots(tube: Tube, spans: Floats, rows: Rows) -> None:
-    """Write t for logarithms ``spans`` (groups,) of the durations. Beside the ends, steps repeat."""
+    """Write t for logarithms ``spans`` (groups,) of the durations; beside the ends, steps repeat."""
     t, steps = rows.t, len(tube.leg)
     t[2] = 0.0
     for k in range(steps):

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LENGTH, METRIC, METRICS, START, Floats, Ints
-from cnc.kernels.planner.corner_motion import duration, fastest_motion
+from cnc.kernels.path.curve import METRIC, METRICS, START, Floats, Ints
+from cnc.kernels.planner.corner_motion import fastest_motion
 from cnc.kernels.planner.corner_places import (
     MOST_CORNERS,
     NEAR,
@@ -59,7 +59,7 @@ SLOW = 0.1
 """Part of the feed; motion that is slower may begin or end anywhere."""
 
 UNTOUCHED = 1e-2
-"""Part of the time to the start or end of a plan that stays as it is."""
+"""Part of the time on the first and the last leg that stays as it is, at their far ends."""
 
 SHORTEST = 1e-6
 """s; each leg of a chain takes longer, or its corners stay stops."""
@@ -525,21 +525,16 @@ def find_motion(
     basis = basis_of(path, chain.first, chain.last, along)
     t1 = plan.t[rest_at(path, plan, chain.first)]
     t2 = plan.t[rest_at(path, plan, chain.last)]
-    earliest = max(
-        time_of(plan.piece_s[chain.first + 1] - legs_used(path, chain.first, shared)[0], plan),
-        plan.t[0] + UNTOUCHED * (t1 - plan.t[0]),
-    )
-    latest = min(
-        time_of(plan.piece_s[chain.last + 1] + legs_used(path, chain.last, shared)[1], plan),
-        plan.t[-1] - UNTOUCHED * (plan.t[-1] - t2),
-    )
+    first = plan.piece_s[chain.first + 1] - legs_used(path, chain.first, shared)[0]
+    last = plan.piece_s[chain.last + 1] + legs_used(path, chain.last, shared)[1]
+    earliest, latest = max(time_of(first, plan), plan.t[0]), min(time_of(last, plan), plan.t[-1])
+    earliest += UNTOUCHED * (t1 - earliest)
+    latest -= UNTOUCHED * (latest - t2)
     begin, end = max(chain.begin, earliest), min(chain.end, latest)
     slow = (SLOW * bound[chain.first], SLOW * bound[chain.last + 1])
     begin, end = _after_rise(begin, t1, slow[0], plan), _before_fall(end, t2, slow[1], plan)
     tube = _tube_of(path, chain, bound, limits, travel, basis, along)
-    best = motion_between(
-        path, plan, chain, (begin, end), tube, basis, limits, known, rows
-    )
+    best = motion_between(path, plan, chain, (begin, end), tube, basis, limits, known, rows)
     near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
     if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:
         # Beside a sharp corner, steps that are finer may gain more than a far reach.

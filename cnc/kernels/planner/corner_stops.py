@@ -49,7 +49,6 @@ from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
 
-
 CORNER_STEPS = 2 * LEG_STEPS
 """Largest number of steps for each corner."""
 
@@ -198,8 +197,8 @@ def pass_corners(
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
         known: the motions that were found before.
-        out: space for the new path: CORNER_STEPS + 1 more pieces for each corner. The data needs the size
-            of all records, and :func:`corner_size` for each corner and one more.
+        out: space for the new path: CORNER_STEPS + 1 more pieces for each corner. The data needs
+            the size of all records, and :func:`corner_size` for each corner and one more.
         out_plan: space for its phases: CORNER_STEPS + 1 more for each corner.
 
     Returns:
@@ -231,9 +230,7 @@ def pass_corners(
         at = path.pieces.at[b] - lowest
         after = 0.0
         if passes_corner(path, plan, b, bound, limits):
-            chain, motion = _motion_from(
-                path, plan, b, shared, bound, limits, travel, known, rows
-            )
+            chain, motion = _motion_from(path, plan, b, shared, bound, limits, travel, known, rows)
             if motion.saved > 0.0:
                 after = motion.before
         out.pieces.kind[count] = path.pieces.kind[b]

@@ -72,10 +72,6 @@ BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 STAY, PASS, BLEND = 0, 1, 2
 """Treatments of a corner: as it is, a motion past the stop there, a curve."""
 
-SAVED = 0.7
-"""A motion past a stop saves about so many times the time of :func:`corner_time`."""
-
-
 SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
 """Sine of half the largest turn that a blend makes where the motion cannot pass a stop."""
 
@@ -157,25 +153,6 @@ def blend_time(
     for k in range(1, BLEND_POINTS):
         time += 2.0 * s[k] / (v[k - 1] + v[k])
     return time, v[0], v[BLEND_POINTS - 1]
-
-
-@njit
-def saved_time(
-    turn: Turn, eps: float, before: tuple[LineBounds, float], after: tuple[LineBounds, float]
-) -> float:
-    """Return about the time that a motion past a stop saves, s.
-
-    Args:
-        turn: at the corner.
-        eps: the tolerance, mm.
-        before: bounds of the line before the corner, and the length to its middle, mm.
-        after: the same behind it.
-    """
-    saved = corner_time(min(before[0].j, after[0].j), turn, eps)
-    for line, length in (before, after):
-        v = min(line.v, reachable_speed(0.0, length, line.a, line.j))
-        saved = min(saved, 0.5 * ramp_time(0.0, v, line.a, line.j))
-    return SAVED * saved
 
 
 @njit
