@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_known import new_known
 from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path, state_at
-from cnc.kernels.planner.corner_search import new_known
 from cnc.kernels.planner.corner_stops import CORNER_STEPS, corner_size, pass_corners
 from cnc.kernels.planner.legs import REST, record_end
 from cnc.kernels.planner.plan_arrays import PlanArrays

@@ -9,17 +9,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
+from cnc.kernels.planner.corner_known import new_known
 from cnc.kernels.planner.corner_motion import fastest_motion
-from cnc.kernels.planner.corner_rows import (
-    AXIS,
-    Tube,
-    new_rows,
-    place_ends,
-    set_knots,
-    set_stencils,
-    write_rows,
-)
-from cnc.kernels.planner.corner_search import new_known
+from cnc.kernels.planner.corner_rows import AXIS, new_rows, set_stencils, write_rows
+from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
@@ -75,7 +68,7 @@ def chain(rng, corners):
     )
     spans = np.log(np.outer(whole, (0.3, 0.4, 0.3)).ravel() * 1.3)
     rows = new_rows(len(group), d, d)
-    set_knots(tube, spans, rows)
+    set_knots(tube, spans, rows.t)
     c = np.zeros((len(group) + 3, d))
     for k in range(len(c)):
         t = rows.t[k : k + 3].mean()
@@ -89,7 +82,7 @@ def chain(rng, corners):
 
 def spline_of(tube, rows, spans, c):
     """Return scipy's spline; its ghost steps are as long as those beside."""
-    set_knots(tube, spans, rows)
+    set_knots(tube, spans, rows.t)
     t = rows.t
     return BSpline(np.concatenate(([2 * t[0] - t[1]], t, [2 * t[-1] - t[-2]])), c, 3)
 
@@ -138,8 +131,8 @@ def test_no_shorter_motion_of_these_proportions_exists(seed):
     assert fastest_motion(tube, rows, c, spans)
 
     def least(shorter):
-        set_knots(tube, spans + math.log(shorter), rows)
-        place_ends(tube, rows, c)
+        set_knots(tube, spans + math.log(shorter), rows.t)
+        place_ends(tube, rows.t, c)
         set_stencils(rows)
         size, d = c.size, c.shape[1]
         upper = []

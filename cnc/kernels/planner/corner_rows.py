@@ -1,21 +1,8 @@
-r"""The limits of a motion past corners, as rows of one inequality each.
+"""The limits of a motion past corners, as rows of one inequality each.
 
-The motion is a cubic B-spline in time, so each axis has a constant jerk in each of its steps. A
-step belongs to one leg of the path, and its duration is a part of that of its group of steps. The
-motion passes a corner between the steps of its two legs.
+A row bounds a value at a place of the spline (:mod:`cnc.kernels.planner.corner_tube`):
 
-            group 0    group 1   group 2
-          o---o---o---o-o-o-o.             e2
-                             o             |
-                leg 0        o  leg 1      |____ e1
-                             o
-                             o             step k lasts from t_k to t_k+1
-
-Control point c_k has the parameters (t_k-2, t_k-1, t_k) of the polar form f (the blossom), so the
-position at t_k is f(t_k, t_k, t_k), and step k has the control points c_k .. c_k+3. From the polar
-form follow all that a row bounds:
-
-- a difference: jerk of a step, acceleration at t_k, control points of the velocity. Speed and
+- a difference: jerk of a step, acceleration at its start, control points of the velocity. Speed and
   acceleration are convex combinations of these, so the rows hold everywhere;
 - the length of a difference: the feed, and the acceleration where it is limited along the path;
 - the distance of a Bezier point from its leg, and of the point between two legs from their corner:
@@ -36,15 +23,22 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
-
-FIXED = 3
-"""The first and the last three control points follow from the motion beside."""
-
-JERK, ACCELERATION, VELOCITY, LAST_VELOCITY, EARLY, LATE, FIRST_POINT, CORNER, POINT = range(9)
-"""What the rows of a place bound: the jerk of a step, the acceleration at its start, a control
-point of the velocity, the next one; the second, third and first Bezier point of the step; the first
-one where it lies between two legs; a control point.
-"""
+from cnc.kernels.planner.corner_tube import (
+    ACCELERATION,
+    CORNER,
+    EARLY,
+    FIRST_POINT,
+    FIXED,
+    JERK,
+    LAST_VELOCITY,
+    LATE,
+    POINT,
+    VELOCITY,
+    Tube,
+    place_ends,
+    set_knots,
+    write_stencil,
+)
 
 FREE = 0.5
 """The first and the last control point of the velocity have a row where the motion beside takes
@@ -66,44 +60,6 @@ NEGLIGIBLE = 1e-9
 
 SMALL = 1e-6
 """Change of the logarithm of a duration in a difference quotient."""
-
-
-class Tube(NamedTuple):
-    """A chain of legs with their tolerance, the limits, and the motion beside.
-
-    Attributes:
-        axes: (n, d): components in each axis of the d directions in which the motion is sought.
-        velocity: (n,): limits of each axis, mm/s; infinite where there are none.
-        acceleration: (n,): mm/s^2.
-        jerk: (n,): mm/s^3.
-        travel: (2, n): lowest and highest position, from the origin of the legs, mm.
-        feed: (legs,): mm/s.
-        pull: largest length of the acceleration, mm/s^2.
-        tolerance: mm.
-        start: (legs, d): a point of each leg, mm.
-        along: (legs, d): direction of each leg.
-        reach: (legs, 2): first and last place of each leg on its line, from ``start``, mm.
-        leg: (steps,): leg of each step.
-        group: (steps,): group of each step.
-        part: (steps,): duration of each step, as a part of that of its group.
-        ends: (2, 3, d): position, velocity and acceleration at the start and at the end.
-    """
-
-    axes: Floats
-    velocity: Floats
-    acceleration: Floats
-    jerk: Floats
-    travel: Floats
-    feed: Floats
-    pull: float
-    tolerance: float
-    start: Floats
-    along: Floats
-    reach: Floats
-    leg: Ints
-    group: Ints
-    part: Floats
-    ends: Floats
 
 
 class Rows(NamedTuple):
@@ -319,77 +275,6 @@ def _add_travel(rows: Rows, tube: Tube) -> None:
 
 
 @njit
-def set_knots(tube: Tube, spans: Floats, rows: Rows) -> None:
-    """Write t for logarithms ``spans`` (groups,) of the durations; beside the ends, steps repeat."""
-    t, steps = rows.t, len(tube.leg)
-    t[2] = 0.0
-    for k in range(steps):
-        t[k + 3] = t[k + 2] + math.exp(spans[tube.group[k]]) * tube.part[k]
-    first, last = t[3] - t[2], t[steps + 2] - t[steps + 1]
-    t[1], t[0] = -first, -2.0 * first
-    t[steps + 3], t[steps + 4] = t[steps + 2] + last, t[steps + 2] + 2.0 * last
-
-
-@njit
-def place_ends(tube: Tube, rows: Rows, c: Floats) -> None:
-    """Write the control points (steps + 3, d) that give the motion its states at both ends.
-
-    They have t_0 or t_steps among their parameters, so the jerk does not count.
-    """
-    steps = len(tube.leg)
-    for end in range(2):
-        first = steps * end
-        origin = rows.t[first + 2]
-        for k in range(first, first + FIXED):
-            x, y, z = rows.t[k] - origin, rows.t[k + 1] - origin, rows.t[k + 2] - origin
-            by_v, by_a = (x + y + z) / 3.0, (x * y + y * z + z * x) / 6.0
-            for q in range(c.shape[1]):
-                state = tube.ends[end]
-                c[k, q] = state[0, q] + by_v * state[1, q] + by_a * state[2, q]
-
-
-@njit
-def write_stencil(kind: int, k: int, t: Floats, out: Floats) -> None:
-    """Write the weights (4,) of control points k .. k + 3 in what a place bounds."""
-    tm2, tm1, t0, t1, t2 = t[k], t[k + 1], t[k + 2], t[k + 3], t[k + 4]
-    out[:] = 0.0
-    if kind == VELOCITY:
-        out[1] = 3.0 / (t1 - tm2)
-        out[0] = -out[1]
-    elif kind == LAST_VELOCITY:
-        out[2] = 3.0 / (t2 - tm1)
-        out[1] = -out[2]
-    elif kind <= ACCELERATION:
-        rate = 2.0 / (t1 - tm1)
-        first, second = rate * 3.0 / (t1 - tm2), rate * 3.0 / (t2 - tm1)
-        if kind == ACCELERATION:
-            out[0], out[1], out[2] = first, -first - second, second
-        else:
-            t3 = t[k + 5]
-            rate = 2.0 / (t2 - t0)
-            third, fourth = rate * 3.0 / (t2 - tm1), rate * 3.0 / (t3 - t0)
-            step = 1.0 / (t1 - t0)
-            out[0] = -step * first
-            out[1] = step * (third + first + second)
-            out[2] = -step * (third + fourth + second)
-            out[3] = step * fourth
-    elif kind == POINT:
-        out[0] = 1.0
-    elif kind == LATE:
-        out[2] = (t1 - tm1) / (t2 - tm1)
-        out[1] = 1.0 - out[2]
-    else:
-        early = (t0 - tm1) / (t2 - tm1)
-        if kind == EARLY:
-            out[1], out[2] = 1.0 - early, early
-        else:
-            before, part = (t0 - tm2) / (t1 - tm2), (t0 - tm1) / (t1 - tm1)
-            out[0] = (1.0 - part) * (1.0 - before)
-            out[1] = (1.0 - part) * before + part * (1.0 - early)
-            out[2] = part * early
-
-
-@njit
 def set_stencils(rows: Rows) -> None:
     """Write the weights of all places."""
     for i in range(rows.number[0]):
@@ -460,8 +345,8 @@ def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
         while last + 1 < steps and tube.group[last + 1] == group:
             last += 1
         other[group] = spans[group] + SMALL
-        set_knots(tube, other, rows)
-        place_ends(tube, rows, moved)
+        set_knots(tube, other, rows.t)
+        place_ends(tube, rows.t, moved)
         while at < places and rows.step[at] < first - 2:
             at += 1
         i = at
@@ -478,4 +363,4 @@ def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
             i += 1
         other[group] = spans[group]
         first = last + 1
-    set_knots(tube, spans, rows)
+    set_knots(tube, spans, rows.t)

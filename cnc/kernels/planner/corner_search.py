@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import METRIC, METRICS, START, Floats, Ints
-from cnc.kernels.planner.corner_motion import fastest_motion
+from cnc.kernels.path.curve import Floats
+from cnc.kernels.planner.corner_known import Known, solved
+from cnc.kernels.planner.corner_legs import GROUPS, MOST_DIRECTIONS, basis_of, tube_of
 from cnc.kernels.planner.corner_places import (
     MOST_CORNERS,
     NEAR,
@@ -25,26 +26,12 @@ from cnc.kernels.planner.corner_places import (
     state_at,
     time_of,
 )
-from cnc.kernels.planner.corner_rows import (
-    ROOM,
-    Rows,
-    Tube,
-    place_ends,
-    set_knots,
-    write_rows,
-)
+from cnc.kernels.planner.corner_rows import Rows
+from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.kernels.planner.legs import REST, corner_time, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.limits import UNSEEN
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
-
-GROUPS = 3
-STEPS = (5, 4, 5)
-"""Groups of a leg, and steps of each: behind a corner, in the middle, before the next corner."""
-
-LEG_STEPS = 14
-MOST_STEPS = (MOST_CORNERS + 1) * LEG_STEPS
 
 SIDE = 0.3
 CLOSEST = 3.0
@@ -67,42 +54,8 @@ SHORTEST = 1e-6
 GAIN = 1e-3
 """Part of its duration that a motion has to save."""
 
-WITHIN = 1.0 - 1e-6
-"""Part of the tolerance that is used."""
-
-FLAT = 1e-10
-"""mm per mm; a leg with no more than this in another direction has none there."""
-
-MOST_DIRECTIONS = 3
-
 DIGITS, STATE_DIGITS = 27, 36
 """Binary digits of the search's input, and of the states at its ends: they stay."""
-
-KNOWN = 64
-"""Motions that are kept, so that they need not be searched for again."""
-
-NUMBERS = 1536
-"""Most numbers of the input of a motion that is kept."""
-
-
-class Known(NamedTuple):
-    """Motions that were found.
-
-    Attributes:
-        input: (KNOWN, NUMBERS): what each was searched for with; nan for none.
-        count: (KNOWN,): number of these numbers.
-        points: (KNOWN, MOST_STEPS + 3, MOST_DIRECTIONS): its control points.
-        spans: (KNOWN, groups): logarithms of the durations of its groups.
-        found: (KNOWN,): 1 if there is a motion, or 0.
-        next: (1,): the one to be replaced next.
-    """
-
-    input: Floats
-    count: Ints
-    points: Floats
-    spans: Floats
-    found: Ints
-    next: Ints
 
 
 class Motion(NamedTuple):
@@ -131,67 +84,11 @@ class Motion(NamedTuple):
     c: Floats
 
 
-def new_known() -> Known:
-    """Return space for motions that are found."""
-    return Known(
-        np.full((KNOWN, NUMBERS), math.nan),
-        np.zeros(KNOWN, np.int64),
-        np.empty((KNOWN, MOST_STEPS + 3, MOST_DIRECTIONS)),
-        np.empty((KNOWN, GROUPS * (MOST_CORNERS + 1))),
-        np.zeros(KNOWN, np.int64),
-        np.zeros(1, np.int64),
-    )
-
-
 @njit
 def _rounded(value: float, scale: float, digits: int = DIGITS) -> float:
     """Return the value rounded to so many binary digits of the scale."""
     unit = 2.0 ** (math.floor(math.log2(scale)) - digits)
     return math.floor(value / unit + 0.5) * unit
-
-
-@njit
-def basis_of(path: PathArrays, first: int, last: int, along: Floats) -> Floats:
-    """Return the directions (d, axes) that legs ``first`` to ``last`` + 1 span.
-
-    They are at right angles in the metric axes. ``along`` (legs, MOST_DIRECTIONS) receives the
-    components of the legs. There are none where the legs span more than MOST_DIRECTIONS, or are
-    measured over different axes.
-    """
-    data = path.pieces.data
-    n = int(data[path.pieces.at[first]])
-    basis = np.zeros((MOST_DIRECTIONS, n))
-    u = np.empty((2, n))
-    d = 0
-    for leg in range(last - first + 2):
-        at = path.pieces.at[first + leg]
-        if directions(data, path.pieces.at[first], data, at, u).sine > 1.0:
-            return basis[:0]
-        rest = u[1].copy()
-        along[leg, :] = 0.0
-        for q in range(d):
-            for m in range(int(data[at + METRICS])):
-                i = int(data[at + METRIC + m])
-                along[leg, q] += u[1, i] * basis[q, i]
-            for i in range(n):
-                rest[i] -= along[leg, q] * basis[q, i]
-        square, most = 0.0, 0.0
-        for m in range(int(data[at + METRICS])):
-            square += rest[int(data[at + METRIC + m])] ** 2
-        for i in range(n):
-            most = max(most, abs(rest[i]))
-        size = math.sqrt(square)
-        if size <= FLAT:
-            if most > FLAT:
-                return basis[:0]
-            continue
-        if d == MOST_DIRECTIONS:
-            return basis[:0]
-        along[leg, d] = size
-        for i in range(n):
-            basis[d, i] = rest[i] / size
-        d += 1
-    return basis[:d].copy()
 
 
 @njit
@@ -205,96 +102,6 @@ def _times_of(
     for k in range(corners):
         t[k + 1] = plan.t[rest_at(path, plan, chain.first + k)]
     return t
-
-
-@njit
-def _tube_of(
-    path: PathArrays,
-    chain: Chain,
-    bound: Floats,
-    limits: LimitArrays,
-    travel: Floats,
-    basis: Floats,
-    along: Floats,
-) -> Tube:
-    """Return the legs of a chain; the states at its ends are to be written."""
-    legs, (d, n) = chain.last - chain.first + 2, basis.shape
-    data, at = path.pieces.data, path.pieces.at
-    start, reach = np.zeros((legs, d)), np.zeros((legs, 2))
-    reach[0, 0] = -math.inf
-    reach[legs - 1, 1] = math.inf
-    for leg in range(1, legs):
-        before = reach[leg - 1, 1]
-        for q in range(d):
-            start[leg, q] = start[leg - 1, q] + before * along[leg - 1, q]
-        if leg + 1 < legs:
-            reach[leg, 1] = path.length[chain.first + leg]
-    widest = 1.0
-    space = np.empty((2, n))
-    for i in range(n):
-        wide = 0.0
-        for q in range(d):
-            wide += basis[q, i] ** 2
-        widest = max(widest, math.sqrt(wide))
-        corner = data[at[chain.first + 1] + START + i]
-        for side in range(2):
-            space[side, i] = travel[side, i] - corner
-    eps = math.inf
-    for b in range(chain.first, chain.last + 1):
-        eps = min(eps, path.tolerance[b])
-    _leave_out_far_ends(space, basis, start, reach, along, eps)
-    bend = 8.0 * limits.chord_error / limits.period**2
-    pull = min(limits.tangential_acceleration, limits.normal_acceleration, bend)
-    leg_of = np.empty(legs * LEG_STEPS, np.int64)
-    group, part = leg_of.copy(), np.empty(legs * LEG_STEPS)
-    k = 0
-    for leg in range(legs):
-        for g in range(GROUPS):
-            for _ in range(STEPS[g]):
-                leg_of[k], group[k], part[k] = leg, GROUPS * leg + g, 1.0 / STEPS[g]
-                k += 1
-    return Tube(
-        np.ascontiguousarray(basis.T),
-        limits.axis_velocity * (1.0 - UNSEEN),
-        limits.axis_acceleration * (1.0 - UNSEEN),
-        limits.axis_jerk * (1.0 - 2.0 * UNSEEN),
-        space,
-        bound[chain.first : chain.last + 2].copy(),
-        pull * (1.0 - UNSEEN),
-        WITHIN * eps / widest,
-        start,
-        along[:legs, :d].copy(),
-        reach,
-        leg_of,
-        group,
-        part,
-        np.zeros((2, 3, d)),
-    )
-
-
-@njit
-def _leave_out_far_ends(
-    space: Floats, basis: Floats, start: Floats, reach: Floats, along: Floats, eps: float
-) -> None:
-    """Make those ends of the travel infinite that no corner is close to.
-
-    So the input of equal corners is the same wherever they are.
-    """
-    d, n = basis.shape
-    for i in range(n):
-        wide = 0.0
-        for q in range(d):
-            wide += basis[q, i] ** 2
-        for side in range(2):
-            sign = 1.0 if side else -1.0
-            farthest = -math.inf
-            for leg in range(1, len(start)):
-                at = 0.0
-                for q in range(d):
-                    at += sign * start[leg, q] * basis[q, i]
-                farthest = max(farthest, at)
-            if sign * space[side, i] - farthest >= ROOM * eps * math.sqrt(wide):
-                space[side, i] = sign * math.inf
 
 
 @njit
@@ -314,7 +121,7 @@ def _first_points(
     steps, d = len(tube.leg), tube.axes.shape[1]
     legs = len(corners) + 1
     c = np.empty((steps + 3, d))
-    set_knots(tube, spans, rows)
+    set_knots(tube, spans, rows.t)
     length = corners[legs - 2] - corners[0] + 1.0
     for k in range(steps + 3):
         # The polar form of a parabola at three parameters, from their mean.
@@ -330,67 +137,6 @@ def _first_points(
         for q in range(d):
             c[k, q] = tube.start[leg, q] + on * tube.along[leg, q]
     return c
-
-
-@njit
-def _known_as(wanted: Floats, count: int, known: Known) -> int:
-    """Return the index of the motion that was found with the same input, or -1."""
-    for k in range(KNOWN):
-        same = known.count[k] == count
-        i = 0
-        while same and i < count:
-            same = wanted[i] == known.input[k, i]
-            i += 1
-        if same:
-            return k
-    return -1
-
-
-@njit
-def _write_input(tube: Tube, c: Floats, spans: Floats, to: Floats) -> int:
-    """Write all that the search depends on, but for the machine's limits; return the count."""
-    parts = (
-        tube.axes.ravel(),
-        tube.travel.ravel(),
-        tube.feed,
-        tube.along.ravel(),
-        tube.start.ravel(),
-        tube.ends.ravel(),
-        spans,
-        c.ravel(),
-    )
-    to[0] = tube.tolerance
-    at = 1
-    for part in parts:
-        if at + len(part) > NUMBERS:
-            return 0
-        to[at : at + len(part)] = part
-        at += len(part)
-    return at
-
-
-@njit
-def _solved(tube: Tube, rows: Rows, c: Floats, spans: Floats, known: Known) -> bool:
-    """Make the motion the fastest one; return whether there is one."""
-    wanted = np.empty(NUMBERS)
-    count = _write_input(tube, c, spans, wanted)
-    points, d = c.shape
-    k = _known_as(wanted, count, known) if count else -1
-    if k >= 0:
-        c[:] = known.points[k, :points, :d]
-        spans[:] = known.spans[k, : len(spans)]
-        return known.found[k] > 0
-    write_rows(tube, rows)
-    found = fastest_motion(tube, rows, c, spans)
-    if count:
-        k = known.next[0]
-        known.next[0] = (k + 1) % KNOWN
-        known.input[k] = wanted
-        known.count[k] = count
-        known.points[k, :points, :d] = c
-        known.spans[k, : len(spans)] = spans
-        known.found[k] = 1 if found else 0
-    return found
 
 
 @njit
@@ -460,11 +206,11 @@ def motion_between(
     plan_spans = spans - math.log(SLOWED)
     c = _first_points(plan, corners, t, tube, rows, plan_spans)
     _write_ends(tube, ends, scales, False)
-    if not _solved(tube, rows, c, spans, known):
+    if not solved(tube, rows, c, spans, known):
         return none
-    set_knots(tube, spans, rows)
+    set_knots(tube, spans, rows.t)
     _write_ends(tube, ends, scales, True)
-    place_ends(tube, rows, c)
+    place_ends(tube, rows.t, c)
     steps = len(tube.leg)
     saved = t[legs] - t[0] - (rows.t[steps + 2] - rows.t[2])
     if saved < GAIN * (t[legs] - t[0]):
@@ -533,7 +279,7 @@ def find_motion(
     begin, end = max(chain.begin, earliest), min(chain.end, latest)
     slow = (SLOW * bound[chain.first], SLOW * bound[chain.last + 1])
     begin, end = _after_rise(begin, t1, slow[0], plan), _before_fall(end, t2, slow[1], plan)
-    tube = _tube_of(path, chain, bound, limits, travel, basis, along)
+    tube = tube_of(path, chain, bound, limits, travel, basis, along)
     best = motion_between(path, plan, chain, (begin, end), tube, basis, limits, known, rows)
     near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
     if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:

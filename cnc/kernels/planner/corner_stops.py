@@ -24,6 +24,8 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LENGTH, SPAN, START, Floats, Ints
+from cnc.kernels.planner.corner_known import Known
+from cnc.kernels.planner.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
 from cnc.kernels.planner.corner_places import (
     Chain,
     chain_from,
@@ -31,15 +33,9 @@ from cnc.kernels.planner.corner_places import (
     phase_of_time,
     state_at,
 )
-from cnc.kernels.planner.corner_rows import EARLY, FIRST_POINT, LATE, Rows, new_rows, write_stencil
-from cnc.kernels.planner.corner_search import (
-    LEG_STEPS,
-    MOST_DIRECTIONS,
-    MOST_STEPS,
-    Known,
-    Motion,
-    find_motion,
-)
+from cnc.kernels.planner.corner_rows import Rows, new_rows
+from cnc.kernels.planner.corner_search import Motion, find_motion
+from cnc.kernels.planner.corner_tube import EARLY, FIRST_POINT, LATE, write_stencil
 from cnc.kernels.planner.legs import (
     record_end,
     write_line,

@@ -40,8 +40,6 @@ from cnc.kernels.planner.legs import (
     SHARPEST,
     STRAIGHTEST,
     LineBounds,
-    Turn,
-    corner_time,
     directions,
     line_bounds,
     write_line,
