@@ -53,13 +53,26 @@ class CornerMotions:
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
+        self._searches = True
         self._earlier = 0.0
         self._shorter = 0.0
 
-    def copy(self, audit: Audit) -> CornerMotions:
-        """Return a stage that goes on independently from the same state, with another audit."""
+    @property
+    def held_from(self) -> float | None:
+        """Time in the plans from which on their motion is held back, s; None for none."""
+        return None if self._held is None else self._held.t0
+
+    def drop(self) -> None:
+        """Forget the part that is held back: another one follows in its place."""
+        self._held = None
+
+    def copy(self, audit: Audit, *, searches: bool = True) -> CornerMotions:
+        """Return a stage that goes on independently from the same state, with another audit.
+
+        ``searches``: whether it searches for motions, or keeps all stops.
+        """
         other = copy(self)
-        other._audit = audit
+        other._audit, other._searches = audit, searches
         return other
 
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
@@ -129,7 +142,7 @@ class CornerMotions:
         """Return the plan with motions past its corners; None if there are none."""
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
-        corners = count_corners(path, plan.arrays)
+        corners = count_corners(path, plan.arrays) if self._searches else 0
         if not corners:
             return None
         most, phases = (

@@ -28,6 +28,7 @@ from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
+from cnc.planner.rewind import Rewind
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
 MOST_CAUTION = 12
@@ -67,6 +68,9 @@ class LookAhead:
         self._window = Window(self.limits, stops_known)
         self._blending = CornerBlending(self.limits)
         self._corners = CornerMotions(self.limits, self.audit)
+        self._rewind = Rewind()
+        self._factor = 1.0
+        """The factor of the feeds that was requested last."""
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished: deque[PlanChunk] = deque()
@@ -91,7 +95,7 @@ class LookAhead:
         for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 if pending is not None:
-                    self._window.add(pending, previous, item)
+                    self._add(pending, previous, item)
                     yield from self._motion()
                     previous = pending
                 pending = item
@@ -120,6 +124,7 @@ class LookAhead:
     def ramp_down(self) -> Iterator[PlanChunk]:
         """Yield plans that come to rest soon after the last plan; then nothing can be planned."""
         yield from self._taken()
+        self._go_back()
         if self._window.moving:
             before = self._window.copy()
             self._window.stop()
@@ -135,7 +140,7 @@ class LookAhead:
         self, last: PathChunk, previous: PathChunk | None
     ) -> Iterator[PlanChunk | Block]:
         """Plan the last chunk before a rest of the path."""
-        self._window.add(last, previous, None)
+        self._add(last, previous, None)
         yield from self._motion()
         self._finish_at_rest()
         yield from self._taken()
@@ -158,23 +163,25 @@ class LookAhead:
                 waits = False
                 continue
             if window.settled:
-                self._finish(window.take(self._slice_s))
+                self._take_slice()
             yield from self._taken()
             waits = False
 
     def _requested(self, factor: float) -> bool:
         """Plan for a factor of the feeds; return False if the audit refuses that plan."""
-        window = self._window
-        if window.runs_at(factor):
+        if self._window.runs_at(factor):
             return True
-        before = window.copy()
+        before = self._window.copy(), self._corners, self._rewind
+        if factor != self._factor:
+            self._factor = factor
+            self._go_back()
         if factor > 0.0:
-            window.override(factor)
+            self._window.override(factor)
         else:
-            window.stop()
+            self._window.stop()
         if self._refusal() is None:
             return True
-        self._window = before
+        self._window, self._corners, self._rewind = before
         return False
 
     def _prepared(self) -> bool:
@@ -207,7 +214,9 @@ class LookAhead:
         if not (window.unproved and window.settled and self.audit.judges):
             return None
         audit, trial = self.audit.copy(), window.copy()
-        corners = self._corners.copy(audit)
+        taken = self._slice_s == LONG and self._requested_factor() > 0.0
+        # Where slices follow, each has its own search, and stops are what remains in any case.
+        corners = self._corners.copy(audit, searches=taken)
         plans: list[PlanChunk] = []
         try:
             while trial.settled:
@@ -217,7 +226,7 @@ class LookAhead:
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False
-        if self._slice_s == LONG and self._requested_factor() > 0.0:
+        if taken:
             self._window, self._corners = trial, corners.copy(self.audit)
             self.audit.adopt(audit)
             self._finished.extend(plans)
@@ -236,6 +245,26 @@ class LookAhead:
             return 0.0
         return control.feed_override / 100.0 if self._allowed.feed else 1.0
 
+    def _add(self, path: PathChunk, previous: PathChunk | None, item: PathChunk | None) -> None:
+        """Add a chunk of path to the window."""
+        self._window.add(path, previous, item)
+        self._rewind.note(path, previous, item)
+
+    def _take_slice(self) -> None:
+        """Take a slice from the window, and finish what can be."""
+        if self._control is not None:
+            self._rewind.keep(self._window)
+        self._finish(self._window.take(self._slice_s))
+        self._rewind.leave_out(self._corners.held_from)
+
+    def _go_back(self) -> None:
+        """Return to where the part begins that is held back, so that it can still change."""
+        window = self._rewind.window_at(self._corners.held_from)
+        if window is not None:
+            self._window, self._rewind = window, Rewind()
+            self._corners = self._corners.copy(self.audit)
+            self._corners.drop()
+
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Pass stops on corners in plans of the window, and audit them."""
         self._finished.extend(self._corners.passed(plans))
@@ -243,6 +272,7 @@ class LookAhead:
     def _finish_at_rest(self) -> None:
         """Finish the part of a plan that is held back; the motion rests at its end."""
         self._finished.extend(self._corners.flush())
+        self._rewind = Rewind()
 
     def _taken(self) -> Iterator[PlanChunk]:
         """Yield the finished plans."""

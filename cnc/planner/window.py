@@ -183,13 +183,13 @@ class Window:
         self._accept(phases, goal, known, rests=rests)
         return self._plan.settled > 0
 
-    def take(self, seconds: float) -> list[PlanChunk]:
+    def take(self, seconds: float, length: float = SLICE_LENGTH) -> list[PlanChunk]:
         """Return the next slice of about ``seconds``, of the phases that :meth:`prepared` settled.
 
-        It has one plan for each chunk of path that it touches.
+        It has one plan for each chunk of path that it touches, and covers ``length`` mm at least.
         """
         plan = self._plan
-        rows, t = slice_end(plan.phases[: plan.settled], seconds, SLICE_LENGTH)
+        rows, t = slice_end(plan.phases[: plan.settled], seconds, length)
         if t > 0.0:
             head, tail = cut_inside(plan.phases, rows, t)
         else:

@@ -1,0 +1,59 @@
+"""Earlier states of the window, for a part of the plan that is held back.
+
+Corners hold back what a later plan may change (:mod:`cnc.planner.corner_motions`). Nothing of it
+was sent, so a hold or an override may begin where it begins. The window has left that place, but a
+copy of it has not.
+
+    sent │ held back, in slices  │ window
+         |     ^           ^     ^
+         |    copy        copy   now
+       hold
+"""
+
+from __future__ import annotations
+
+from cnc.path.chunk import PathChunk
+from cnc.planner.window import Window
+
+Added = tuple[PathChunk, PathChunk | None, PathChunk | None]
+
+
+class Rewind:
+    """Copies of the window before each slice of which a part is held back."""
+
+    def __init__(self) -> None:
+        self._copies: list[tuple[float, Window, int]] = []
+        """Time in the plan, the window there, and the number of chunks noted before."""
+        self._added: list[Added] = []
+
+    def note(self, path: PathChunk, previous: PathChunk | None, item: PathChunk | None) -> None:
+        """Note a chunk that was added to the window, with its neighbours."""
+        if self._copies:
+            self._added.append((path, previous, item))
+
+    def keep(self, window: Window) -> None:
+        """Keep a copy of the window before a slice is taken."""
+        self._copies.append((window.clock.seconds, window.copy(), len(self._added)))
+
+    def leave_out(self, time: float | None) -> None:
+        """Leave out the copies that a return to ``time`` does not need; None for no return."""
+        if time is None:
+            self._copies.clear()
+            self._added.clear()
+            return
+        while len(self._copies) > 1 and self._copies[1][0] <= time:
+            self._copies.pop(0)
+
+    def window_at(self, time: float | None) -> Window | None:
+        """Return the window as it was at ``time`` in the plan; None if it is not known."""
+        if time is None or not self._copies or self._copies[0][0] > time:
+            return None
+        _, window, number = self._copies[0]
+        for added in self._added[number:]:
+            window.add(*added)
+        while window.clock.seconds < time and window.settled:
+            before = window.clock.seconds
+            window.take(time - before, 0.0)
+            if window.clock.seconds <= before:
+                break
+        return window
