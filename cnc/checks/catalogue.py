@@ -20,7 +20,7 @@ REPORTED_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-s
 
 ASSUMPTIONS = frozenset((
     "abort-possible", "axis-idle", "code-skipped", "comment-mended", "decimal-point-missing",
-    "dwell-long", "dwell-point", "machine-coordinates-absolute", "motion-assumed",
+    "cycle-level-assumed", "dwell-long", "dwell-point", "machine-coordinates-absolute", "motion-assumed",
     "percent-code-behind", "percent-unopened", "rotary-axis-place", "tool-length-zero",
     "word-replaced",
 ))  # fmt: skip

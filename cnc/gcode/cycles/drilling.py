@@ -15,14 +15,13 @@ drilling".
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.polar import stepped
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
+from cnc.gcode.cycles.hole_places import holes_on_circle, holes_on_line
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
@@ -128,7 +127,7 @@ class DrillingCycles:
         motion.take_length_change(at, absolute=state.absolute, moves=False)
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
-        retract = self._word(words, series, "R", name, at)
+        retract = self._retract(words, series, plane, name, at)
         settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
         polar = motion.polar_steps(words, name)
@@ -149,9 +148,9 @@ class DrillingCycles:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
         if polar is None:
-            holes = self._holes(plane, given, heights, repeats)
+            holes = holes_on_line(plane, given, heights, repeats, absolute=state.absolute)
         else:
-            holes = _on_circle(plane, polar, heights, repeats)
+            holes = holes_on_circle(plane, polar, heights, repeats)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
@@ -212,13 +211,25 @@ class DrillingCycles:
         """A word that the cycle needs, of this line or of one before."""
         word = self._staying(words, series, letter, name)
         if word is None:
-            raise fault(
-                "cycle-word-missing",
-                f"{name} needs {letter}",
-                at,
-                f"give {letter} in the first line of {name}",
-            )
+            hint = f"give {letter} in the first line of {name}"
+            raise fault("cycle-word-missing", f"{name} needs {letter}", at, hint)
         return word
+
+    def _retract(
+        self, words: LineWords, series: Series, plane: CyclePlane, name: str, at: Word
+    ) -> Word:
+        """Return the R word. Without one, where R is optional, it is the level, with a warning."""
+        missing = "R" not in words.rest and "R" not in series.words
+        if missing and self._rules.retract_optional:
+            level = plane.seen(self._motion.coordinates.to_program(series.start))[2]
+            message = (
+                f"{name} without R: the hole begins at the level of the position, {level:g} mm"
+            )
+            self._here.report_warning("cycle-level-assumed", message, at, "give R")
+            height = level / self._motion.scales[self._motion.column[plane.across]]
+            series.words["R"] = Word("R", height, "R", at.column, at.length)
+            series.absolute["R"] = True
+        return self._word(words, series, "R", name, at)
 
     def _staying(self, words: LineWords, series: Series, letter: str, name: str) -> Word | None:
         if word := words.take(letter, name):
@@ -365,37 +376,6 @@ class DrillingCycles:
         clear = max(level, top) if state.initial_level else top
         self._check_level(top, clear, at)
         return top, bottom, clear
-
-    def _holes(
-        self,
-        plane: CyclePlane,
-        given: dict[int, float],
-        heights: tuple[float, float, float],
-        repeats: int,
-    ) -> Iterator[Hole]:
-        """The holes of the line; ``given`` are its axis values by column."""
-        first, second, _ = plane.start
-        x, y = plane.in_plane(given)
-        top, bottom, clear = heights
-        for number in range(1, repeats + 1):
-            if self._state.absolute:
-                yield Hole(
-                    first if x is None else x, second if y is None else y, bottom, top, clear
-                )
-            else:
-                yield Hole(
-                    first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
-                )
-
-
-def _on_circle(
-    plane: CyclePlane, polar: tuple[float, float], heights: tuple[float, float, float], repeats: int
-) -> Iterator[Hole]:
-    """The holes of a line with polar steps: each is a step from the one before."""
-    top, bottom, clear = heights
-    for number in range(1, repeats + 1):
-        x, y = stepped(plane.start[:2], *polar, number)
-        yield Hole(x, y, bottom, top, clear)
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

@@ -36,6 +36,7 @@ class CycleRules:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
         turns: Whether words of rotary axes turn them before each hole.
+        retract_optional: Whether the hole begins at the level of the position without R.
         pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
@@ -50,6 +51,7 @@ class CycleRules:
     repeats: str
     no_hole: bool
     turns: bool
+    retract_optional: bool
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool

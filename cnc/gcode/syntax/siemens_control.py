@@ -15,14 +15,14 @@ from cnc.gcode.syntax.statement import Keyword
 
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
-_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-69])\s*\((.*)\))?\s*", re.I)
+_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-9])\s*\((.*)\))?\s*", re.I)
 _HOLES = re.compile(r"HOLES([12])\s*\((.*)\)\s*", re.I)
 _END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
 _HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
-_LEVEL = re.compile(r"CYCLE800\s*\(\s*\)", re.I)
+_LEVEL = re.compile(r"CYCLE800\s*\((.*)\)", re.I)
 _DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(.+)", re.I)
 _DEFINED = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*(?:=\s*(.+))?", re.I)
 _FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
@@ -86,8 +86,8 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
         if "SAVE" in head[1].upper():
             raise refuse("PROC with SAVE", "write the codes again after the call")
         return ControlLine("s-proc")
-    if _LEVEL.fullmatch(text):
-        return ControlLine("frame", "CYCLE800", ("", "", "", ""))
+    if (level := _LEVEL.fullmatch(text)) and (name := _level_name(_arguments(level[1]))):
+        return ControlLine("frame", name, ("", "", "", ""))
     if definition := _DEFINITION.fullmatch(text):
         return _definition(definition[1].upper(), definition[2], refuse)
     if frame := _FRAME.fullmatch(text):
@@ -98,6 +98,22 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
     if holes := _HOLES.fullmatch(text):
         return ControlLine("s-holes", holes[1], tuple(_arguments(holes[2])))
     return None
+
+
+_ANGLES_AND_SHIFTS = slice(4, 13)
+"""Arguments of CYCLE800: zero before the rotation (3), angles (3), zero after it (3)."""
+
+
+def _level_name(arguments: list[str]) -> str:
+    """Return the name of a CYCLE800 that leaves the plane as it is; empty for another one.
+
+    The name tells whether it has arguments, and whether the first of them is a retraction.
+    """
+    if arguments == [""]:
+        return "CYCLE800"
+    if any(value.strip("-+0.") for value in arguments[_ANGLES_AND_SHIFTS]):
+        return ""
+    return "CYCLE800 FR" if arguments[0].strip("-+0.") else "CYCLE800 ()"
 
 
 def call_line(text: str, known: Container[str]) -> ControlLine | None:
