@@ -80,7 +80,7 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
         ("G1 X1 F60 A2=5", "code-not-supported", "RPY angle"),
         ("G1 X1 F60 C6=1", "code-not-supported", "cone"),
         ("TOROT", "code-not-supported", "direction of the tool"),
-        ("PROC FOO(REAL A)", "code-not-supported", "head of a subprogram"),
+        ("PROC FOO(AXIS A)", "code-not-supported", "PROC with these parameters"),
         ("PROC FOO SAVE", "code-not-supported", "PROC with SAVE"),
         ("G1 X1 F100 RNDM=2", "code-not-supported", "RNDM"),
         ("G0 X1 M17", "code-unknown", "M17"),
@@ -329,7 +329,7 @@ def test_variables_of_the_main_program() -> None:
         ("CYCLE840(1,2)", "CYCLE84"),
         ("DEF STRING[8] _NAME", "DEF REAL"),
         ("DEF REAL _N[3]", "DEF REAL"),
-        ("WARMUP(3600, 5)", "R parameters"),
+        ('WARMUP("SPINDLE", 5)', "R parameters"),
     ],
 )
 def test_words_that_change_the_path_are_refused_by_name(line: str, said: str) -> None:
