@@ -108,10 +108,10 @@ def _parameters(listing: Listing, scope: int) -> list[str]:
     while (window := listing.window(line)) is not None:
         for index in range(line - window.first, window.count):
             statement = listing.statement(window, index)
+            if statement is None or statement.words:
+                return []
             if (found := statement.control) is not None:
                 return str(found.label).split() if found.keyword == "s-proc" else []
-            if statement.words:
-                return []
         line = window.first + window.count
     return []
 

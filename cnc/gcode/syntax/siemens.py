@@ -209,7 +209,7 @@ class _Line:
         if re.fullmatch(r"R[0-9]+", name, re.I):
             return f"_r{int(name[1:])}"
         if name.upper() in self.ambiguous:
-            what = f"{name} (defined in more than one program of this text, with other types)"
+            what = f"{name.upper()} (a variable of more than one program of this text)"
             raise self._fault(what, len(name), "give each variable a name of its own")
         known = self.variables.get(name.upper())
         return known.stored if known else variable_name(name)
