@@ -149,8 +149,8 @@ class _Definition:
         """Set the variables.
 
         Raises:
-            CncError: ``code-not-supported``: a subprogram so far down in the text that its variables
-                belong to all programs.
+            CncError: ``code-not-supported``: a subprogram so far down in the text that its
+                variables would belong to all programs.
         """
         if flow.frame.kind != "main" and any(name.startswith("_") for name in self.names):
             hint = "move the subprogram to a file of its own, or use R parameters"
