@@ -364,18 +364,6 @@ def test_h0_may_stand_beside_g49(dialect: str) -> None:
     assert points(program, dialect, tools=table())[-1][2] == 6
 
 
-@pytest.mark.parametrize(("line", "height"), [("G53 G0 Z0 H0", 6.0), ("G53 G0 Z0", 106.0)])
-def test_h0_beside_g53_ends_the_length(line: str, height: float) -> None:
-    """The move has no offset in any case; those behind it have none after H0 (H2 is 100 mm)."""
-    program = f"G21\nG43 H2 G0 Z5.\n{line}\nG0 Z6.\nM30"
-    assert points(program, "fanuc", tools=table())[1:] == [(0, 0, 0), (0, 0, height)]
-
-
-def test_h0_in_another_line_is_an_error() -> None:
-    program = "G21\nG43 H2 G0 Z5.\nG0 Z6. H0\nM30"
-    assert error_of(program, dialect="fanuc", tools=table()).code == "word-unused"
-
-
 def test_h_beside_g49_is_an_error_of_linuxcnc() -> None:
     assert error_of("G49 H0\nM2", dialect="linuxcnc").code == "word-unused"
     assert error_of("G49 H1\nM2", dialect="auto").code == "word-unused"

@@ -1,0 +1,36 @@
+"""Offsets and returns in which controllers differ, each by the controller's manual."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.gcode.gcode_cases import error_of, points, warnings
+from tests.support.gcode.offset_tools import table
+
+
+@pytest.mark.parametrize(("line", "height"), [("G53 G0 Z0 H0", 6.0), ("G53 G0 Z0", 106.0)])
+def test_h0_beside_g53_ends_the_length(line: str, height: float) -> None:
+    """The move has no offset in any case; those behind it have none after H0 (H2 is 100 mm)."""
+    program = f"G21\nG43 H2 G0 Z5.\n{line}\nG0 Z6.\nM30"
+    assert points(program, "fanuc", tools=table())[1:] == [(0, 0, 0), (0, 0, height)]
+
+
+def test_h0_in_another_line_is_an_error() -> None:
+    program = "G21\nG43 H2 G0 Z5.\nG0 Z6. H0\nM30"
+    assert error_of(program, dialect="fanuc", tools=table()).code == "word-unused"
+
+
+@pytest.mark.parametrize("code", ["G92", "G52"])
+def test_an_offset_of_an_axis_that_the_machine_lacks_does_nothing(code: str) -> None:
+    program = f"G21\nG0 X1.\n{code} A0\nG0 X2.\nM30"
+    assert points(program, "fanuc", lenient=True) == [(1, 0, 0), (2, 0, 0)]
+    found = warnings(program, "fanuc", lenient=True)
+    assert "axis-idle" in [each.code for each in found]
+    assert error_of(f"{code}\nM30", dialect="fanuc").code == "axis-words-missing"
+
+
+def test_a_return_without_numbers_says_how_it_is_written() -> None:
+    found = error_of("G21\nG28 X Y\nM30", dialect="fanuc")
+    assert found.code == "number-missing"
+    assert "G91 G28 X0" in found.hint
+    assert "G28" not in error_of("G21\nG0 X Y\nM30", dialect="fanuc").hint
