@@ -99,7 +99,7 @@ class OffsetCodes:
             coordinates.restore_shift()
 
     def _values(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
-        """Take the axis words, at least one. Words of axes that the machine lacks have no effect."""
+        """Take the axis words, at least one. Those of axes that the machine lacks do nothing."""
         given = words.has_axis()
         values = self._motion.axis_values(words, user)
         if not given:
