@@ -252,7 +252,8 @@ class DrillingCycles:
                 raise fault(
                     "value-out-of-range", f"{word.written}: {what} must be more than 0", word
                 )
-        if cycle in DWELLING or cycle == FINE_BORING:
+        pauses = cycle in PECKING and rules.peck_dwell
+        if cycle in DWELLING or cycle == FINE_BORING or pauses:
             optional = not rules.dwell_needed or cycle in TAPS
             found = (
                 self._staying(words, series, "P", name)
@@ -260,6 +261,8 @@ class DrillingCycles:
                 else self._word(words, series, "P", name, at)
             )
             dwell = self._dwells.seconds(found) if found else 0.0
+        elif rules.idle_dwell and "P" in words.rest:
+            self._keep_dwell(words, series, name)
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
         turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
@@ -275,6 +278,13 @@ class DrillingCycles:
             feed_out_to=rules.feed_out_to,
             tap_dwell=rules.tap_dwell,
         )
+
+    def _keep_dwell(self, words: LineWords, series: Series, name: str) -> None:
+        """Keep a P for later cycles of the series, in a cycle that has no dwell."""
+        word = words.rest["P"]
+        self._staying(words, series, "P", name)
+        message = f"{word.written} has no effect in {name}; it stays for later cycles"
+        self._here.report_warning("word-idle", message, word, "remove it, or give G82")
 
     def _shrinking(self, words: LineWords, series: Series) -> bool:
         """Whether pecks have I, J and K (Haas), and not Q. The later of both is in effect."""

@@ -40,6 +40,8 @@ class CycleRules:
         pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
+        peck_dwell: Whether P of G73 and G83 is a dwell at the bottom.
+        idle_dwell: Whether P of a cycle without a dwell has no effect, and stays for a later one.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
@@ -55,6 +57,8 @@ class CycleRules:
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
+    peck_dwell: bool
+    idle_dwell: bool
     clearance: float
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]
