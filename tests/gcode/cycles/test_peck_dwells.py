@@ -6,6 +6,7 @@ import pytest
 
 from cnc.model.blocks import Dwell
 from tests.support.gcode.gcode_cases import block_summaries, error_of, points, run, warnings
+from tests.support.gcode.turning_cases import lathe_blocks
 
 HEAD = "G21\nS100 M3\nG0 Z5.\n"
 
@@ -35,3 +36,10 @@ def test_fanuc_stores_a_dwell_for_later_cycles() -> None:
 def test_p_of_g83_is_an_error_elsewhere(dialect: str) -> None:
     program = f"{HEAD}G99 G83 X1. Z-2. R1. Q1. P0.5 F60.\nM30"
     assert error_of(program, dialect=dialect).code == "word-unused"
+
+
+@pytest.mark.parametrize(("word", "dwells"), [("", []), (" P500", [0.5])])
+def test_a_peck_cycle_of_a_lathe_dwells_at_the_bottom(word: str, dwells: list[float]) -> None:
+    program = f"G98 G0 X0 Z5.\nG97 S500 M3\nG83 Z-10. R1. Q4000 F60.{word}\nG80\nM30"
+    found = lathe_blocks(program)
+    assert [block.seconds for block in found if isinstance(block, Dwell)] == dwells
