@@ -34,3 +34,13 @@ def test_a_return_without_numbers_says_how_it_is_written() -> None:
     assert found.code == "number-missing"
     assert "G91 G28 X0" in found.hint
     assert "G28" not in error_of("G21\nG0 X Y\nM30", dialect="fanuc").hint
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto", "linuxcnc"])
+@pytest.mark.parametrize(
+    ("line", "code"), [("GOO X1.", "G00"), ("GO X1.", "G0"), ("MO6 T1", "M0"), ("GOO Z.5", "G00")]
+)
+def test_the_letter_o_in_a_code_is_named(line: str, code: str, dialect: str) -> None:
+    found = error_of(f"G21\n{line}\nM30", dialect=dialect)
+    assert found.line == 2
+    assert found.hint.endswith(f": {code}")
