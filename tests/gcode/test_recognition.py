@@ -213,3 +213,17 @@ def test_lines_that_only_another_language_has(line: str, kind: str) -> None:
 @pytest.mark.parametrize("code", ["G92.4 A0", "M321", "M490", "M198 P1"])
 def test_codes_of_other_controllers_are_named(code: str) -> None:
     assert error_of(f"{code}\nM2", dialect="auto").code == "code-not-supported"
+
+
+@pytest.mark.parametrize("code", ["M100", "M199 P1 Q2"])
+def test_commands_of_the_user_are_named(code: str) -> None:
+    found = error_of(f"{code}\nM2", dialect="linuxcnc")
+    assert found.code == "code-not-supported"
+    assert "M100 to M199" in found.message
+    assert "[program.codes]" in found.hint
+    assert error_of("M200\nM2", dialect="linuxcnc").code == "code-unknown"
+
+
+@pytest.mark.parametrize("code", ["G17.1", "G18.1", "G19.1", "G87 X1 Z-1 R1"])
+def test_codes_of_linuxcnc_that_are_not_read_are_named(code: str) -> None:
+    assert error_of(f"{code}\nM2", dialect="linuxcnc").code == "code-not-supported"
