@@ -47,7 +47,7 @@ def test_the_letter_o_in_a_code_is_named(line: str, code: str, dialect: str) -> 
 
 
 def test_an_arc_with_an_absolute_centre_says_what_it_needs() -> None:
-    """The centre (0, 0) is written as a position; it is 10 mm from both ends."""
-    found = error_of("G21\nG0 X10.\nG3 X0 Y10. I0 J0.1 F60.\nM30", dialect="fanuc")
+    """As a position the centre (5, 5) is 5 mm from both ends; as an offset it is not."""
+    found = error_of("G21\nG0 X10. Y5.\nG3 X5. Y10. I5. J5. F60.\nM30", dialect="fanuc")
     assert found.code == "arc-radius-mismatch"
     assert "G90.1" in found.hint
