@@ -19,10 +19,10 @@ REPORTED_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-s
 """Codes that are reported at the first of many places, with the number of places."""
 
 ASSUMPTIONS = frozenset((
-    "abort-possible", "axis-idle", "code-skipped", "comment-mended", "decimal-point-missing",
-    "dwell-long", "dwell-point", "machine-coordinates-absolute", "motion-assumed",
-    "percent-code-behind", "percent-unopened", "rotary-axis-place", "tool-length-zero",
-    "word-replaced",
+    "abort-possible", "axis-idle", "code-skipped", "comment-mended", "cycle-level-assumed",
+    "decimal-point-missing", "dwell-long", "dwell-point", "machine-coordinates-absolute",
+    "motion-assumed", "percent-code-behind", "percent-unopened", "retraction-left-out",
+    "rotary-axis-place", "tool-length-zero", "word-replaced",
 ))  # fmt: skip
 """Codes of findings that say how a part of the program was read that other controllers read
 differently. The summary names the first of each."""

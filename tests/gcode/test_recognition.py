@@ -12,6 +12,7 @@ from cnc.gcode.program.program import ProgramOptions
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.model.diagnostics import GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
+from tests.support.gcode.gcode_cases import error_of
 from tests.support.plain_reader import random_programs
 from tests.support.plain_reader.compare import difference
 from tests.support.plain_reader.flow import read_plainly
@@ -194,3 +195,35 @@ def test_a_lenient_dialect_keeps_its_meanings() -> None:
     assert haas.g >= strict.g | dialects.load("auto").g
     assert haas.lenient
     assert not strict.lenient
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        ("echo tool change", "console"),
+        ("N196 G81 X8. Y0.0 R3=-.023 R10=10.5 F250.", "older SINUMERIK"),
+    ],
+)
+def test_lines_that_only_another_language_has(line: str, kind: str) -> None:
+    found = recognise(["G17 G90", line])
+    assert kind in found.refusal
+    assert found.reasons[0].line == 2
+
+
+@pytest.mark.parametrize("code", ["G92.4 A0", "M321", "M490", "M198 P1"])
+def test_codes_of_other_controllers_are_named(code: str) -> None:
+    assert error_of(f"{code}\nM2", dialect="auto").code == "code-not-supported"
+
+
+@pytest.mark.parametrize("code", ["M100", "M199 P1 Q2"])
+def test_commands_of_the_user_are_named(code: str) -> None:
+    found = error_of(f"{code}\nM2", dialect="linuxcnc")
+    assert found.code == "code-not-supported"
+    assert "M100 to M199" in found.message
+    assert "[program.codes]" in found.hint
+    assert error_of("M200\nM2", dialect="linuxcnc").code == "code-unknown"
+
+
+@pytest.mark.parametrize("code", ["G17.1", "G18.1", "G19.1", "G87 X1 Z-1 R1"])
+def test_codes_of_linuxcnc_that_are_not_read_are_named(code: str) -> None:
+    assert error_of(f"{code}\nM2", dialect="linuxcnc").code == "code-not-supported"

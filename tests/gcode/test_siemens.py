@@ -80,7 +80,7 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
         ("G1 X1 F60 A2=5", "code-not-supported", "RPY angle"),
         ("G1 X1 F60 C6=1", "code-not-supported", "cone"),
         ("TOROT", "code-not-supported", "direction of the tool"),
-        ("PROC FOO(REAL A)", "code-not-supported", "head of a subprogram"),
+        ("PROC FOO(AXIS A)", "code-not-supported", "PROC with these parameters"),
         ("PROC FOO SAVE", "code-not-supported", "PROC with SAVE"),
         ("G1 X1 F100 RNDM=2", "code-not-supported", "RNDM"),
         ("G0 X1 M17", "code-unknown", "M17"),
@@ -189,6 +189,25 @@ CYCLES = {
     "CYCLE84(20,0,2,-10,,,5,,-1.5,0,200)": [
         "rapid 0 0 2", "spindle ccw 200", "line 0 0 -10 F300", "spindle cw 200", "line 0 0 2 F300",
         "spindle off 0", "rapid 0 0 20",
+    ],
+    # strokes of DAM with the chip broken (VARI 1: back by VRT), or brought out (VARI 2)
+    "CYCLE84(20,0,2,-7,,,5,,1,0,100,100,0,1,,1,3,0.5)": [
+        "rapid 0 0 2", "spindle cw 100", "line 0 0 -3 F100", "spindle ccw 100",
+        "line 0 0 -2.5 F100", "spindle cw 100", "line 0 0 -6 F100", "spindle ccw 100",
+        "line 0 0 -5.5 F100", "spindle cw 100", "line 0 0 -7 F100", "spindle ccw 100",
+        "line 0 0 2 F100", "spindle off 0", "rapid 0 0 20",
+    ],
+    "CYCLE84(20,0,2,-5,,,5,,1,0,100,100,0,1,,2,3)": [
+        "rapid 0 0 2", "spindle cw 100", "line 0 0 -3 F100", "spindle ccw 100",
+        "line 0 0 2 F100", "spindle cw 100", "line 0 0 -5 F100", "spindle ccw 100",
+        "line 0 0 2 F100", "spindle off 0", "rapid 0 0 20",
+    ],
+    # spindle and program stop at the bottom, then out
+    "CYCLE87(20,0,2,-10,,3)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "spindle off 0", "stop", "rapid 0 0 20",
+    ],
+    "CYCLE88(20,0,2,-10,,1,3)": [
+        "rapid 0 0 2", "line 0 0 -10 F100", "dwell 1", "spindle off 0", "stop", "rapid 0 0 20",
     ],
     "CYCLE85(20,0,2,,10,1,80,160)": [
         "rapid 0 0 2", "line 0 0 -10 F80", "dwell 1", "line 0 0 2 F160", "rapid 0 0 20",
@@ -304,12 +323,13 @@ def test_variables_of_the_main_program() -> None:
     [
         ("OFFN=0.5", "only OFFN=0"),
         ("KONT", "NORM"),
-        ('CYCLE800(0,"TC",0,57,0,0,0,0,0,0,0,0,0,1)', "CYCLE800()"),
+        ('CYCLE800(0,"TC",0,57,0,0,0,0,-15,0,0,0,0,1)', "CYCLE800()"),
+        ('CYCLE800(0,"TC",0,57,0,0,5,0,0,0,0,0,0,1)', "CYCLE800()"),
         ("POCKET3(1,2)", "CAM system"),
         ("CYCLE840(1,2)", "CYCLE84"),
         ("DEF STRING[8] _NAME", "DEF REAL"),
         ("DEF REAL _N[3]", "DEF REAL"),
-        ("WARMUP(3600, 5)", "R parameters"),
+        ('WARMUP("SPINDLE", 5)', "R parameters"),
     ],
 )
 def test_words_that_change_the_path_are_refused_by_name(line: str, said: str) -> None:
@@ -322,6 +342,22 @@ def test_the_end_of_a_swivelled_plane_has_no_effect() -> None:
     assert points("CYCLE800()\nOFFN=0\nG0 X1\nM30") == [(1, 0, 0)]
     assert error_of("TRANS X1\nCYCLE800()", dialect="siemens").code == "code-not-supported"
     assert points("TRANS X1\nTRANS\nCYCLE800()\nG0 X1\nM30") == [(1, 0, 0)]
+
+
+@pytest.mark.parametrize(("retract", "codes"), [("0", []), ("1", ["retraction-left-out"])])
+def test_a_plane_without_angles_and_shifts_has_no_effect(retract: str, codes: list[str]) -> None:
+    """CAM systems write all arguments; without angles and shifts the plane is that before."""
+    found: list[Diagnostic] = []
+    line = f'CYCLE800({retract},"TC1",200000,57,0,0,0,0,0,0,0,0,0,-1,100,1)'
+    program = f"G0 X1\n{line}\nG0 X2\nM30"
+    assert points(program) == [(1, 0, 0), (2, 0, 0)]
+    run(program, dialect="siemens", warn=found.append)
+    assert [each.code for each in found if each.severity == "warning"] == codes
+
+
+def test_a_plane_that_may_turn_axes_back_is_refused() -> None:
+    program = 'G0 A30\nCYCLE800(0,"TC1",0,57,0,0,0,0,0,0,0,0,0,-1)'
+    assert error_of(program, dialect="siemens", axes="xyza").code == "code-not-supported"
 
 
 def test_splines_have_the_words_of_rs274() -> None:

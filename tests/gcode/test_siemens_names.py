@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from cnc.model.blocks import Polyline
@@ -83,5 +85,54 @@ def test_a_pattern_that_is_not_clear_is_refused(source: str, code: str) -> None:
     assert "HOLES" in found.message
     found = error_of("G0 X=_none", dialect="siemens")
     assert found.code == "parameter-undefined"
-    sub = "L10\nM30\n%_N_L10_SPF\nDEF REAL _a\nM17"
-    assert error_of(sub, dialect="siemens").code == "code-not-supported"
+
+
+HOLE_AT = "PROC HOLE_AT(REAL XP, REAL YP, INT NUM)\nG0 X=XP Y=YP\nXP=XP+NUM\nG0 X=XP\nRET\n"
+
+
+@pytest.mark.parametrize(
+    ("main", "ends"),
+    [
+        ("HOLE_AT(10, 20, 2.6)", [(10, 20, 0), (13, 20, 0)]),
+        ("R1=3\nHOLE_AT(R1*2, , 1)\nN5 HOLE_AT(1)", [(6, 0, 0), (7, 0, 0), (1, 0, 0), (1, 0, 0)]),
+        ("HOLE_AT", [(0, 0, 0), (0, 0, 0)]),
+        ("DEF REAL LEFT=4\nHOLE_AT(LEFT,1,0)\nG0 X=LEFT+1", [(4, 1, 0), (4, 1, 0), (5, 1, 0)]),
+    ],
+)
+def test_a_call_hands_values_over(main: str, ends: list[tuple[float, ...]]) -> None:
+    """They are copies: values that are left out are 0, and INT is rounded."""
+    assert points(f"G0 Z1\nG0 Z0\n{main}\nM30\n%_N_HOLE_AT_SPF\n; hole\n{HOLE_AT}")[2:] == ends
+
+
+def test_values_belong_to_a_call() -> None:
+    """The depth of each call counts down by itself, and DEF makes a variable of the call."""
+    sub = (
+        "PROC DOWN(INT LEVEL)\nDEF REAL OWN=LEVEL\nG0 X=OWN\n"
+        "IF LEVEL>1\nDOWN(LEVEL-1)\nENDIF\nG0 X=OWN\nRET"
+    )
+    assert points(f"DOWN(3)\nM30\n{sub}") == [(x, 0, 0) for x in (3, 2, 1, 1, 2, 3)]
+
+
+def test_a_file_has_its_own_parameters(tmp_path: Path) -> None:
+    (tmp_path / "hole_at.spf").write_text(HOLE_AT)
+    found = run(
+        "DEF INT XP=7\nHOLE_AT(1,2,3)\nG0 X=XP\nM30", dialect="siemens",
+        folders=(tmp_path,),
+    )  # fmt: skip
+    ends = [row for block in found if isinstance(block, Polyline) for row in block.points.tolist()]
+    assert ends == [[1, 2, 0], [4, 2, 0], [7, 2, 0]]
+
+
+@pytest.mark.parametrize(
+    ("source", "code", "words"),
+    [
+        ("HOLE_AT(1,2,3,4)\nM30\n" + HOLE_AT, "call-arguments", "3 parameters"),
+        ("MISSING(1)\nM30", "sub-unknown", "MISSING"),
+        ("ONE(R5)\nM30\nPROC ONE(VAR REAL XP)\nRET", "code-not-supported", "PROC"),
+        ("DEF INT XP\nXP=1\nM30\n" + HOLE_AT, "code-not-supported", "more than one program"),
+    ],
+)
+def test_a_fault_of_a_call_is_named(source: str, code: str, words: str) -> None:
+    found = error_of(source, dialect="siemens")
+    assert found.code == code
+    assert words in found.message

@@ -99,9 +99,10 @@ class OffsetCodes:
             coordinates.restore_shift()
 
     def _values(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
-        """Take the axis words, at least one."""
+        """Take the axis words, at least one. Those of axes that the machine lacks do nothing."""
+        given = words.has_axis()
         values = self._motion.axis_values(words, user)
-        if not values:
+        if not given:
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         return values
 

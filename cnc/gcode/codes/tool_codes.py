@@ -125,11 +125,20 @@ class ToolCodes:
     def keep_length(self, words: LineWords) -> None:
         """Keep the H of a line without G43 or G44 for a later one, as FANUC does.
 
-        An H while an offset is in effect is left in the line: the tool would move by it.
+        An H while an offset is in effect is left in the line: the tool would move by it. Beside
+        G53, whose move has no offset, H0 ends the offset in effect.
         """
-        keeps = self._dialect.offset_memory and not self._dialect.lathe and not self._length_on
-        if keeps and "H" in words.rest:
-            self._last_h = whole(words.rest.pop("H"), "the offset number", 0, MAX_TOOL)
+        if "H" not in words.rest or not self._dialect.offset_memory or self._dialect.lathe:
+            return
+        word = words.rest["H"]
+        ends = word.number == 0.0 and any(code.number == 53.0 for code in words.g)
+        if self._length_on and (not ends or self._tip.active):
+            return
+        if self._length_on:
+            nothing = [0.0] * len(self.motion.axes)
+            self._note_change(nothing)
+            self._tip.set_offset(nothing, word, on=False, vectors=False)
+        self._last_h = whole(words.rest.pop("H"), "the offset number", 0, MAX_TOOL)
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":

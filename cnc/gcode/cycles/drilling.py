@@ -15,14 +15,13 @@ drilling".
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.polar import stepped
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
+from cnc.gcode.cycles.hole_places import holes_on_circle, holes_on_line
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
@@ -128,7 +127,7 @@ class DrillingCycles:
         motion.take_length_change(at, absolute=state.absolute, moves=False)
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
-        retract = self._word(words, series, "R", name, at)
+        retract = self._retract(words, series, plane, name, at)
         settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
         polar = motion.polar_steps(words, name)
@@ -149,9 +148,9 @@ class DrillingCycles:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
         if polar is None:
-            holes = self._holes(plane, given, heights, repeats)
+            holes = holes_on_line(plane, given, heights, repeats, absolute=state.absolute)
         else:
-            holes = _on_circle(plane, polar, heights, repeats)
+            holes = holes_on_circle(plane, polar, heights, repeats)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
@@ -212,13 +211,25 @@ class DrillingCycles:
         """A word that the cycle needs, of this line or of one before."""
         word = self._staying(words, series, letter, name)
         if word is None:
-            raise fault(
-                "cycle-word-missing",
-                f"{name} needs {letter}",
-                at,
-                f"give {letter} in the first line of {name}",
-            )
+            hint = f"give {letter} in the first line of {name}"
+            raise fault("cycle-word-missing", f"{name} needs {letter}", at, hint)
         return word
+
+    def _retract(
+        self, words: LineWords, series: Series, plane: CyclePlane, name: str, at: Word
+    ) -> Word:
+        """Return the R word. Without one, where R is optional, it is the level, with a warning."""
+        missing = "R" not in words.rest and "R" not in series.words
+        if missing and self._rules.retract_optional:
+            level = plane.seen(self._motion.coordinates.to_program(series.start))[2]
+            message = (
+                f"{name} without R: the hole begins at the level of the position, {level:g} mm"
+            )
+            self._here.report_warning("cycle-level-assumed", message, at, "give R")
+            height = level / self._motion.scales[self._motion.column[plane.across]]
+            series.words["R"] = Word("R", height, "R", at.column, at.length)
+            series.absolute["R"] = True
+        return self._word(words, series, "R", name, at)
 
     def _staying(self, words: LineWords, series: Series, letter: str, name: str) -> Word | None:
         if word := words.take(letter, name):
@@ -241,7 +252,8 @@ class DrillingCycles:
                 raise fault(
                     "value-out-of-range", f"{word.written}: {what} must be more than 0", word
                 )
-        if cycle in DWELLING or cycle == FINE_BORING:
+        pauses = cycle in PECKING and rules.peck_dwell
+        if cycle in DWELLING or cycle == FINE_BORING or pauses:
             optional = not rules.dwell_needed or cycle in TAPS
             found = (
                 self._staying(words, series, "P", name)
@@ -249,6 +261,8 @@ class DrillingCycles:
                 else self._word(words, series, "P", name, at)
             )
             dwell = self._dwells.seconds(found) if found else 0.0
+        elif rules.idle_dwell and "P" in words.rest:
+            self._keep_dwell(words, series, name)
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
         turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
@@ -264,6 +278,13 @@ class DrillingCycles:
             feed_out_to=rules.feed_out_to,
             tap_dwell=rules.tap_dwell,
         )
+
+    def _keep_dwell(self, words: LineWords, series: Series, name: str) -> None:
+        """Keep a P for later cycles of the series, in a cycle that has no dwell."""
+        word = words.rest["P"]
+        self._staying(words, series, "P", name)
+        message = f"{word.written} has no effect in {name}; it stays for later cycles"
+        self._here.report_warning("word-idle", message, word, "remove it, or give G82")
 
     def _shrinking(self, words: LineWords, series: Series) -> bool:
         """Whether pecks have I, J and K (Haas), and not Q. The later of both is in effect."""
@@ -365,37 +386,6 @@ class DrillingCycles:
         clear = max(level, top) if state.initial_level else top
         self._check_level(top, clear, at)
         return top, bottom, clear
-
-    def _holes(
-        self,
-        plane: CyclePlane,
-        given: dict[int, float],
-        heights: tuple[float, float, float],
-        repeats: int,
-    ) -> Iterator[Hole]:
-        """The holes of the line; ``given`` are its axis values by column."""
-        first, second, _ = plane.start
-        x, y = plane.in_plane(given)
-        top, bottom, clear = heights
-        for number in range(1, repeats + 1):
-            if self._state.absolute:
-                yield Hole(
-                    first if x is None else x, second if y is None else y, bottom, top, clear
-                )
-            else:
-                yield Hole(
-                    first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
-                )
-
-
-def _on_circle(
-    plane: CyclePlane, polar: tuple[float, float], heights: tuple[float, float, float], repeats: int
-) -> Iterator[Hole]:
-    """The holes of a line with polar steps: each is a step from the one before."""
-    top, bottom, clear = heights
-    for number in range(1, repeats + 1):
-        x, y = stepped(plane.start[:2], *polar, number)
-        yield Hole(x, y, bottom, top, clear)
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

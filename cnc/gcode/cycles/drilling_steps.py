@@ -119,6 +119,7 @@ def break_chips(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
         yield Cut(hole.at(depth), settings.feed)
         if depth > hole.bottom:
             yield Rapid(hole.at(min(depth + settings.clearance, hole.retract)))
+    yield Pause(settings.dwell)
     yield Rapid(hole.at(hole.clear))
 
 
@@ -130,6 +131,7 @@ def peck(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
             yield Rapid(hole.at(hole.retract))
             # A peck shorter than the clearance must not end above R.
             yield Rapid(hole.at(min(depth + settings.clearance, hole.retract)))
+    yield Pause(settings.dwell)
     yield Rapid(hole.at(hole.clear))
 
 

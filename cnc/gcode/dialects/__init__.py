@@ -286,6 +286,10 @@ def _legal(name: str) -> dict[str, frozenset[float]]:
     return {kind: frozenset(_codes(table[kind])) for kind in "gm"}
 
 
+_USER_CODES = range(100, 200)
+"""M-codes of LinuxCNC that run a file of the user."""
+
+
 def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError:
     """Return the error of a code: other dialects have it, other controllers, or none."""
     name = word.written
@@ -312,6 +316,9 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if meaning := _known()[kind].get(f"{code:g}"):
         hint = builder if kind == "m" else _known()["instead"].get(f"g{code:g}", "")
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word, hint)
+    if kind == "m" and dialect.name == "linuxcnc" and code in _USER_CODES:
+        message = f"{name} (a command of the user's own, M100 to M199) is not supported"
+        return fault("code-not-supported", message, word, builder)
     similar = " or ".join(
         f"{kind.upper()}{other}"
         for other in near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])

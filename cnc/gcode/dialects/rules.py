@@ -36,9 +36,12 @@ class CycleRules:
         repeats: Letters of the number of repeats.
         no_hole: Whether 0 repeats only store the words of the cycle.
         turns: Whether words of rotary axes turn them before each hole.
+        retract_optional: Whether the hole begins at the level of the position without R.
         pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
         words_stay: Whether R, depth, P and Q stay in effect for another cycle.
         dwell_needed: Whether P must be given.
+        peck_dwell: Whether P of G73 and G83 is a dwell at the bottom.
+        idle_dwell: Whether P of a cycle without a dwell has no effect, and stays for a later one.
         clearance: Retraction of G73, and distance of G83 from the bottom, mm.
         feed_out_to: Height to which G74, G84 and G89 retract at feed.
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
@@ -50,9 +53,12 @@ class CycleRules:
     repeats: str
     no_hole: bool
     turns: bool
+    retract_optional: bool
     pecks_shrink: bool
     words_stay: bool
     dwell_needed: bool
+    peck_dwell: bool
+    idle_dwell: bool
     clearance: float
     feed_out_to: Literal["clear", "retract"]
     tap_dwell: Literal["after", "before-each"]

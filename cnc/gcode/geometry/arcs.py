@@ -77,7 +77,8 @@ def from_center(
             f"the arc has radius {found.radius:.6g} mm at its start and {found.end_radius:.6g} mm "
             "at its end",
             word,
-            "the centre must be as far from the end point as from the start point",
+            "the centre must be as far from the end point as from the start point; "
+            "absolute I, J and K need G90.1 (LinuxCNC, Mach3)",
         )
     return _with_turns(found, turns, clockwise=clockwise)
 

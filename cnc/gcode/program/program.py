@@ -34,7 +34,7 @@ from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
 
 if TYPE_CHECKING:
-    from cnc.gcode.syntax.siemens import Variables
+    from cnc.gcode.syntax.siemens_variables import Variables
 
 REPORT_INTERVAL = 1024
 """Executed lines between two calls of ``on_line``."""
@@ -153,7 +153,7 @@ def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
 
 def _defined_variables(text: Text) -> Variables:
     """Return the variables that a program of SINUMERIK defines."""
-    from cnc.gcode.syntax.siemens import defined_variables  # most programs are in another language
+    from cnc.gcode.syntax.siemens_variables import defined_variables  # for its programs only
 
     return defined_variables(text.first_lines())
 

@@ -1,4 +1,4 @@
-"""SINUMERIK's drilling cycles CYCLE81 to CYCLE86 and CYCLE89, once or after each move (MCALL).
+"""SINUMERIK's drilling cycles CYCLE81 to CYCLE89, once or after each move (MCALL).
 
 All heights are absolute, whatever the distance mode. Source: Siemens, "SINUMERIK 840D sl/828D
 Programming Manual, Cycles", drilling.
@@ -28,6 +28,8 @@ _NAMES = {
     " GMODE DMODE AMODE84",
     85: f"{_HEIGHTS} DTB FFR RFF GMODE DMODE AMODE",
     86: f"{_HEIGHTS} DTB SDIR RPA RPO RPAP POSS GMODE DMODE AMODE",
+    87: f"{_HEIGHTS} SDIR GMODE DMODE AMODE",
+    88: f"{_HEIGHTS} DTB SDIR GMODE DMODE AMODE",
     89: f"{_HEIGHTS} DTB GMODE DMODE AMODE",
 }
 """Arguments of each cycle in their order: return plane, reference plane, safety distance, depth and
@@ -132,6 +134,8 @@ class _Hole:
                 yield from self._ream()
             case 86:
                 yield from self._bore()
+            case 87 | 88:
+                yield from self._bore_and_stop()
             case _:
                 yield f"G1 Z{self.depth:.9f}"
                 yield from self._wait("DTB")
@@ -204,8 +208,9 @@ class _Hole:
     def _tap(self) -> Iterator[str]:
         """Yield the thread of CYCLE84; a negative pitch is a left-hand thread."""
         size, pitch = self.get("MPIT", 0.0), self.get("PIT", 0.0)
-        if self.get("VARI", 0.0) or self.get("PTAB", 0.0) not in (0.0, 1.0):
-            raise self.fault("code-not-supported", ": VARI, or a pitch in inches (PTAB)")
+        if self.get("VARI", 0.0) not in (0.0, 1.0, 2.0) or self.get("PTAB", 0.0) not in (0.0, 1.0):
+            message = ": VARI other than 0, 1 and 2, or a pitch in inches (PTAB)"
+            raise self.fault("code-not-supported", message)
         if not pitch and abs(size) in _COARSE:
             pitch = math.copysign(_COARSE[int(abs(size))], size)
         if self.get("AMODE84", 0.0):
@@ -215,15 +220,45 @@ class _Hole:
         speed = self._needs("SST", "the speed of the spindle")
         out = self.get("SST1", 0.0) or speed
         turn, back = (3, 4) if pitch > 0.0 else (4, 3)
-        yield f"G94 S{speed:.9f} M{turn}"
-        yield f"G1 Z{self.depth:.9f} F{abs(pitch) * speed:.9f}"
-        yield from self._wait("DTB")
-        yield f"S{out:.9f} M{back}"
-        yield f"G1 Z{self.start:.9f} F{abs(pitch) * out:.9f}"
+        yield "G94"
+        for depth, height in self._tapped():
+            yield f"S{speed:.9f} M{turn}"
+            yield f"G1 Z{depth:.9f} F{abs(pitch) * speed:.9f}"
+            if depth == self.depth:
+                yield from self._wait("DTB")
+            yield f"S{out:.9f} M{back}"
+            yield f"G1 Z{height:.9f} F{abs(pitch) * out:.9f}"
         after = self.get("SDAC", 5.0)
         if after not in (3.0, 4.0, 5.0):
             raise self.fault("code-not-supported", ": SDAC other than 3, 4 and 5")
         yield f"M{after:.0f}"
+
+    def _tapped(self) -> Iterator[tuple[float, float]]:
+        """Yield the strokes of CYCLE84: the depth of each, and the height to which it returns.
+
+        VARI 1 goes DAM deeper each time and breaks the chip, back by VRT or 1 mm; VARI 2 returns to
+        the start.
+        """
+        kind, reached = self.get("VARI", 0.0), self.top
+        step = self._needs("DAM", "the depth of a stroke") if kind else self.top - self.depth
+        if (self.top - self.depth) > MOST_PECKS * step:
+            raise self.fault("cycle-too-long", f" makes more than {MOST_PECKS} strokes")
+        back = self.get("VRT", 0.0) or 1.0
+        while reached - step > self.depth + _ROUNDING:
+            reached -= step
+            yield reached, min(reached + back, self.start) if kind == 1.0 else self.start
+        yield self.depth, self.start
+
+    def _bore_and_stop(self) -> Iterator[str]:
+        """Yield the moves of CYCLE87 and CYCLE88: spindle and program stop at the bottom."""
+        turn = self.get("SDIR")
+        if turn not in (3.0, 4.0):
+            raise self.fault("cycle-word-missing", " needs SDIR, 3 or 4")
+        yield f"M{turn:.0f}"
+        yield f"G1 Z{self.depth:.9f}"
+        yield from self._wait("DTB")
+        yield "M5"
+        yield "M0"
 
     def _ream(self) -> Iterator[str]:
         """Yield the moves of CYCLE85: in and out, each at a feed of its own."""

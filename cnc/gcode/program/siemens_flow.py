@@ -118,11 +118,8 @@ class _For:
     __slots__ = ("first", "last", "loop", "name")
 
     def __init__(self, control: Control, loop: Loop) -> None:
-        from cnc.gcode.syntax.siemens import variable_name  # only its programs need that module
-
         assert isinstance(control.label, str)
-        name = control.label
-        self.name = f"_r{int(name[1:])}" if re.fullmatch("r[0-9]+", name) else variable_name(name)
+        self.name = control.label
         self.first, self.last = control.values
         self.loop = loop
 
@@ -139,7 +136,7 @@ class _For:
 
 
 class _Definition:
-    """``DEF REAL NAME=1.5, OTHER``: variables of the main program."""
+    """``DEF REAL NAME=1.5, OTHER``: variables of the main program, or of a call."""
 
     __slots__ = ("at", "names", "values")
 
@@ -149,16 +146,19 @@ class _Definition:
         self.names, self.values = control.label.split(), control.values
 
     def run(self, flow: Flow, line: int) -> int:
-        """Set the variables."""
-        if flow.frame.kind != "main":
-            hint = "use R parameters in a subprogram"
-            message = "DEF in a subprogram is not supported"
-            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
-        from cnc.gcode.syntax.siemens import variable_name  # only its programs need that module
+        """Set the variables.
 
+        Raises:
+            CncError: ``code-not-supported``: a subprogram so far down in the text that its
+                variables would belong to all programs.
+        """
+        if flow.frame.kind != "main" and any(name.startswith("_") for name in self.names):
+            hint = "move the subprogram to a file of its own, or use R parameters"
+            message = "DEF in a subprogram this far from the beginning is not supported"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         flow.interpreter.begun = True
         for name, value in zip(self.names, self.values, strict=True):
-            flow.parameters.set_name(variable_name(name), value(flow.parameters), 1)
+            flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
 
 

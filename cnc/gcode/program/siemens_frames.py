@@ -11,6 +11,8 @@ from cnc.gcode.syntax.words import Word, under_compensation
 from cnc.model.blocks import PLANE_AXES
 
 SMALLEST_FACTOR = 1e-6
+RETRACTING = "CYCLE800 FR"
+"""Name of a CYCLE800 that leaves the plane as it is, after a retraction."""
 
 
 class FrameLine:
@@ -32,11 +34,36 @@ class FrameLine:
             raise under_compensation(
                 Word(self.name, 0.0, self.name, self.at.column, self.at.length)
             )
+        if self.name.startswith("CYCLE800"):
+            self._check_level(flow)
         given = [value(flow.parameters) for value in self.control.values]
         base = flow.program_frame if self.name.startswith("A") else ProgramFrame()
         flow.program_frame = frame = self._changed(flow, base, given)
         _put_into_effect(flow, frame)
         return line + 1
+
+    def _check_level(self, flow: Flow) -> None:
+        """Refuse a CYCLE800 that ends a frame or turns axes; report a retraction that is left out.
+
+        Raises:
+            GcodeError: ``code-not-supported``.
+        """
+        motion, here = flow.interpreter.motion, flow.interpreter.here
+        if flow.program_frame != ProgramFrame():
+            message = "CYCLE800() after TRANS, ROT, SCALE or MIRROR is not supported"
+            hint = "end the frame first, with TRANS in a line of its own"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if self.name == "CYCLE800":
+            return
+        if any(motion.position[column] for column in motion.rotary_columns):
+            message = "CYCLE800 with arguments may turn rotary axes, which are not at 0"
+            hint = "turn them to 0 by a move before, or write CYCLE800()"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if self.name == RETRACTING:
+            word = Word("CYCLE800", 0.0, "CYCLE800", self.at.column, self.at.length)
+            message = "the retraction of CYCLE800 (its first argument) is not made here"
+            hint = "its place is in the data of the machine; write a move to it"
+            here.report_warning("retraction-left-out", message, word, hint)
 
     def _changed(self, flow: Flow, frame: ProgramFrame, given: list[float]) -> ProgramFrame:
         """Return the frame after this line. A value that is not given is not a number."""
@@ -44,10 +71,6 @@ class FrameLine:
         *axes, angle = given
         x, y, z = axes
         kind = self.name.removeprefix("A")
-        if kind == "CYCLE800" and flow.program_frame != ProgramFrame():
-            message = "CYCLE800() after TRANS, ROT, SCALE or MIRROR is not supported"
-            hint = "end the frame first, with TRANS in a line of its own"
-            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         if all(value != value for value in given):
             return ProgramFrame() if not self.name.startswith("A") else frame
         if kind == "TRANS":

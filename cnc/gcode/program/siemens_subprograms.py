@@ -1,12 +1,14 @@
 """Steps of SINUMERIK's subprograms: calls by number or name, PROC, M17, RET.
 
 A subprogram follows a line ``%_N_NAME_SPF`` or ``PROC NAME`` of the same text, or is the file
-``name.spf`` in a folder of subroutines. R parameters belong to all programs. Source: Siemens,
-"SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Subprogram technique".
+``name.spf`` in a folder of subroutines. R parameters belong to all programs, and
+the parameters of PROC to a call. Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job
+Planning", "Subprogram technique".
 """
 
 from __future__ import annotations
 
+import math
 import re
 
 from cnc.gcode.program.call_stack import NOTHING, Flow, Frame, Listing, Step
@@ -16,7 +18,7 @@ from cnc.gcode.syntax.words import Word
 
 
 class Call:
-    """``L10``, ``NAME``, or one of them with ``P3`` repeats."""
+    """``L10``, ``NAME``, one of them with ``P3`` repeats, or ``NAME(1, R2)`` with values."""
 
     __slots__ = ("at", "control")
 
@@ -33,7 +35,8 @@ class Call:
             return line + 1
         flow.interpreter.begun = True
         listing, scope = self._found(flow, name)
-        return flow.enter(
+        given = self._values(flow, listing, scope, name)
+        first = flow.enter(
             Frame(
                 "program",
                 name,
@@ -46,6 +49,29 @@ class Call:
                 is_repeated=count > 1,
             )
         )
+        for parameter, value in given.items():
+            flow.parameters.set_name(parameter, value, 1)
+        return first
+
+    def _values(self, flow: Flow, listing: Listing, scope: int, name: str) -> dict[str, float]:
+        """Return the values of the parameters; 0 for those that the call leaves out.
+
+        Raises:
+            CncError: ``call-arguments``: the call has more values than the head has parameters.
+        """
+        declared = [each.split(":") for each in _parameters(listing, scope)]
+        given = [value(flow.parameters) for value in self.control.values]
+        if len(given) > len(declared):
+            message = (
+                f"{name} has {len(declared)} parameters, and the call gives {len(given)} values"
+            )
+            hint = f"its head is PROC {name}(REAL FIRST, ..)"
+            raise flow.listing.fault(self.at, "call-arguments", message, hint)
+        values = given + [0.0] * (len(declared) - len(given))
+        return {
+            parameter: _as_type(kind, 0.0 if value != value else value)
+            for (parameter, kind), value in zip(declared, values, strict=True)
+        }
 
     def _found(self, flow: Flow, name: str) -> tuple[Listing, int]:
         """Return the text of a subprogram and the line of its head; 0 for a file without one."""
@@ -74,6 +100,26 @@ def _head(listing: Listing, name: str) -> int:
             return window.first + index
         line = window.first + window.count
     return 0
+
+
+def _parameters(listing: Listing, scope: int) -> list[str]:
+    """Return the parameters of a subprogram, each with its type, from the PROC that begins it."""
+    line = max(scope, 1)
+    while (window := listing.window(line)) is not None:
+        for index in range(line - window.first, window.count):
+            statement = listing.statement(window, index)
+            if statement is None or statement.words:
+                return []
+            if (found := statement.control) is not None:
+                return str(found.label).split() if found.keyword == "s-proc" else []
+        line = window.first + window.count
+    return []
+
+
+def _as_type(kind: str, value: float) -> float:
+    if kind == "INT":
+        return math.copysign(math.floor(abs(value) + 0.5), value)
+    return float(value != 0.0) if kind == "BOOL" else value
 
 
 class End:

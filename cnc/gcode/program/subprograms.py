@@ -9,6 +9,7 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
@@ -88,8 +89,20 @@ class Library:
             except UsageError as error:
                 found = error.diagnostic
                 raise fault(found.code, found.message, column=at.column, length=at.length) from None
-            self._listings[real] = Listing(text, self._syntax, block_delete=self._block_delete)
+            syntax = self._syntax_of(text)
+            self._listings[real] = Listing(text, syntax, block_delete=self._block_delete)
         return self._listings[real]
+
+    def _syntax_of(self, text: Text) -> Syntax:
+        """Return the syntax of a file; variables of SINUMERIK that it defines are its own."""
+        if self._syntax.flavour != "siemens":
+            return self._syntax
+        from cnc.gcode.syntax.siemens_variables import defined_variables  # for its programs only
+
+        own = defined_variables(text.first_lines(), in_subprogram=True)
+        names = {each.name for each in own}
+        others = (each for each in self._syntax.variables if each.name not in names)
+        return replace(self._syntax, variables=(*own, *others))
 
 
 def _file_names(name: str) -> list[str]:

@@ -12,6 +12,7 @@ from cnc.gcode.syntax.error_context import (
     ErrorContext,
 )
 from cnc.gcode.syntax.keyword_errors import (
+    letter_o_hint,
     unknown_function,
     unknown_keyword,
     unknown_operator,
@@ -215,11 +216,13 @@ def of_word(context: ErrorContext, code: str, begin: int, end: int) -> GcodeErro
         message = f"the number after {found[1]} has two signs" if found else "two signs"
         return context.fault(code, message, *((found.start(), 0) if found else (begin, end)))
     name = found[1] if found else context.text[begin:end]
-    hint = (
-        "( ) is a comment; use [ ] for expressions"
-        if context.char == "("
-        else f"write {name} and its number, such as {name}10"
-    )
+    hint = f"write {name} and its number, such as {name}10"
+    if context.char == "(":
+        hint = "( ) is a comment; use [ ] for expressions"
+    elif zeros := letter_o_hint(context.text[found.start() if found else begin :]):
+        hint = zeros
+    elif name in "XYZABC" and re.search(r"G(?:28|30)(?![0-9.])", context.text[: context.at]):
+        hint = f"G91 G28 {name}0 returns {name} from where it is; firmware of printers reads {name}"
     return context.fault(
         code,
         f"a number is missing after {name}",

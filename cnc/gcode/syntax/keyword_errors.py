@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 from cnc.gcode.syntax.error_context import (
@@ -12,6 +13,8 @@ from cnc.gcode.syntax.error_context import (
     near_hint,
 )
 from cnc.model.diagnostics import GcodeError
+
+_LETTER_O = re.compile(r"([GM])(O+)(?![BT])")
 
 
 def unknown_word(context: ErrorContext, begin: int) -> GcodeError | None:
@@ -75,7 +78,16 @@ def unknown_keyword(
 ) -> GcodeError:
     """Return the error of an unknown keyword, with a hint at one of ``keywords``."""
     name = context.text[slice(*run)]
-    return context.fault("keyword-unknown", f"{name} is unknown", *run, near_hint(name, keywords))
+    hint = letter_o_hint(name) or near_hint(name, keywords)
+    return context.fault("keyword-unknown", f"{name} is unknown", *run, hint)
+
+
+def letter_o_hint(letters: str) -> str:
+    """Return a hint for a code that is written with the letter O, such as GOO; else empty."""
+    found = _LETTER_O.match(letters)
+    if found is None:
+        return ""
+    return f"write zeros after {found[1]}, not the letter O: {found[1]}{'0' * len(found[2])}"
 
 
 def unknown_function(context: ErrorContext, run: tuple[int, int]) -> GcodeError:

@@ -38,8 +38,8 @@ from cnc.version import __version__
 if TYPE_CHECKING:
     from lark import Lark
 
-    from cnc.gcode.syntax.siemens import Variables
     from cnc.gcode.syntax.siemens_control import ControlLine
+    from cnc.gcode.syntax.siemens_variables import Variables
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""

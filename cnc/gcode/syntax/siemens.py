@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 import tomllib
 import zlib
-from collections.abc import Iterable
 from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
@@ -19,10 +18,14 @@ from typing import NamedTuple
 from cnc.gcode.syntax.error_context import about_character
 from cnc.gcode.syntax.siemens_control import (
     ControlLine,
-    as_type,
     call_line,
     control_line,
-    definition_line,
+)
+from cnc.gcode.syntax.siemens_variables import (
+    Variable,
+    Variables,
+    as_type,
+    variable_name,
     without_comment,
 )
 from cnc.gcode.syntax.statement import DIRECTION, NOTED, Remark
@@ -99,16 +102,6 @@ def _no_names() -> frozenset[str]:
     return frozenset(words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, "SUPA", "BSPLINE"})
 
 
-Variables = tuple[tuple[str, str], ...]
-"""Names of variables in capitals, each with its type."""
-
-
-def defined_variables(lines: Iterable[str]) -> Variables:
-    """Return the variables that lines define by DEF."""
-    controls = (definition_line(_HEAD.sub("", without_comment(line), count=1)) for line in lines)
-    return tuple(pair for control in controls for pair in control)
-
-
 def translate(text: str, variables: Variables = ()) -> Translation:
     """Translate a line.
 
@@ -120,15 +113,20 @@ def translate(text: str, variables: Variables = ()) -> Translation:
     Raises:
         GcodeError: A word is not supported.
     """
-    return _Line(text, dict(variables)).translation()
+    return _Line(text, variables).translation()
 
 
 class _Line:
     """A line that is being translated."""
 
-    def __init__(self, text: str, variables: dict[str, str]) -> None:
+    def __init__(self, text: str, variables: Variables) -> None:
         self.text = without_comment(text)
-        self.variables = variables
+        self.variables: dict[str, Variable] = {}
+        self.ambiguous: set[str] = set()
+        for each in variables:
+            if each.name in self.variables:
+                self.ambiguous.add(each.name)
+            self.variables[each.name] = each
         self.at = 0
         self.out: list[str] = []
         self.remarks: list[Remark] = []
@@ -150,6 +148,9 @@ class _Line:
         control = control_line(rest, lambda what, hint: self._fault(what, len(rest), hint))
         if control := control or call_line(rest, _no_names()):
             values = tuple(self._ngc(value) if value else "" for value in control.values)
+            if control.keyword in ("s-def", "s-for"):
+                names = control.label.split()
+                control = control._replace(label=" ".join(self._stored(each) for each in names))
             return self._done(deletable)._replace(control=control._replace(values=values))
         while self._skip():
             self._word()
@@ -177,8 +178,9 @@ class _Line:
             self.out.append(f"#<_r{int(assignment[1])}>=[{self._expression()}]")
         elif (name := _VARIABLE.match(self.text, self.at)) and self._is_variable(name[1]):
             self.at = name.end()
-            value = as_type(self.variables.get(name[1].upper(), "REAL"), self._written_value())
-            self.out.append(f"#<{variable_name(name[1])}>=[{self._ngc(value)}]")
+            known = self.variables.get(name[1].upper())
+            value = as_type(known.kind if known else "REAL", self._written_value())
+            self.out.append(f"#<{self._stored(name[1])}>=[{self._ngc(value)}]")
         elif equal := _EQUAL.match(self.text, self.at):
             self.at = equal.end()
             self._address(equal[1].upper())
@@ -201,6 +203,16 @@ class _Line:
 
     def _is_variable(self, name: str) -> bool:
         return name.startswith("_") or name.upper() in self.variables
+
+    def _stored(self, name: str) -> str:
+        """Return the name here of an R parameter or a variable."""
+        if re.fullmatch(r"R[0-9]+", name, re.I):
+            return f"_r{int(name[1:])}"
+        if name.upper() in self.ambiguous:
+            what = f"{name.upper()} (a variable of more than one program of this text)"
+            raise self._fault(what, len(name), "give each variable a name of its own")
+        known = self.variables.get(name.upper())
+        return known.stored if known else variable_name(name)
 
     def _code(self, letter: str, number: str) -> str:
         if letter == "M" and number == "17":
@@ -351,9 +363,9 @@ class _Line:
         """Return a name of an expression in the words of RS274/NGC."""
         name = written.upper()
         if re.fullmatch(r"R[0-9]+", name):
-            return f"#<_r{int(name[1:])}>"
+            return f"#<{self._stored(name)}>"
         if self._is_variable(written):
-            return f"#<{variable_name(written)}>"
+            return f"#<{self._stored(written)}>"
         if name in _FUNCTIONS or name in _WORD_OPERATORS or name in _COMPARED.values():
             return "FIX" if name == "TRUNC" else name
         if name in _TRUTHS:
@@ -367,11 +379,6 @@ class _Line:
             "code-not-supported", f"{what} is not supported", column=self.at + 1, length=length,
             hint=hint,
         )  # fmt: skip
-
-
-def variable_name(written: str) -> str:
-    """Return the name here of a variable."""
-    return f"_v{written.lower()}"
 
 
 def _is_code(word: str) -> bool:

@@ -11,20 +11,19 @@ import re
 from collections.abc import Callable, Container
 from typing import NamedTuple
 
+from cnc.gcode.syntax.siemens_variables import DEFINITION, HEAD, arguments, definition, parameters
 from cnc.gcode.syntax.statement import Keyword
 
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
-_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-69])\s*\((.*)\))?\s*", re.I)
+_CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-9])\s*\((.*)\))?\s*", re.I)
 _HOLES = re.compile(r"HOLES([12])\s*\((.*)\)\s*", re.I)
 _END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
-_HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\(\s*\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
-_LEVEL = re.compile(r"CYCLE800\s*\(\s*\)", re.I)
-_DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(.+)", re.I)
-_DEFINED = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*(?:=\s*(.+))?", re.I)
+_CALL_WITH_VALUES = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*\(([^\"]*)\)", re.I)
+_LEVEL = re.compile(r"CYCLE800\s*\((.*)\)", re.I)
 _FRAME = re.compile(r"(A?(?:TRANS|ROT|SCALE|MIRROR))\b(.*)", re.I)
 _STRUCTURES: dict[Keyword, re.Pattern[str]] = {
     "s-if": re.compile(r"IF\b\s*(.+)", re.I),
@@ -82,73 +81,64 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
             return ControlLine(keyword, "", groups)
     if end := _END.fullmatch(text):
         return ControlLine("s-end", end[1] or "")
-    if head := _HEAD.fullmatch(text):
-        if "SAVE" in head[1].upper():
-            raise refuse("PROC with SAVE", "write the codes again after the call")
-        return ControlLine("s-proc")
-    if _LEVEL.fullmatch(text):
-        return ControlLine("frame", "CYCLE800", ("", "", "", ""))
-    if definition := _DEFINITION.fullmatch(text):
-        return _definition(definition[1].upper(), definition[2], refuse)
+    if head := HEAD.fullmatch(text):
+        return _head(head[1] or "", head[2], refuse)
+    if (level := _LEVEL.fullmatch(text)) and (name := _level_name(arguments(level[1]))):
+        return ControlLine("frame", name, ("", "", "", ""))
+    if found := DEFINITION.fullmatch(text):
+        return ControlLine("s-def", *definition(found[1].upper(), found[2], refuse))
     if frame := _FRAME.fullmatch(text):
         return _frame(frame[1].upper(), frame[2], refuse)
     if text and (cycle := _CYCLE.fullmatch(text)):
         keyword = "mcall" if cycle[1] else "cycle"
-        return ControlLine(keyword, cycle[2] or "0", tuple(_arguments(cycle[3] or "")))
+        return ControlLine(keyword, cycle[2] or "0", tuple(arguments(cycle[3] or "")))
     if holes := _HOLES.fullmatch(text):
-        return ControlLine("s-holes", holes[1], tuple(_arguments(holes[2])))
+        return ControlLine("s-holes", holes[1], tuple(arguments(holes[2])))
     return None
 
 
+_ANGLES_AND_SHIFTS = slice(4, 13)
+"""Arguments of CYCLE800: zero before the rotation (3), angles (3), zero after it (3)."""
+
+
+def _level_name(arguments: list[str]) -> str:
+    """Return the name of a CYCLE800 that leaves the plane as it is; empty for another one.
+
+    The name tells whether it has arguments, and whether the first of them is a retraction.
+    """
+    if arguments == [""]:
+        return "CYCLE800"
+    if any(value.strip("-+0.") for value in arguments[_ANGLES_AND_SHIFTS]):
+        return ""
+    return "CYCLE800 FR" if arguments[0].strip("-+0.") else "CYCLE800 ()"
+
+
+def _head(brackets: str, modes: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
+    """Return the head of a subprogram; its label has its parameters and their types."""
+    if "SAVE" in modes.upper():
+        raise refuse("PROC with SAVE", "write the codes again after the call")
+    found = parameters(brackets)
+    if found is None:
+        raise refuse("PROC with these parameters", "REAL, INT and BOOL are read, without VAR")
+    return ControlLine("s-proc", " ".join(f"{each.stored}:{each.kind}" for each in found))
+
+
 def call_line(text: str, known: Container[str]) -> ControlLine | None:
-    """Return the call of a subprogram, with its repeats behind its name; None for another line.
+    """Return the call of a subprogram; None for another line.
+
+    Its repeats stand behind its name; its values are those of the call.
 
     Args:
         text: The text without line number and comment.
         known: Words that are no names.
     """
+    if (call := _CALL_WITH_VALUES.fullmatch(text)) and call[2].strip():
+        values = tuple(arguments(call[2]))
+        return None if call[1].upper() in known else ControlLine("s-call", call[1].upper(), values)
     call = _CALL.fullmatch(text)
     if call is None or call[1].upper() in known:
         return None
     return ControlLine("s-call", f"{call[1].upper()} {call[2] or ''}".rstrip())
-
-
-def without_comment(text: str) -> str:
-    """Return a line without the comment after a semicolon, which may not stand in quotes."""
-    quoted = False
-    for at, char in enumerate(text):
-        if char == '"':
-            quoted = not quoted
-        elif char == ";" and not quoted:
-            return text[:at]
-    return text
-
-
-def _definition(kind: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
-    """Return the line that defines variables: their names, and their values or 0."""
-    found = [_DEFINED.fullmatch(part) for part in _arguments(text)]
-    if any(each is None for each in found):
-        hint = "DEF REAL NAME=1.5, OTHER is read; arrays are not"
-        raise refuse(f"DEF {kind} of this form", hint)
-    names = " ".join(each[1].lower() for each in found if each)
-    values = (as_type(kind, each[2]) if each[2] else "0" for each in found if each)
-    return ControlLine("s-def", names, tuple(values))
-
-
-def definition_line(text: str) -> list[tuple[str, str]]:
-    """Return the variables that a text without line number and comment defines, with their type."""
-    definition = _DEFINITION.fullmatch(text.strip())
-    if definition is None:
-        return []
-    found = [_DEFINED.fullmatch(part) for part in _arguments(definition[2])]
-    return [(each[1].upper(), definition[1].upper()) for each in found if each]
-
-
-def as_type(kind: str, value: str) -> str:
-    """Return an expression as a type keeps its value: INT is rounded, BOOL is 0 or 1."""
-    if kind == "INT":
-        return f"ROUND({value})"
-    return f"({value})<>0" if kind == "BOOL" else value
 
 
 def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> ControlLine:
@@ -169,14 +159,3 @@ def _frame(name: str, text: str, refuse: Callable[[str, str], Exception]) -> Con
     if turns and not given.keys() <= {"Z", "RPL"}:
         raise refuse(f"{name} about X or Y", "the plane may be turned in itself only: RPL= or Z")
     return ControlLine("frame", name, tuple(given.get(word, "") for word in ("X", "Y", "Z", "RPL")))
-
-
-def _arguments(text: str) -> list[str]:
-    """Return the arguments of a cycle, split at commas outside of brackets."""
-    parts, depth, begin = [], 0, 0
-    for at, char in enumerate(text):
-        depth += (char == "(") - (char == ")")
-        if char == "," and depth == 0:
-            parts.append(text[begin:at])
-            begin = at + 1
-    return [part.strip() for part in (*parts, text[begin:])]

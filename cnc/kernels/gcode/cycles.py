@@ -181,7 +181,8 @@ def _series(
     top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
     bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
     clear = top if words.initial == 0 or top > level else level
-    known = known and bottom <= top and (not pecks or peck > 0.0)
+    # A P in effect is a dwell of pecks in one dialect, and none in another.
+    known = known and bottom <= top and (not pecks or (peck > 0.0 and time != time))
     known = known and (words.initial != UNCLEAR_LEVEL or clear == top)
     # Heights of a line before count as that line says, in a way that depends on the dialect.
     keeps = stay and (given[0] != given[0] or given[1] != given[1])

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from tests.support.gcode.gcode_cases import error_of, points
+from tests.support.gcode.gcode_cases import error_of, points, warnings
 
 
 @pytest.mark.parametrize("dialect", ["fanuc", "haas"])
@@ -65,3 +65,19 @@ def test_a_level_between_the_holes_that_dialects_read_differently_is_reported(
     assert found == above
     unclear = [each.line for each in warnings if each.code == "cycle-level-unclear"]
     assert unclear == lines
+
+
+@pytest.mark.parametrize(("units", "scale"), [("G21", 1.0), ("G20", 25.4)])
+def test_a_hole_of_haas_without_r_begins_at_the_level(units: str, scale: float) -> None:
+    """Haas' manual marks R as optional; the second hole has the R of the first."""
+    program = f"{units}\nG54 G0 Z2.\nG99 G81 X1. Z-1. F50.\nX3.\nG80\nM30"
+    ends = [(0, 2), (1, 2), (1, -1), (1, 2), (3, 2), (3, -1), (3, 2)]
+    found = [(x, z) for x, _, z in points(program, "haas")]
+    assert found == [pytest.approx((x * scale, z * scale), abs=1e-9) for x, z in ends]
+    said = [each for each in warnings(program, "haas") if each.code == "cycle-level-assumed"]
+    assert [each.line for each in said] == [3]
+
+
+def test_a_hole_of_fanuc_needs_r() -> None:
+    program = "G21\nG0 Z2.\nG81 X1. Z-1. F50.\nM30"
+    assert error_of(program, dialect="fanuc").code == "cycle-word-missing"

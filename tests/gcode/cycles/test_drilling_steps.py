@@ -52,9 +52,14 @@ TABLE: list[tuple[int, Hole, HoleSettings, list[Step]]] = [
     (810, HIGH, HoleSettings(feed=10), [cut(-1), up(3)]),
     (810, LOW, HoleSettings(feed=10), [cut(-1), up(1)]),
     (820, HIGH, HOW, [cut(-1), DWELL, up(3)]),
-    (830, HIGH, HOW, [cut(0.25), up(1), up(0.5), cut(-0.5), up(1), up(-0.25), cut(-1), up(3)]),
+    (
+        830,
+        HIGH,
+        HOW,
+        [cut(0.25), up(1), up(0.5), cut(-0.5), up(1), up(-0.25), cut(-1), DWELL, up(3)],
+    ),
     (830, LOW, HoleSettings(feed=10, peck=9, clearance=0.25), [cut(-1), up(1)]),
-    (730, HIGH, HOW, [cut(0.25), up(0.5), cut(-0.5), up(-0.25), cut(-1), up(3)]),
+    (730, HIGH, HOW, [cut(0.25), up(0.5), cut(-0.5), up(-0.25), cut(-1), DWELL, up(3)]),
     (840, HIGH, HOW, [LOCK, cut(-1), OFF, CCW, DWELL, cut(3), OFF, CW, UNLOCK]),
     (840, HIGH, FANUC, [LOCK, cut(-1), DWELL, OFF, CCW, cut(1), DWELL, OFF, CW, UNLOCK, up(3)]),
     (
