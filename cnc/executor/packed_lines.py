@@ -33,6 +33,12 @@ class PackedLines:
         return cls(text, rows)
 
     @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Bytes of each line with its end (n,)."""
+        ends = np.flatnonzero(np.frombuffer(self.text.encode(), np.uint8) == ord("\n"))
+        return np.diff(ends, prepend=-1)
+
+    @property
     def size(self) -> int:
         """Bytes of memory."""
         return len(self.text) + self.rows.nbytes

@@ -31,6 +31,7 @@ class BoardLimits:
         blocks: Moves that the planner looks ahead.
         steps: Steps/mm of each axis ($100..), 0 where they are not known. A board plans with whole
             steps: these turn short moves a little, and it slows down at every turn.
+        baud: Speed of the wire to the board, bit/s; 0 if lines take no time.
     """
 
     rates: tuple[float, ...]
@@ -39,6 +40,7 @@ class BoardLimits:
     arc_tolerance: float = 0.002
     blocks: int = BLOCKS_AHEAD
     steps: tuple[float, ...] = ()
+    baud: int = 0
 
     @classmethod
     def of_machine(cls, machine: Machine) -> BoardLimits:
@@ -50,7 +52,7 @@ class BoardLimits:
             math.inf if axis is None else axis.max_acceleration or along for axis in axes
         ]
         steps = tuple(0.0 if axis is None else axis.steps_per_mm for axis in axes)
-        return cls(tuple(rates), tuple(accelerations), steps=steps)
+        return cls(tuple(rates), tuple(accelerations), steps=steps, baud=machine.board.baud)
 
     @classmethod
     def of_board(
@@ -77,4 +79,5 @@ class BoardLimits:
             settings.get(ARC_TOLERANCE) or own.arc_tolerance,
             places - 1 if places > 1 else own.blocks,
             steps=tuple(settings.get(STEPS + k) or known for k, known in enumerate(own.steps)),
+            baud=own.baud,
         )

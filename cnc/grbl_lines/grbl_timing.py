@@ -16,6 +16,9 @@ Both passes are sums and minima of whole arrays. The backward pass takes as many
 known ahead. The forward pass, with S the sum of 2 a d so far, is v_k^2 = S_k + min over j <= k of
 (bound_j - S_j).
 
+Short lines may arrive too slowly for this: :mod:`cnc.grbl_lines.line_arrival` adds the time that is
+lost then.
+
 All other lines wait until the motion has come to rest (GRBL synchronises for M codes, dwells,
 probes and EEPROM writes). The operator changes overrides: times are kept for a few of them and
 interpolated between, because a time is about a + b / override.
@@ -26,14 +29,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.largest_values import Largest
+from cnc.grbl_lines.line_arrival import LINE_END, LineArrival
 from cnc.grbl_lines.moves import Point
 from cnc.grbl_lines.number_format import PLANE_COLUMNS
+from cnc.kernels.grbl_lines.arrival import Moves
 from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind, effects_of
 from cnc.model.streams import GcodeLine
 
@@ -58,39 +63,6 @@ SHORT_LINE_TIME = 2.4e-3
 """s. GRBL on an AVR takes that long to read and plan a short line."""
 FULL_TURN = 5e-7
 """rad. GRBL takes an arc that turns by less for a full circle."""
-
-
-@dataclass(slots=True)
-class Largest:
-    """Largest values of the motion at 100 %.
-
-    Attributes:
-        speed: Along the path, mm/s.
-        acceleration: Along the path, mm/s^2.
-        velocities: Of each axis (n,), mm/s.
-        accelerations: Of each axis (n,), mm/s^2, along the path.
-    """
-
-    velocities: list[float]
-    accelerations: list[float]
-    speed: float = 0.0
-    acceleration: float = 0.0
-
-    @classmethod
-    def of_axes(cls, axes: int) -> Largest:
-        """Return zeros."""
-        return cls([0.0] * axes, [0.0] * axes)
-
-    def add(self, units: Floats, speeds: Floats, accelerations: Floats) -> None:
-        """Add moves: directions (k, n), highest speeds (k,), accelerations (k,), 0 without one."""
-        self.speed = max(self.speed, float(speeds.max()))
-        self.acceleration = max(self.acceleration, float(accelerations.max()))
-        sizes = np.abs(units)
-        for mine, new in (
-            (self.velocities, (sizes * speeds[:, None]).max(axis=0)),
-            (self.accelerations, (sizes * accelerations[:, None]).max(axis=0)),
-        ):
-            mine[:] = np.maximum(mine, new).tolist()
 
 
 class BoardTime:
@@ -121,6 +93,7 @@ class BoardTime:
         self._entry = np.zeros(len(self._cases))
         self._before: Floats | None = None
         self._nominal_before = np.zeros(len(self._cases))
+        self._arrival = LineArrival(limits, len(self._cases))
         self._total = np.zeros(len(self._cases))
         self._marks: list[tuple[int, Floats]] = [(0, np.zeros(len(self._cases)))]
         self._stride = 1
@@ -167,19 +140,21 @@ class BoardTime:
 
     def add(self, line: GcodeLine) -> None:
         """Add the next line. A line whose effect is not known brings the board to rest."""
+        self._add(line.effect, len(line.text) + LINE_END)
+
+    def _add(self, effect: LineEffect | None, size: int) -> None:
+        """Add a line of ``size`` bytes."""
         self._lines += 1
-        effect = line.effect
+        self._arrival.sizes.append(size)
         if effect is None or effect.kind in (LineKind.REST, LineKind.DWELL, LineKind.PROBE):
             self._flush(rests=True)
         if effect is None:
             return
         if effect.kind is LineKind.REST:
-            # The board reads the next move only when it rests.
-            self._total = self._total + SHORT_LINE_TIME
-            self._keep([(self._lines, self._total)])
+            # The board reads the next move only when it rests. The wire's model counts that itself.
+            self._wait(0.0 if self.limits.baud else SHORT_LINE_TIME)
         elif effect.kind is LineKind.DWELL:
-            self._total = self._total + effect.seconds
-            self._keep([(self._lines, self._total)])
+            self._wait(effect.seconds)
         elif effect.kind in MOTIONS:
             self._add_move(effect)
         if effect.kind is LineKind.PROBE:
@@ -187,22 +162,36 @@ class BoardTime:
         elif len(self._feeds) >= BATCH + self.limits.blocks:
             self._flush(rests=False)
 
-    def add_rows(self, rows: NDArray[np.void]) -> None:
-        """Add lines in the form of :func:`~cnc.model.line_effects.row_type`."""
+    def _wait(self, seconds: float) -> None:
+        """Add a line for which the board rests for a time, s."""
+        self._total = self._total + seconds
+        self._keep([(self._lines, self._total)])
+        self._arrival.rest(self._total)
+
+    def add_rows(self, rows: NDArray[np.void], sizes: NDArray[np.int64]) -> None:
+        """Add lines in the form of :func:`~cnc.model.line_effects.row_type`.
+
+        Args:
+            rows: The lines.
+            sizes: Bytes of each line with its end.
+        """
         kinds = rows["kind"]
         others = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
         first = 0
         for place in [*others, len(rows)]:
             if place - first >= WORTH_ARRAYS:
                 for begin in range(first, place, BATCH):
-                    self._add_straights(rows[begin : min(begin + BATCH, place)])
+                    part = slice(begin, min(begin + BATCH, place))
+                    self._add_straights(rows[part], sizes[part].tolist())
                 first = place
-            for line, effect in effects_of(rows[first : place + 1]):
-                self.add(GcodeLine("", line, effect))
+            few = slice(first, place + 1)
+            for (_, effect), size in zip(effects_of(rows[few]), sizes[few].tolist(), strict=True):
+                self._add(effect, size)
             first = place + 1
 
-    def _add_straights(self, rows: NDArray[np.void]) -> None:
-        """Add straight moves."""
+    def _add_straights(self, rows: NDArray[np.void], sizes: list[int]) -> None:
+        """Add straight moves, and the bytes of their lines."""
+        self._arrival.sizes += sizes
         ends = np.concatenate(([self._at], rows["target"]))
         # An axis that a line does not name stays where the line before has left it.
         named = np.where(np.isnan(ends), 0, np.arange(len(ends))[:, None])
@@ -273,18 +262,13 @@ class BoardTime:
             junction = self._junctions(joined)
             if self._before is None:
                 junction = np.concatenate(([0.0], junction))
-            times = np.stack(
-                [
-                    self._times(k, units, lengths, feeds, junction, done)
-                    for k in range(len(self._cases))
-                ],
-                axis=1,
-            )
-            self._mark(owners[:done], times)
+            moves = self._planned(units, lengths, feeds, junction, done)
+            self._mark(owners[:done], self._arrival.times(moves, owners - 1, done, self._total))
         if rests:
             self._points, self._feeds, self._owners = [tuple(points[-1].tolist())], [], []
             self._before = None
             self._entry[:] = 0.0
+            self._arrival.rest(self._total)
         elif done:
             # keep the points from the end of the last block that is done
             behind = int(np.flatnonzero(real)[done - 1]) + 1
@@ -301,43 +285,61 @@ class BoardTime:
         on_grid = np.rint((points - self._origin) * known) / known + self._origin
         return np.where(self._steps > 0.0, on_grid, points)
 
-    def _times(
-        self, case: int, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int
-    ) -> Floats:
-        """Return the seconds of each of the first ``done`` blocks at one pair of overrides."""
-        feed, rapid = self._cases[case]
+    def _planned(
+        self, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int
+    ) -> Moves:
+        """Return the blocks with their highest speeds at each pair of overrides.
+
+        Args:
+            units: Direction of each block (n, axes).
+            lengths: Lengths (n,), mm.
+            feeds: Feeds (n,), mm/s; NaN for a traverse.
+            junction: Squares of the highest speeds at the begin of each (n,).
+            done: Number of blocks that the board plans for good; the others are known ahead.
+        """
         limits = self.limits
         directions = np.maximum(np.abs(units), 1e-12)
         fastest = (np.array(limits.rates) / directions).min(axis=1)
         acceleration = (np.array(limits.accelerations) / directions).min(axis=1)
-        nominal = np.where(np.isnan(feeds), fastest * rapid, np.minimum(feeds * feed, fastest))
-        nominal = np.maximum(nominal, 1e-3)
-        before = np.concatenate(
-            ([nominal[0] if self._before is None else self._nominal_before[case]], nominal[:-1])
-        )
-        most = np.minimum(junction, np.minimum(nominal, before) ** 2)
         gain = 2.0 * acceleration * lengths
-        # speed from which the board can stop within the known blocks
-        bound = np.zeros(len(lengths) + 1)
-        for _ in range(min(limits.blocks, len(lengths))):
-            bound[:-1] = np.minimum(most, bound[1:] + gain)
         begun = np.concatenate(([0.0], np.cumsum(gain)))
-        if self._before is not None:
-            bound[0] = min(bound[0], self._entry[case])
-        squares = np.minimum.accumulate(bound - begun) + begun
-        squares = np.maximum(squares, 0.0)
-        v0, v1 = np.sqrt(squares[:-1][:done]), np.sqrt(squares[1:][:done])
-        if done < len(lengths):
-            self._entry[case] = squares[done]
-        self._nominal_before[case] = nominal[done - 1]
-        a, d = acceleration[:done], lengths[:done]
-        peak = np.minimum(nominal[:done], np.sqrt(0.5 * (v0 * v0 + v1 * v1) + a * d))
+        nominals, speeds = [], []
+        for case, (feed, rapid) in enumerate(self._cases):
+            nominal = np.where(np.isnan(feeds), fastest * rapid, np.minimum(feeds * feed, fastest))
+            nominal = np.maximum(nominal, 1e-3)
+            before = np.concatenate(
+                ([nominal[0] if self._before is None else self._nominal_before[case]], nominal[:-1])
+            )
+            most = np.minimum(junction, np.minimum(nominal, before) ** 2)
+            # speed from which the board can stop within the known blocks
+            bound = np.zeros(len(lengths) + 1)
+            for _ in range(min(limits.blocks, len(lengths))):
+                bound[:-1] = np.minimum(most, bound[1:] + gain)
+            if self._before is not None:
+                bound[0] = min(bound[0], self._entry[case])
+            squares = np.maximum(np.minimum.accumulate(bound - begun) + begun, 0.0)
+            if done < len(lengths):
+                self._entry[case] = squares[done]
+            self._nominal_before[case] = nominal[done - 1]
+            nominals.append(nominal)
+            speeds.append(np.sqrt(squares))
+            if self._cases[case] == (1.0, 1.0):
+                self._note_largest(units[:done], lengths, acceleration, nominal, speeds[-1])
+        each = np.array(speeds).T
+        return Moves(
+            lengths, acceleration, np.array(nominals).T.copy(), each[:-1].copy(), each[1:].copy(),
+            np.empty(0, np.int64),
+        )  # fmt: skip
+
+    def _note_largest(
+        self, units: Floats, lengths: Floats, acceleration: Floats, nominal: Floats, speeds: Floats
+    ) -> None:
+        """Note the largest values of the first blocks; arguments as of :meth:`_planned`."""
+        done = len(units)
+        v0, v1, a = speeds[:done], speeds[1 : done + 1], acceleration[:done]
+        peak = np.minimum(nominal[:done], np.sqrt(0.5 * (v0 * v0 + v1 * v1) + a * lengths[:done]))
         peak = np.maximum(peak, np.maximum(v0, v1))
-        ramps = (2.0 * peak * peak - v0 * v0 - v1 * v1) / (2.0 * a)
-        if self._cases[case] == (1.0, 1.0):
-            self.largest.add(units[:done], peak, np.where(peak > np.minimum(v0, v1), a, 0.0))
-        times: Floats = (2.0 * peak - v0 - v1) / a + np.maximum(d - ramps, 0.0) / peak
-        return times
+        self.largest.add(units, peak, np.where(peak > np.minimum(v0, v1), a, 0.0))
 
     def _junctions(self, units: Floats) -> Floats:
         """Return the square of the speed at each junction of two directions."""

@@ -49,8 +49,8 @@ class Polyline(Block):
         points: End point of each move (n, axes), mm.
         feeds: Feed of each move (n,), mm/s. NaN marks a traverse (G0), limited only by the axes.
         lines: Source line of each move (n,).
-        commands: Commands that go with the motion (n,), see :mod:`cnc.model.motion_commands`; None
-            without any.
+        commands: Commands before each move (n,), see :mod:`cnc.model.motion_commands`; None without
+            any.
         timed: Whether F was the time of each block (G93).
     """
 

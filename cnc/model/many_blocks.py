@@ -8,7 +8,10 @@ from dataclasses import fields
 from itertools import repeat
 from typing import TypeVar
 
-from cnc.model.blocks import Block
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.model.blocks import Block, Polyline
 
 AnyBlock = TypeVar("AnyBlock", bound=Block)
 
@@ -30,3 +33,33 @@ def blocks_of(
         # The classes are frozen, but their slots can be set.
         deque(map(getattr(kind, each.name).__set__, found, values), maxlen=0)
     return found
+
+
+Moves = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+"""End points, feeds and lines of straight moves, as in :class:`cnc.model.blocks.Polyline`."""
+
+
+def polylines_of(
+    file: str, moves: Moves, begins: list[int], ends: list[int], *, timed: bool = False
+) -> list[Polyline]:
+    """Return polylines of some parts of straight moves, none of which is empty.
+
+    Args:
+        file: File of the moves.
+        moves: The moves. Their arrays are kept, not copied.
+        begins: The first move of each part.
+        ends: The move behind each part.
+        timed: Whether F was the time of each block (G93).
+    """
+    points, feeds, lines = moves
+    spans = list(map(slice, begins, ends))
+    return blocks_of(
+        Polyline,
+        repeat(file),
+        lines[begins].tolist(),
+        map(points.__getitem__, spans),
+        map(feeds.__getitem__, spans),
+        map(lines.__getitem__, spans),
+        repeat(None),
+        repeat(timed),
+    )

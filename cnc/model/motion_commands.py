@@ -1,18 +1,20 @@
-"""Commands that go with the motion: laser power (S) and outputs, at their place on the path.
+"""Commands among straight moves: new speeds of the spindle (S), laser power and outputs.
 
-The motion does not rest at such a command. A row of moves or pieces carries them in an array of
-objects: entry k is the tuple of commands that take effect at the start of move k, else None.
+A row of moves carries them in an array of objects: entry k is the tuple of commands that take
+effect at the start of move k, else None. So a program with S on each line is one row, not a block
+for each move and each S. Laser power and outputs go with the motion. At a new speed of a spindle
+the motion rests, so a path is cut there: its pieces carry only commands that go with the motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.blocks import AnalogOutput, Block, DigitalOutput, Polyline, Spindle
+from cnc.model.many_blocks import polylines_of
 
 Commands = NDArray[np.object_]
 
@@ -24,11 +26,23 @@ def goes_with_motion(block: Block) -> bool:
     return isinstance(block, AnalogOutput)
 
 
-def command_array(count: int, places: Mapping[int, tuple[Block, ...]]) -> Commands | None:
-    """Return the array of ``count`` moves with commands at some of them; None without any."""
-    if not places:
+def command_array(
+    count: int,
+    places: Mapping[int, tuple[Block, ...]],
+    many: Sequence[tuple[NDArray[np.intp], Commands]] = (),
+) -> Commands | None:
+    """Return the array of moves with commands at some of them; None without any.
+
+    Args:
+        count: Number of moves.
+        places: Commands by the number of their move.
+        many: Numbers of further moves (k,), and the tuples of their commands (k,).
+    """
+    if not places and not many:
         return None
     commands = np.full(count, None, np.object_)
+    for numbers, tuples in many:
+        commands[numbers] = tuples
     for place, blocks in places.items():
         commands[place] = blocks
     return commands
@@ -77,28 +91,23 @@ def joined(parts: Iterable[tuple[Commands | None, int]]) -> Commands | None:
     )
 
 
+def rests(commands: Commands) -> bool:
+    """Return whether the motion rests at one of the commands."""
+    return not all(goes_with_motion(block) for k in places_of(commands) for block in commands[k])
+
+
 def apart(blocks: Iterable[Block]) -> Iterator[Block]:
     """Yield the blocks, with the commands of polylines as blocks of their own."""
     for block in blocks:
         if not isinstance(block, Polyline) or block.commands is None:
             yield block
             continue
-        first = 0
-        for place in [*places_of(block.commands), len(block.points)]:
-            if place > first:
-                yield polyline_part(block, slice(first, place))
-            if place < len(block.points):
-                yield from block.commands[place]
-            first = place
-
-
-def polyline_part(block: Polyline, part: slice) -> Polyline:
-    """Return some moves of a polyline, without commands."""
-    return replace(
-        block,
-        line=int(block.lines[part][0]),
-        points=block.points[part],
-        feeds=block.feeds[part],
-        lines=block.lines[part],
-        commands=None,
-    )
+        places = places_of(block.commands)
+        begins = places if places[0] == 0 else [0, *places]
+        moves = block.points, block.feeds, block.lines
+        parts = polylines_of(
+            block.file, moves, begins, [*begins[1:], len(block.points)], timed=block.timed
+        )
+        for begin, part in zip(begins, parts, strict=True):
+            yield from block.commands[begin] or ()
+            yield part

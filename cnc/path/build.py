@@ -32,10 +32,7 @@ from cnc.model.blocks import (
     Probe,
     TipControl,
 )
-from cnc.model.motion_commands import (
-    apart,
-    goes_with_motion,
-)
+from cnc.model.motion_commands import apart, goes_with_motion, rests
 from cnc.path.block_pieces import Frame, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
@@ -120,9 +117,11 @@ class _Builder:
             if (
                 isinstance(block, Polyline)
                 and block.commands is not None
-                and (fits or not moving(self._position, block.points).all())
+                and (
+                    fits or rests(block.commands) or not moving(self._position, block.points).all()
+                )
             ):
-                # A command ends a chain, and goes to the next move that has a length.
+                # A command rests the motion or ends a chain, or waits for a move with a length.
                 for part in apart((block,)):
                     yield from self.add(part)
                 return

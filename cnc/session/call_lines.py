@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from cnc.model.blocks import Block, CallBoundary, Polyline
+from cnc.model.motion_commands import apart
 
 
 def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
@@ -21,7 +22,7 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
         The line of the call, 0 for a line of the main program.
     """
     call, low, high, found = 0, 0, 0, 0
-    for block in blocks:
+    for block in apart(blocks):
         if isinstance(block, CallBoundary):
             call, low, high = block.line if block.inside else 0, 0, 0
         elif block.file == file:

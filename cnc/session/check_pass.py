@@ -135,7 +135,8 @@ class CheckPass:
                 observer.last_line = max(observer.last_line, line)
             if isinstance(block, Polyline):
                 report.blocks += len(block.points) - 1
-                report.blocks += len(places_of(block.commands))
+                if block.commands is not None:
+                    report.blocks += sum(map(len, filter(None, block.commands)))
                 end = block.points[-1]
             elif isinstance(block, ArcFeed | Probe):
                 end = block.end

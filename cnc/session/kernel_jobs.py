@@ -114,13 +114,16 @@ def sample() -> None:
 
 def write_lines() -> None:
     """Write lines for a GRBL board."""
+    from cnc.grbl_lines.board_limits import BoardLimits
+    from cnc.grbl_lines.grbl_timing import BoardTime
     from cnc.grbl_lines.translator import Translator
 
-    translator = Translator(_machine())
-    for _ in translator.lines(_steady().path):
-        pass
-    for _ in translator.end():
-        pass
+    translator, clock = Translator(_machine()), BoardTime(BoardLimits.of_machine(_machine()))
+    for line in translator.lines(_steady().path):
+        clock.add(line)
+    for line in translator.end():
+        clock.add(line)
+    clock.end()
 
 
 def cut_stock() -> None:
@@ -194,7 +197,7 @@ JOBS = {
     ),
     "corner motions": Job(_kernels("planner.corner_motion", "planner.corner_search"), plan_corner),
     "samples": Job(_kernels("pulses.sampled"), sample),
-    "GRBL lines": Job(_kernels("grbl_lines.arc_fit"), write_lines),
+    "GRBL lines": Job(_kernels("grbl_lines.arc_fit", "grbl_lines.arrival"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
     "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
     "step runs": Job(_kernels("klipper.step_runs"), encode_runs),

@@ -195,7 +195,7 @@ class LinePass:
         kept: list[Step] | None = None if self._depends_on_answers else []
         capacity, timing = KEPT_BYTES, self.timing
 
-        for step in self._steps(lambda lines: timing.add_rows(lines.rows)):
+        for step in self._steps(lambda lines: timing.add_rows(lines.rows, lines.sizes)):
             capacity -= step.lines.size
             if capacity < 0:
                 kept = None

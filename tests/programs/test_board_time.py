@@ -202,7 +202,8 @@ def test_rows_take_as_long_as_their_lines():
     one_by_one, at_once = BoardTime(LIMITS), BoardTime(LIMITS)
     for line in lines:
         one_by_one.add(line)
-    at_once.add_rows(PackedLines.of(lines).rows)
+    packed = PackedLines.of(lines)
+    at_once.add_rows(packed.rows, packed.sizes)
     one_by_one.end()
     at_once.end()
     assert at_once.seconds == pytest.approx(one_by_one.seconds, rel=1e-12)

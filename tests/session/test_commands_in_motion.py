@@ -137,6 +137,14 @@ def test_other_commands_bring_the_motion_to_rest(
     assert ran(tmp_path, stopping, machine)[1].duration_s > 2.0 * ran(tmp_path, text)[1].duration_s
 
 
+@pytest.mark.parametrize("machine", [MILL, LASER])
+def test_a_check_counts_each_move_and_each_speed(tmp_path: Path, machine: Machine) -> None:
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90 G1 F600\nM3 S1\nX1 S2\nX2 S3\nS4\nS5\nX3\nX3 S6\nS7\nM5\nM2\n")
+    # M3, X1 and S2, X2 and S3, S4, S5, X3, X3 and S6, S7, M5, M2.
+    assert check(program, machine).blocks == 1 + 2 + 2 + 2 + 1 + 2 + 1 + 2
+
+
 MOVES = st.sampled_from(
     ["G1 X{a} Y{b}", "G1 X{a}", "G2 X{a} Y{b} R60", "G3 X{a} Y{b} R70", "G0 X{b}", "G1 Y{b} Z-{c}"]
 )
@@ -147,11 +155,13 @@ MODES = st.sampled_from(["", "", "G64 P0.05", "G61", "G61.1", "G4 P0.01", "M8", 
 @given(
     st.lists(
         st.tuples(MODES, st.booleans(), MOVES, *[st.integers(0, 9)] * 3), min_size=1, max_size=14
-    )
+    ),
+    st.sampled_from([LASER, MILL]),
 )
 def test_every_command_acts_once_and_in_order(
     tmp_path_factory: pytest.TempPathFactory,
     parts: list[tuple[str, bool, str, int, int, int]],
+    machine: Machine,
 ) -> None:
     text, expected = "G21 G90 F2000\nM3 S5\n", [5]
     for k, (mode, changes, move, a, b, c) in enumerate(parts, 10):
@@ -160,7 +170,7 @@ def test_every_command_acts_once_and_in_order(
             text += f"M67 E0 Q{k}\nS{k}\n"
             expected.append(k)
         text += move.format(a=a, b=b, c=c) + "\n"
-    board, _ = ran(tmp_path_factory.mktemp("p"), text + "M5\nM2\n", LASER)
+    board, _ = ran(tmp_path_factory.mktemp("p"), text + "M5\nM2\n", machine)
     powers = [block.rpm for _, block in board.of(Spindle) if block.state != "off"]
     assert powers == expected
     assert [block.value for _, block in board.of(AnalogOutput)] == expected[1:]

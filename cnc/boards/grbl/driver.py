@@ -57,7 +57,7 @@ class GrblBoard:
     ) -> None:
         """``machine`` names the axes; ``name`` is the name of the port, for messages."""
         self.identity = identity
-        self.link = GrblLink(port, clock or SystemClock(), name)
+        self.link = GrblLink(port, clock or SystemClock(), name, machine.board.baud)
         self.stream = self.stream_type(self.link)
         self.check_only = False
         self.restarted = False

@@ -31,6 +31,8 @@ GATHERING = 0.5
 """Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
 of the answers to this computer, and its late wake-ups. One line may wait for space.
 """
+FEW_ARRIVED = 4.0
+"""Unanswered lines that have arrived at the board. Fewer show that it waits for the wire."""
 LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
@@ -143,10 +145,15 @@ class LineStream:
     def _await_answers(self) -> None:
         """Receive; where answers come fast, let some gather, which saves most of the CPU time.
 
-        The board meanwhile reads the lines that wait in its buffer.
+        The board meanwhile reads the lines that wait in its buffer. A wire that brings lines more
+        slowly than the board reads them is not left idle.
         """
-        interval = self.monitor.liveness.interval
-        pause = GATHERING * (self.link.protocol.waiting - 1) * interval
+        interval, now = self.monitor.liveness.interval, self.link.now()
+        protocol, wire = self.link.protocol, self.link.wire
+        arrived = protocol.waiting * (1.0 - wire.on_wire(now) / max(protocol.used, 1))
+        pause = GATHERING * (protocol.waiting - 1) * interval
+        if arrived < FEW_ARRIVED:
+            pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
         if pause > SHORTEST_GATHERING and interval < LONGEST_GATHERING:
             self.link.pause(min(pause, LONGEST_GATHERING))
         self.serve(self.wait)

@@ -30,6 +30,7 @@ from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.grbl.welcome import wait_for_welcome
+from cnc.boards.grbl.wire_time import USUAL_BAUD, WireTime
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
 from cnc.model.diagnostics import BoardError
@@ -77,17 +78,15 @@ class GrblLink:
             network connection was made.
     """
 
-    def __init__(self, port: Port, clock: Clock, name: str) -> None:
-        """``name`` is the name of the port, for messages."""
-        self.clock = clock
-        self.name = name
+    def __init__(self, port: Port, clock: Clock, name: str, baud: int = USUAL_BAUD) -> None:
+        """``name`` is the name of the port, for messages; ``baud`` its speed, bit/s."""
+        self.clock, self.name, self.wire = clock, name, WireTime(baud)
         self.protocol = GrblProtocol()
         self.info = BoardInfo("", Firmware.GRBL)
         self.status: Status | None = None
         self.status_at = -1.0
         self.alarm: int | None = None
-        self.position_lost = self._moved = False
-        self.greeted_unasked = False
+        self.position_lost = self._moved = self.greeted_unasked = False
         self._queued = b""
         self._port = LoggedPort(port, name, log, text=True)
         self._next_poll = 0.0
@@ -106,10 +105,12 @@ class GrblLink:
 
     def queue(self, data: bytes) -> None:
         """Write with the next bytes, or before the next :meth:`pump`."""
+        self.wire.written(len(data), self.clock.now())
         self._queued += data
 
     def write(self, data: bytes) -> None:
         """Write at once; PortLost."""
+        self.wire.written(len(data), self.clock.now())
         data, self._queued = self._queued + data, b""
         self._port.write(data.translate(ABOVE_ASCII) if self.info.commands_above_ascii else data)
 

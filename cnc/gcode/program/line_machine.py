@@ -335,8 +335,7 @@ class LineMachine:
         if kernel.PATH in kinds:
             out.in_effect["path", 0] = "blend", interpreter.modal.tolerance
         blocks = RowBlocks(rows, interpreter.here.file, interpreter.modal.tolerance, laser=laser)
-        in_motion = (kinds == kernel.SPINDLE) & (rows.data[others, 2] != 0.0) & laser
-        out.mixed(points, feeds, lines, others, blocks.of(others), in_motion)
+        out.mixed(points, feeds, lines, others, blocks.of(others), kinds == kernel.SPINDLE)
 
 
 def _letters(plane: Plane) -> str:

@@ -54,21 +54,23 @@ class RowBlocks:
     def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of rows of one kind."""
         rows, files = self._rows, repeat(self._file)
-        lines = rows.lines[numbers].tolist()
-        first, second, third, fourth, _ = rows.data[numbers].T.tolist()
+        lines, data = rows.lines[numbers].tolist(), rows.data[numbers].T
         if kind == kernel.ARC:
-            planes = map(_PLANES.__getitem__, rows.data[numbers, 4].astype(np.intp).tolist())
-            centers = zip(first, second, strict=True)
+            planes = map(_PLANES.__getitem__, data[4].astype(np.intp).tolist())
+            centers = zip(*data[:2].tolist(), strict=True)
             ends, feeds = list(rows.points[numbers]), rows.feeds[numbers].tolist()
             return blocks_of(
-                ArcFeed, files, lines, planes, centers, ends, third, fourth, feeds, repeat(False)
-            )
+                ArcFeed, files, lines, planes, centers, ends, *data[2:4].tolist(), feeds,
+                repeat(False),
+            )  # fmt: skip
         if kind == kernel.SPINDLE:
-            states = map(SPINDLE_STATES.__getitem__, map(int, first))
-            in_motion = map(bool, third) if self._laser else repeat(False)
-            return blocks_of(Spindle, files, lines, states, second, repeat(0.0), in_motion)
+            states = map(SPINDLE_STATES.__getitem__, data[0].astype(np.intp).tolist())
+            in_motion = map(bool, data[2].tolist()) if self._laser else repeat(False)
+            speeds = data[1].tolist()
+            return blocks_of(Spindle, files, lines, states, speeds, repeat(0.0), in_motion)
+        first = data[0].tolist()
         if kind == kernel.COOLANT:
-            return blocks_of(Coolant, files, lines, map(bool, first), map(bool, second))
+            return blocks_of(Coolant, files, lines, map(bool, first), map(bool, data[1].tolist()))
         if kind == kernel.BOUNDARY:
             # Calls of the main program are marked, whose file this is.
             return blocks_of(CallBoundary, files, lines, map(bool, first))

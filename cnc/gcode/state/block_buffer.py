@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import repeat
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ from cnc.model.blocks import (
     Tool,
     WaitInput,
 )
-from cnc.model.many_blocks import blocks_of
-from cnc.model.motion_commands import command_array, goes_with_motion
+from cnc.model.many_blocks import polylines_of
+from cnc.model.motion_commands import Commands, command_array, goes_with_motion
 
 MAX_MOVES = 4096
 """Most moves of a Polyline. Arrays of this length are efficient, and the first pulse does not wait
@@ -72,7 +72,9 @@ class BlockBuffer:
         self._pieces: list[_Piece] = []
         self._held = 0
         self._timed = False
+        self._turning = ""
         self._commands: dict[int, tuple[Block, ...]] = {}
+        self._many_commands: list[tuple[NDArray[np.intp], Commands]] = []
         self.in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
 
     def move(self, end: list[float], feed: float, line: int) -> None:
@@ -113,7 +115,7 @@ class BlockBuffer:
         lines: NDArray[np.int32],
         places: NDArray[np.intp],
         blocks: list[Block],
-        in_motion: NDArray[np.bool_],
+        spindle: NDArray[np.bool_],
     ) -> None:
         """Add straight moves with other blocks among them, none of which is left out.
 
@@ -123,36 +125,143 @@ class BlockBuffer:
             lines: Likewise.
             places: Rows of the other blocks, ascending. There is at least one.
             blocks: The other blocks.
-            in_motion: Flags of those that go with the motion.
+            spindle: Flags of those that are of the spindle; the others do not go with the motion.
         """
-        if in_motion.any():
-            self._mixed_with_commands(points, feeds, lines, places, blocks, in_motion)
+        straight = np.ones(len(feeds), np.bool_)
+        straight[places] = False
+        carried = self._carried(straight, places, blocks, spindle)
+        firsts = np.flatnonzero(carried)
+        # Numbers of the blocks before each command that are none.
+        groups, begins = np.unique(firsts - np.arange(len(firsts)), return_index=True)
+        ends = np.append(places[~carried], len(feeds)).tolist()
+        row = block = 0
+        for group, first, count in zip(
+            groups.tolist(),
+            firsts[begins].tolist(),
+            np.diff(begins, append=len(firsts)).tolist(),
+            strict=True,
+        ):
+            begin, end = ends[group - 1] + 1 if group else 0, ends[group]
+            if begin > row:
+                part = slice(row, begin)
+                before = slice(block, first)
+                moves = points[part], feeds[part], lines[part]
+                self._interleaved(*moves, places[before] - row, blocks[before])
+            row, block = end, first + count
+            part = slice(begin, end)
+            some = straight[part]
+            at = places[first:block] - begin - np.arange(count)
+            moves = points[part][some], feeds[part][some], lines[part][some]
+            self._moves_with_commands(*moves, at, blocks[first:block])
+        if row < len(feeds):
+            moves = points[row:], feeds[row:], lines[row:]
+            self._interleaved(*moves, places[block:] - row, blocks[block:])
+
+    def _carried(
+        self,
+        straight: NDArray[np.bool_],
+        places: NDArray[np.intp],
+        blocks: list[Block],
+        spindle: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Return which blocks a polyline carries; arguments as of :meth:`mixed`.
+
+        A command is carried if a move is before it, with nothing but such commands between.
+
+        Args:
+            straight: Flags of the rows that are straight moves.
+            places: Rows of the other blocks.
+            blocks: The other blocks.
+            spindle: Flags of those that are of the spindle.
+        """
+        carried = spindle.copy()
+        carried[spindle] = self._go_with_moves(
+            [block for block in compress(blocks, spindle.tolist()) if isinstance(block, Spindle)]
+        )
+        if carried.any():
+            kept = np.arange(len(straight))
+            kept[places[carried]] = -1
+            before = np.maximum.accumulate(kept)[places]
+            carried &= np.where(before < 0, bool(self._held or self._feeds), straight[before])
+        return carried
+
+    def _go_with_moves(self, blocks: list[Spindle]) -> list[bool]:
+        """Return which blocks of the spindle a polyline can carry, and note the spindle's state."""
+        before = self._turning
+        states: list[str] = [block.state for block in blocks]
+        if states.count(before) == len(states):
+            return [True] * len(states)
+        self._turning = states[-1]
+        return [
+            block.with_motion or block.state == state
+            for block, state in zip(blocks, (before, *states), strict=False)
+        ]
+
+    def _moves_with_commands(
+        self,
+        points: NDArray[np.float64],
+        feeds: NDArray[np.float64],
+        lines: NDArray[np.int32],
+        at: NDArray[np.intp],
+        commands: list[Block],
+    ) -> None:
+        """Add straight moves, and commands each with the number of these moves before it."""
+        if self._feeds:
+            self._pack()
+        begin = first = 0
+        while begin < len(feeds) or first < len(at):
+            held, end = self._held, min(begin + MAX_MOVES - self._held, len(feeds))
+            last = int(np.searchsorted(at, end))
+            self._note_commands(at[first:last] - begin + held, commands[first:last])
+            part = slice(begin, end)
+            self.moves(points[part], feeds[part], lines[part])
+            begin, first = end, last
+            last = int(np.searchsorted(at, end, side="right"))
+            for command in commands[first:last]:
+                self._carry(command)
+            first = last
+
+    def _carry(self, command: Block) -> None:
+        """Add a command that goes with the moves. Without a move before it, it stands alone."""
+        place = self._held + len(self._feeds)
+        if place:
+            self._commands[place] = (*self._commands.get(place, ()), command)
+        else:
+            self.ready.append(command)
+
+    def _note_commands(self, places: NDArray[np.intp], commands: list[Block]) -> None:
+        """Note the commands of moves that follow, by their places in the polyline."""
+        if len(places) and places[0] not in self._commands and np.diff(places).all():
+            each = np.fromiter(zip(commands, strict=True), np.object_, len(commands))
+            self._many_commands.append((places, each))
             return
+        for place, command in zip(places.tolist(), commands, strict=True):
+            self._commands[place] = (*self._commands.get(place, ()), command)
+
+    def _interleaved(
+        self,
+        points: NDArray[np.float64],
+        feeds: NDArray[np.float64],
+        lines: NDArray[np.int32],
+        places: NDArray[np.intp],
+        blocks: list[Block],
+    ) -> None:
+        """Add moves and blocks that no polyline carries; arguments as of :meth:`mixed`."""
         begins, ends = places[:-1] + 1, places[1:]
         for k in np.flatnonzero(ends - begins > MAX_MOVES)[:1].tolist():
             cut = int(begins[k])
             head, tail = slice(cut), slice(cut, None)
             one, two = slice(k + 1), slice(k + 1, None)
-            parts = (head, one, places[one]), (tail, two, places[two] - cut)
-            for rows, part, at in parts:
-                moves = points[rows], feeds[rows], lines[rows]
-                self.mixed(*moves, at, blocks[part], in_motion[part])
+            for rows, part, at in (head, one, places[one]), (tail, two, places[two] - cut):
+                self._interleaved(points[rows], feeds[rows], lines[rows], at, blocks[part])
             return
         first, last = int(places[0]), int(places[-1])
         if first:
             self.moves(points[:first], feeds[:first], lines[:first])
         self.flush()
         runs = np.flatnonzero(ends > begins)
-        spans = list(map(slice, begins[runs].tolist(), ends[runs].tolist()))
-        polylines = blocks_of(
-            Polyline,
-            repeat(self._here.file),
-            lines[begins[runs]].tolist(),
-            map(points.__getitem__, spans),
-            map(feeds.__getitem__, spans),
-            map(lines.__getitem__, spans),
-            repeat(None),
-            repeat(False),
+        polylines = polylines_of(
+            self._here.file, (points, feeds, lines), begins[runs].tolist(), ends[runs].tolist()
         )
         ordered: list[Block | None] = [None] * (2 * len(blocks) - 1)
         ordered[::2] = blocks
@@ -161,35 +270,6 @@ class BlockBuffer:
         self.ready.extend(filter(None, ordered))
         if last + 1 < len(feeds):
             self.moves(points[last + 1 :], feeds[last + 1 :], lines[last + 1 :])
-
-    def _mixed_with_commands(
-        self,
-        points: NDArray[np.float64],
-        feeds: NDArray[np.float64],
-        lines: NDArray[np.int32],
-        places: NDArray[np.intp],
-        blocks: list[Block],
-        in_motion: NDArray[np.bool_],
-    ) -> None:
-        """Add moves and other blocks, some of which go with the motion; arguments as of `mixed`."""
-        straight = np.ones(len(feeds), np.bool_)
-        straight[places] = False
-        points, feeds, lines = points[straight], feeds[straight], lines[straight]
-        if self._feeds:
-            self._pack()
-        begin = 0
-        before = (places - np.arange(len(places))).tolist()
-        for block, place, goes in zip(blocks, before, in_motion.tolist(), strict=True):
-            if not goes or self._held + place - begin >= MAX_MOVES:
-                self.moves(points[begin:place], feeds[begin:place], lines[begin:place])
-                begin = place
-            if goes and (at := self._held + place - begin):
-                self._commands[at] = (*self._commands.get(at, ()), block)
-            else:
-                self.flush()
-                self.ready.append(block)
-        if begin < len(feeds):
-            self.moves(points[begin:], feeds[begin:], lines[begin:])
 
     def add(self, block: Block) -> None:
         """Add any other block, unless it changes nothing."""
@@ -219,9 +299,12 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
-        place = self._held + len(self._feeds)
-        if place and goes_with_motion(block):
-            self._commands[place] = (*self._commands.get(place, ()), block)
+        if isinstance(block, Spindle):
+            carried = self._go_with_moves([block])[0]
+        else:
+            carried = goes_with_motion(block)
+        if carried:
+            self._carry(block)
             return
         self.flush()
         if self._timed and isinstance(block, ArcFeed | NurbsFeed):
@@ -256,13 +339,14 @@ class BlockBuffer:
         self.flush()
         found: list[Block] = []
         begin, in_effect = len(self.ready), self.in_effect.copy()
+        turning = self._turning
         try:
             yield found
         finally:
             self.flush()
             found += self.ready[begin:]
             del self.ready[begin:]
-            self.in_effect = in_effect
+            self.in_effect, self._turning = in_effect, turning
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
@@ -277,12 +361,12 @@ class BlockBuffer:
             feeds = np.concatenate([piece[1] for piece in self._pieces])
             lines = np.concatenate([piece[2] for piece in self._pieces])
         behind = self._commands.pop(self._held, ()) if self._commands else ()
-        commands = command_array(self._held, self._commands)
+        commands = command_array(self._held, self._commands, self._many_commands)
         self.ready.append(
             Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands, self._timed)
         )
         self.ready.extend(behind)
-        self._pieces, self._held, self._commands = [], 0, {}
+        self._pieces, self._held, self._commands, self._many_commands = [], 0, {}, []
 
     def _pack(self) -> None:
         """Turn the single moves into arrays."""

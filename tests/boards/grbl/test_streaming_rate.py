@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import pytest
 
 from cnc.boards.grbl import line_stream
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from tests.support.boards.grbl_rig import connected
+from tests.support.boards.grbl_rig import MACHINE, connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed
 
 LONG = ["G1 F600", *(f"X{k % 7}.125Y{k % 9}.25Z-{k % 3}.375" for k in range(900))]
 SHORT = ["G1 F600", *(f"X{k % 70}.1S{k}" for k in range(900))]
 MOVES = ["G1 F3000", *(f"X{0.2 * k:.3f}" for k in range(1, 900))]
+TINY = ["G1 F855", *(f"X{110 + k / 20:.2f} Z-{1 + k % 7 / 1000:.3f} S{k}" for k in range(1, 700))]
 FAST = {110: 5000.0, 120: 500.0}
+LIGHT = {110: 6000.0, 112: 3000.0, 120: 1500.0, 122: 400.0}
 
 
 def streamed(
-    monkeypatch: pytest.MonkeyPatch, gathering: float, lines: list[str], *, check_only: bool
+    monkeypatch: pytest.MonkeyPatch,
+    gathering: float,
+    lines: list[str],
+    *,
+    check_only: bool,
+    baud: int = 115200,
+    settings: Mapping[int, float] = FAST,
 ) -> tuple[float, int]:
     """Return the seconds of the lines on the board, and the number of readings."""
     monkeypatch.setattr(line_stream, "GATHERING", gathering)
-    simulator = GrblSimulator(settings=FAST)
-    board = connected(simulator)
+    simulator = GrblSimulator(settings=settings, baud=baud)
+    changed = MACHINE.board.model_copy(update={"baud": baud})
+    board = connected(simulator, MACHINE.model_copy(update={"board": changed}))
     board.check_only = check_only
     board.start(ORIGIN)
     readings, pump = 0, board.link.pump
@@ -46,6 +58,17 @@ def test_answers_gather_while_the_wire_stays_busy(
     seconds, readings = streamed(monkeypatch, 0.0, lines, check_only=True)
     fewer = streamed(monkeypatch, gathering, lines, check_only=True)
     assert fewer[0] < 1.01 * seconds
+    assert fewer[1] < 0.6 * readings
+
+
+def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slow: Any = {"check_only": False, "baud": 57600, "settings": LIGHT}
+    gathering = line_stream.GATHERING
+    seconds, readings = streamed(monkeypatch, 0.0, TINY, **slow)
+    fewer = streamed(monkeypatch, gathering, TINY, **slow)
+    assert fewer[0] < 1.005 * seconds
     assert fewer[1] < 0.6 * readings
 
 

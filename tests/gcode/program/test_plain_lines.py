@@ -13,6 +13,7 @@ from cnc.gcode import dialects
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.plain_lines import PlainLines
+from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
@@ -55,12 +56,19 @@ class Reader:
     """An interpreter that is given line after line; ``fast``: runs of moves on arrays."""
 
     def __init__(
-        self, lines: list[str], axes: tuple[str, ...], dialect: str, *, fast: bool
+        self,
+        lines: list[str],
+        axes: tuple[str, ...],
+        dialect: str,
+        *,
+        fast: bool,
+        laser: bool = False,
     ) -> None:
         self.text = Text.of_lines(lines, "t")
         rules = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
-        self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None)
+        policy = ReadingPolicy(laser=laser)
+        self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None, policy=policy)
         self.interpreter.motion.assumed.end()  # a motion code came before
         self.on_arrays = (
             PlainLines(self.interpreter, LineMachine(self.interpreter)) if fast else None
@@ -111,9 +119,15 @@ def _bits(value: Any) -> Any:
     return "" if isinstance(value, Answer) else repr(value)
 
 
-def both(lines: list[str], axes: tuple[str, ...] = AXES[0], dialect: str = "auto") -> Reader:
+def both(
+    lines: list[str],
+    axes: tuple[str, ...] = AXES[0],
+    dialect: str = "auto",
+    *,
+    laser: bool = False,
+) -> Reader:
     """Run the program both ways and compare; return the fast reader."""
-    readers = [Reader(lines, axes, dialect, fast=fast) for fast in (False, True)]
+    readers = [Reader(lines, axes, dialect, fast=fast, laser=laser) for fast in (False, True)]
     for reader in readers:
         reader.read()
     assert readers[0].left() == readers[1].left(), lines
@@ -194,6 +208,40 @@ def test_polylines_are_cut_at_the_same_moves() -> None:
         )
         found = both(lines)
         assert found.runs == len(lines)
+
+
+RASTER = ["X{x}S{s}"] * 8 + ["G1X{x}F600S{s}", "S{s}", "G0Y{x}S0", "X{x}", "G3X{x}I1", "M4S{s}"]
+"""Lines of laser posts: power on each line, power alone, traverses without power, arcs."""
+STANDING = ["M5", "M3 S9", "M9", "M8", "G4 P0.1", "G2 X1 I1 S7", "F500"]
+
+
+def raster(rng: random.Random, count: int) -> list[str]:
+    """Lines of rasters, with other blocks between some of them."""
+    found = ["G91 G1 F600", rng.choice(["M3 S0", "M4 S5", "X1"])]
+    other = rng.choice([0.0, 0.002, 0.1])
+    for _ in range(count):
+        chosen = STANDING if rng.random() < other else RASTER
+        found.append(rng.choice(chosen).format(x=rng.randint(-9, 9) / 8, s=rng.randint(0, 3)))
+    return found
+
+
+@pytest.mark.parametrize("laser", [False, True])
+def test_lines_with_power_on_arrays_equal_lines_one_by_one(laser: bool) -> None:
+    carried = 0
+    for seed in range(share(4000, 40)):
+        rng = random.Random(seed)
+        lines = raster(rng, rng.choice([20, 300, 3000, 9000]))
+        found = both(lines, laser=laser).interpreter.out.ready
+        carried += any(isinstance(each, Polyline) and each.commands is not None for each in found)
+    assert carried > 0.5 * share(4000, 40)
+
+
+@pytest.mark.parametrize("laser", [False, True])
+@pytest.mark.parametrize("moves", [4095, 4096, 4097, 8192])
+@pytest.mark.parametrize("tail", [[], ["S7"], ["S7", "X1"], ["S7", "S8", "X1"], ["S7", "G4 P1"]])
+def test_power_where_a_polyline_is_full(laser: bool, moves: int, tail: list[str]) -> None:
+    lines = ["G91 G1 F600", "M4 S1", *["X1"] * moves, *tail]
+    assert both(lines, laser=laser).runs == len(lines)
 
 
 @pytest.mark.parametrize("between", [4094, 4095, 4096, 4097, 7000])

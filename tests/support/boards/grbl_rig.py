@@ -10,6 +10,7 @@ from cnc.boards.grbl.protocol import GrblProtocol
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from tests.support.boards.line_board_conformance import ORIGIN, feed
@@ -29,9 +30,9 @@ def ready() -> GrblProtocol:
     return protocol
 
 
-def connected(simulator: GrblSimulator) -> GrblBoard:
+def connected(simulator: GrblSimulator, machine: Machine = MACHINE) -> GrblBoard:
     port = GrblSimulatorPort(simulator)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    board = GrblBoard(port, machine, port.clock, "the simulator")
     board.connect()
     return board
 

@@ -31,6 +31,7 @@ from cnc.model.blocks import (
     SpindleSync,
 )
 from cnc.model.diagnostics import CncError, Diagnostic
+from cnc.model.motion_commands import apart
 from tests.support.gcode.fuzz_runs import FOLDERS, SECONDS, blocks_of, limited
 from tests.support.gcode.fuzz_words import every_word_matters, outcome
 from tests.support.gcode.fuzzing import Author, Program
@@ -45,7 +46,7 @@ PLAIN = re.compile(
 def check_blocks(blocks: list[Block], axes: tuple[str, ...]) -> None:
     """Assert what holds for every list of blocks."""
     position = np.zeros(len(axes))
-    for block in blocks:
+    for block in apart(blocks):
         match block:
             case Polyline():
                 assert np.isfinite(block.points).all()

@@ -33,6 +33,7 @@ from cnc.model.blocks import (
     Tool,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.motion_commands import apart
 
 Row = tuple[Any, ...]
 
@@ -51,7 +52,7 @@ def run(source: str, **options: Any) -> list[Block]:
 
 def rows(blocks: list[Block]) -> Iterator[Row]:
     """Blocks as tuples, one for each straight move; feeds in mm/min."""
-    for block in blocks:
+    for block in apart(blocks):
         match block:
             case Polyline():
                 for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True):

@@ -1,0 +1,34 @@
+"""The time that the serial wire takes for the bytes that were written."""
+
+from __future__ import annotations
+
+BITS_PER_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
+USUAL_BAUD = 115200
+"""bit/s: the speed of GRBL 1.1."""
+
+
+class WireTime:
+    """Follows the bytes on the wire to the board.
+
+    A computer takes bytes at once, and sends them at the speed of the wire.
+
+    Args:
+        baud: Speed of the wire, bit/s.
+    """
+
+    def __init__(self, baud: int = USUAL_BAUD) -> None:
+        self._byte_time = BITS_PER_BYTE / baud
+        self._idle_from = 0.0
+
+    def written(self, count: int, now: float) -> None:
+        """Note that ``count`` bytes were written at a time, s."""
+        self._idle_from = max(self._idle_from, now) + count * self._byte_time
+
+    def busy(self, now: float) -> float:
+        """Return the time for which the wire is busy from a time on, s."""
+        return max(self._idle_from - now, 0.0)
+
+    def on_wire(self, now: float) -> float:
+        """Return the bytes that are still on their way at a time, s."""
+        return self.busy(now) / self._byte_time
