@@ -39,7 +39,9 @@ from pathlib import Path
 
 _IMPORT = re.compile(r"^from cnc\.kernels\.([\w.]+) import", re.MULTILINE)
 _SOURCES = Path(__file__).parent
-_COMPILER = {_SOURCES / "compiler.py", _SOURCES / "compiler_work.py"}
+_COMPILER = {
+    _SOURCES / f"{name}.py" for name in ("borrowing", "code_library", "compiler", "compiler_work")
+}
 _TAG = sys.implementation.cache_tag or sys.implementation.name
 _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""

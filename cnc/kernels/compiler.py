@@ -16,10 +16,11 @@ apart, and only for kernels that are called so.
 
 numba counts the references to arrays wherever one is passed or indexed. A kernel that neither makes
 an array nor returns one needs no count: its caller holds all arrays until it returns. There the
-counting is left out.
+counting is left out (:mod:`cnc.kernels.borrowing`).
 
 Nothing that is compiled here runs before it has been loaded from its file. numba would also
-generate machine code for each of its own functions that a kernel contains; that is left out.
+generate machine code for each of its own functions that a kernel contains, and a function by which
+C calls it; that is left out.
 
 numba's documented interface has no means for this, so the classes here derive from its compiler
 (0.68): a change of numba's version needs a run of the tests in ``tests/kernels``.
@@ -31,31 +32,29 @@ import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 from unittest.mock import patch
 
-from llvmlite import binding
 from numba.core.caching import NullCache
-from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.cpu import CPUContext
 from numba.core.lowering import Environment
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
+from numba.core.runtime.context import NRTContext
 from numba.core.serialize import dumps
-from numba.core.typed_passes import InlineOverloads
+from numba.core.typed_passes import InlineOverloads, NopythonRewrites
 from numba.core.types import unliteral  # type: ignore[attr-defined]
 from numba.core.untyped_passes import InlineClosureLikes
 
 from cnc.kernels import code_cache, loader
+from cnc.kernels.borrowing import ArrayRewrites, count_where_needed
+from cnc.kernels.code_library import Callee, CountsMissingError, InnerLibrary, KernelLibrary, Types
 from cnc.kernels.compiler_work import repeated_work_left_out
+from cnc.kernels.frames import with_room
 from cnc.kernels.jit import Kernel, kernels
 
-INLINED = 100
-"""Lines of a function in LLVM's language up to which callers contain it. LLVM inlines functions of
-up to about 50 instructions, and some more if they have many arguments.
-"""
 OPTIONS = {
     "nopython": True,
     "error_model": "numpy",
@@ -66,126 +65,10 @@ OPTIONS = {
 LEFT_OUT = InlineClosureLikes, InlineOverloads
 """Passes of numba that kernels do not need: they have no functions or comprehensions inside."""
 
-NO_COUNT = """
-define linkonce_odr void @NRT_incref(ptr %0) alwaysinline nounwind { ret void }
-define linkonce_odr void @NRT_decref(ptr %0) alwaysinline nounwind { ret void }
-"""
-"""Counting of references where none is needed, in LLVM's language."""
-COUNTING = {"NRT_incref", "NRT_decref", "NRT_MemInfo_call_dtor", "NRT_Free"}
-"""Functions of numba that make no array. The third frees one, the last the text of an error."""
-
-Types = tuple[Any, ...]
+counting: set[Callee] = set()
+"""Kernels that make arrays though the types of their instructions do not show it."""
 watchers: list[Callable[[Kernel], None]] = []
 """Functions that are called before a kernel is compiled."""
-
-
-class Callee(NamedTuple):
-    """A kernel for one set of argument types, to which compiled code refers."""
-
-    module: str
-    name: str
-    arguments: Types
-
-
-class InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A function of numba that kernels contain, which are optimised and compiled as a whole."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        """Return 0: it is never called by itself."""
-        return 0
-
-
-class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The compiled code of one kernel.
-
-    Attributes:
-        kernel: the kernel and its argument types.
-        symbol: name of its function.
-        callees: kernels to which the code refers, in the order of their calls.
-        code: the machine code, an object file.
-        returns_arrays: whether its caller takes over references to arrays.
-    """
-
-    def __init__(self, codegen: Any, kernel: Callee) -> None:
-        super().__init__(codegen, kernel.name)
-        self.kernel = kernel
-        self.symbol, self.code = "", b""
-        self.returns_arrays = False
-        self.callees: dict[Callee, None] = {}
-        self._bitcode = b""
-        self._linking_libraries: list[Any] = []
-        self._shared_module: Any = None
-
-    def finalize(self) -> None:
-        """Link the small kernels and numba's own functions, and compile."""
-        linked: list[Any] = []
-        for library in dict.fromkeys(self._linking_libraries):
-            if isinstance(library, KernelLibrary):
-                if library.is_small:
-                    self.callees.update(library.callees)
-                else:
-                    self.callees[library.kernel] = None
-                    continue
-            linked.append(library)
-        self._linking_libraries = linked
-        if self._only_borrows():
-            # The first definition of a function counts.
-            self._final_module.link_in(binding.parse_assembly(NO_COUNT), preserve=True)
-        super().finalize()
-
-    def _only_borrows(self) -> bool:
-        """Return whether the callers hold all arrays, so that no reference has to be counted."""
-        if self.returns_arrays or any(
-            kernels[each.module, each.name].dispatcher.returns_arrays(each.arguments)
-            for each in self.callees
-        ):
-            return False
-        linked = (
-            library._get_module_for_linking()
-            for library in self._linking_libraries
-            if library is not rtsys.library
-        )
-        names = {each.name for module in (self._final_module, *linked) for each in module.functions}
-        return not any(name.startswith("NRT_") for name in names - COUNTING)
-
-    def _finalize_final_module(self) -> None:
-        self._verify_declare_only_symbols()
-        self.code = self._codegen._tm.emit_object(self._final_module)
-        self._finalized = True
-
-    @cached_property
-    def is_small(self) -> bool:
-        """Whether callers contain this code."""
-        function = super()._get_module_for_linking().get_function(self.symbol)
-        return str(function).count("\n") <= INLINED
-
-    def _get_module_for_linking(self) -> Any:
-        if self._shared_module is None and self._bitcode:
-            self._shared_module = binding.parse_bitcode(self._bitcode)
-        return super()._get_module_for_linking()
-
-    def bitcode(self) -> bytes:
-        """Return the code that callers contain; nothing if they do not contain this kernel."""
-        return self._get_module_for_linking().as_bitcode() if self.is_small else b""
-
-    @classmethod
-    def restored(
-        cls, codegen: Any, kernel: Callee, callees: list[Callee], symbol: str, bitcode: bytes
-    ) -> KernelLibrary:
-        """Return code that is on disk. The kernels that it calls are compiled if need be."""
-        for callee in callees:
-            kernels[callee.module, callee.name].dispatcher.compile(callee.arguments)
-        self = cls(codegen, kernel)
-        self.symbol, self.callees = symbol, dict.fromkeys(callees)
-        self.is_small, self._bitcode = bool(bitcode), bitcode
-        self._finalized = True
-        return self
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]
@@ -198,9 +81,14 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         function = state.func_id
         function.unique_id, function.unique_name = 0, function.func_qualname
         kernel = Callee(function.modname, function.func_qualname, tuple(state.args))
-        state.library = KernelLibrary(state.targetctx.codegen(), kernel)
+        counts = kernel in counting
+        state.library = KernelLibrary(state.targetctx.codegen(), kernel, counts_references=counts)
         passes = DefaultPassBuilder.define_nopython_pipeline(state)
-        passes.passes = [each for each in passes.passes if each[0] not in LEFT_OUT]
+        passes.passes = [
+            (ArrayRewrites if each is NopythonRewrites else each, text)
+            for each, text in passes.passes
+            if each not in LEFT_OUT
+        ]
         passes.finalize()
         return [passes]
 
@@ -211,6 +99,8 @@ def _no_inner_code(codegen: Any) -> Iterator[None]:
     with (
         patch.object(codegen, "_library_class", InnerLibrary),
         patch.object(codegen, "set_env", lambda name, environment: None),
+        patch.object(CPUContext, "create_cfunc_wrapper", lambda *parts: None),
+        patch.object(NRTContext, "_call_incref_decref", count_where_needed),
     ):
         yield
 
@@ -253,16 +143,29 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         rtsys.initialize(self.targetctx)
         codegen = self.targetctx.codegen()
         with _no_inner_code(codegen), repeated_work_left_out():
-            super().compile(arguments)
-            result = self.overloads[arguments]
-            result.library.returns_arrays = self.returns_arrays(arguments)
-            result.library.finalize()
+            try:
+                result = self._compiled(arguments)
+            except CountsMissingError:
+                counting.add(self.overloads.pop(arguments).library.kernel)
+                result = self._compiled(arguments)
         library, descriptor = result.library, result.fndesc
         descriptor.typemap = descriptor.calltypes = None
         needs = [_file(callee) for callee in library.callees]
         state = library.kernel, list(library.callees), library.bitcode(), descriptor
         code = loader.Code(library.symbol, needs, library.code, dumps((*state, result.signature)))
         loader.keep(self._kept(arguments), code)
+
+    def _compiled(self, arguments: Types) -> Any:
+        """Return numba's result for these types.
+
+        Raises:
+            CountsMissingError: If the code has to count references, and does not.
+        """
+        super().compile(arguments)
+        result = self.overloads[arguments]
+        result.library.returns_arrays = self.returns_arrays(arguments)
+        result.library.finalize()
+        return result
 
     def _paths(self, arguments: Types) -> list[str]:
         """Return the files in which code for these types may be."""
@@ -337,6 +240,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         self.targetctx.insert_user_function(entry, cres.fndesc, [cres.library])
         self.overloads[tuple(cres.signature.args)] = cres._replace(entry_point=entry)
 
+    @with_room
     def wrap(self, values: tuple[Any, ...], file: str) -> None:
         """Make the function by which Python calls the kernel with values of these types.
 

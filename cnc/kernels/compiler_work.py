@@ -12,6 +12,10 @@ The machine code stays the same, byte for byte. A profile of all kernels showed 
 - A context manager for each instruction adds the place to an error. It is a generator, though
   hardly ever is there an error.
 - Attempts that fail have messages in colour.
+- LLVM parses a module to find the size of a type, each time.
+- The signature of each function that generates code is read at each call, to find whether it has
+  an argument for the place in the source.
+- Messages for the log are offered for each instruction, though nobody reads them.
 """
 
 from __future__ import annotations
@@ -21,7 +25,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 from unittest.mock import patch
 
-from numba.core import errors, event, ir, lowering, transforms, typeinfer
+from llvmlite.binding import ffi
+from numba.core import base, errors, event, ir, lowering, ssa, transforms, typeinfer
 from numba.core.base import BaseContext as TargetContext
 from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.runtime.context import NRTContext
@@ -38,6 +43,12 @@ _process = PostProcessor.run
 _find_references = NRTContext.get_meminfos
 _references: dict[Any, bool] = {}
 """Whether values of a type have counts of references."""
+_find_size = TargetContext.get_abi_sizeof
+_sizes: dict[Any, int] = {}
+"""Sizes of LLVM's types, bytes. There is one processor for which a process compiles."""
+_find_takes_place = base._has_loc
+_place_takers: dict[Any, bool] = {}
+"""Whether functions of numba have an argument for the place in the source."""
 
 
 @contextmanager
@@ -52,6 +63,10 @@ def repeated_work_left_out() -> Iterator[None]:
             (NRTContext, "get_meminfos", _references_of),
             (ir.Inst, "_rec_list_vars", _variables),
             (event, "broadcast", _ignored),
+            (ffi.lib._lock, "_cblist", []),
+            (TargetContext, "get_abi_sizeof", _size),
+            (base, "_has_loc", _takes_place),
+            (ssa, "_logger", _SILENT),
             (lowering, "new_error_context", _ErrorContext),
             (typeinfer, "new_error_context", _ErrorContext),
         ):
@@ -122,6 +137,22 @@ def _references_of(runtime: Any, builder: Any, type: Any, value: Any) -> Any:
     return _find_references(runtime, builder, type, value) if found else []
 
 
+def _size(context: Any, type: Any) -> int:
+    """Return the size of an LLVM type, bytes."""
+    found = _sizes.get(type)
+    if found is None:
+        found = _sizes[type] = _find_size(context, type)
+    return found
+
+
+def _takes_place(function: Any) -> bool:
+    """Return whether a function of numba has an argument for the place in the source."""
+    found = _place_takers.get(function)
+    if found is None:
+        found = _place_takers[function] = _find_takes_place(function)
+    return found
+
+
 def _variables(_: ir.Inst, value: Any) -> list[ir.Var]:
     """Return the variables in a part of an instruction."""
     found: list[ir.Var] = []
@@ -181,6 +212,12 @@ class _ErrorContext:
                 raise error
 
 
+class _Silent:
+    """A logger whose messages nobody reads."""
+
+    debug = _ignored
+
+
 class _Plain:
     """Messages without colours, for :func:`numba.core.errors.termcolor`."""
 
@@ -189,3 +226,4 @@ class _Plain:
 
 
 _PLAIN = _Plain()
+_SILENT = _Silent()

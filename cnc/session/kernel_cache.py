@@ -187,10 +187,13 @@ DONE = "."
 
 def work() -> None:
     """Do the jobs that standard input names, one a line."""
-    from cnc.kernels import compiler
-
     # The compiler makes no cycles worth collecting; looking for them takes a fifth of the time.
     gc.disable()
+    # numba imports SciPy where there is one, for products of matrices. Kernels have none, since
+    # they are compiled without SciPy, too.
+    sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
+    from cnc.kernels import compiler
+
     compiler.watchers.append(lambda kernel: _tell(kernel.label))
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(requests,), daemon=True).start()

@@ -188,3 +188,49 @@ def test_an_error_names_its_place_as_that_of_numba_does() -> None:
     assert any("missing" in each for each in (expected[0], *expected[1]))
     with repeated_work_left_out():
         assert error() == expected
+
+
+def test_the_size_of_a_type_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    from llvmlite import ir as llvm
+    from numba.core import types
+    from numba.core.base import BaseContext
+    from numba.core.registry import cpu_target
+
+    from cnc.kernels import compiler_work
+
+    context, found = cpu_target.target_context, []
+    context.refresh()
+    of_numba = BaseContext.get_abi_sizeof
+
+    def find(*arguments: Any) -> Any:
+        found.append(arguments)
+        return of_numba(*arguments)
+
+    monkeypatch.setattr(compiler_work, "_find_size", find)
+    monkeypatch.setattr(compiler_work, "_sizes", {})
+    array = context.get_value_type(types.Array(types.float64, 2, "C"))
+    pair = llvm.LiteralStructType([llvm.IntType(8), llvm.IntType(64)])
+    packed = llvm.LiteralStructType([llvm.IntType(8), llvm.IntType(64)], packed=True)
+    sizes = {llvm.IntType(32): 4, llvm.DoubleType(): 8, pair: 16, packed: 9, array: 9 * 8}
+    with compiler_work.repeated_work_left_out():
+        for _ in range(3):
+            for type, size in sizes.items():
+                assert context.get_abi_sizeof(type) == size
+    assert len(found) == len(sizes)
+
+
+def test_functions_that_take_the_place_in_the_source_are_known() -> None:
+    from numba.core import base
+
+    from cnc.kernels.compiler_work import repeated_work_left_out
+
+    def with_place(context: Any, builder: Any, *, loc: Any = None) -> None:
+        """Generate code."""
+
+    def without(context: Any, builder: Any) -> None:
+        """Generate code."""
+
+    with repeated_work_left_out():
+        for _ in range(2):
+            assert base._has_loc(with_place)
+            assert not base._has_loc(without)

@@ -77,7 +77,19 @@ def mixed(pair: Pair, rounds: int) -> float:
         here = exchanged(here)
         grown = longer(part_of(here.first, k % 3), 4)
         total += borrows(Pair(grown, here.second), 0, 5)
-    return total
+    return total + middle(here.first)
+
+
+@njit
+def middle(a) -> float:
+    """Use a function of numba that makes an array and forgets it."""
+    return np.median(a[1:])
+
+
+@njit
+def selected(a, places) -> float:
+    """Select elements into a new array."""
+    return a[places][0]
 '''
 CALL = """
 import json, sys
@@ -87,14 +99,16 @@ from numba.core.runtime import _nrt_python as memory
 
 memory.memsys_enable_stats()
 pair = example.Pair(np.arange(9.0), np.arange(9.0) / 8.0 + 1.0)
-names = ("borrows", "part_of", "longer", "exchanged", "mixed")
+names = ("borrows", "part_of", "longer", "exchanged", "mixed", "selected")
+places = np.array([3, 1])
 
 def results(kernels):
-    borrows, part_of, longer, exchanged, mixed = kernels
+    borrows, part_of, longer, exchanged, mixed, selected = kernels
     other = exchanged(pair)
     return [
         borrows(pair, 1, 7), part_of(pair.first, 4).tolist(), longer(pair.second, 2).tolist(),
         other.first.tolist(), other.second.tolist(), mixed(pair, 50),
+        selected(pair.first, places),
     ]
 
 compiled = [getattr(example, name) for name in names]
@@ -112,17 +126,26 @@ print(json.dumps({
 """
 
 
-@pytest.fixture(scope="module")
-def called(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+BLIND = """
+from cnc.kernels import borrowing
+borrowing.makes_arrays = lambda state: False
+"""
+"""Hides the arrays that show in the types of instructions. The code alone tells of them."""
+
+
+@pytest.fixture(scope="module", params=["", BLIND], ids=["types", "code"])
+def called(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> tuple[dict[str, Any], Path]:
     """What the calls gave, and the folder of the compiled code."""
     folder = tmp_path_factory.mktemp("counts")
     (folder / "example.py").write_text(KERNELS)
 
-    def run(**variables: str) -> dict[str, Any]:
+    def run(before: str = "", **variables: str) -> dict[str, Any]:
         path = os.pathsep.join((str(ROOT), str(folder)))
         environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "cache")}
         done = subprocess.run(
-            [sys.executable, "-c", CALL],
+            [sys.executable, "-c", before + CALL],
             capture_output=True,
             text=True,
             env=environment | variables,
@@ -131,7 +154,7 @@ def called(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
         answer: dict[str, Any] = json.loads(done.stdout)
         return answer
 
-    answer = run()
+    answer = run(request.param)
     answer["expected"] = run(NUMBA_DISABLE_JIT="1")["found"]
     return answer, folder / "cache"
 
@@ -150,7 +173,15 @@ def test_no_array_is_kept_or_freed_too_often(called: tuple[dict[str, Any], Path]
 
 @pytest.mark.parametrize(
     ("name", "counts"),
-    [("borrows", False), ("part_of", True), ("longer", True), ("exchanged", True), ("mixed", True)],
+    [
+        ("borrows", False),
+        ("part_of", True),
+        ("longer", True),
+        ("exchanged", True),
+        ("mixed", True),
+        ("middle", True),
+        ("selected", True),
+    ],
 )
 def test_only_kernels_that_make_or_return_arrays_count(
     called: tuple[dict[str, Any], Path], name: str, counts: bool
