@@ -60,11 +60,15 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
         turn += 1
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
         left = wrong if turn > ROUNDS else short
+        cut = wrong & spline.knots["refused"][:-1]
+        spline.knots["refused"][:-1] |= wrong
         if left.any():
             spline, free = _broken(chain, spline, left, wrong, states, tolerance)
-        else:
-            spline, free = _cut(chain, spline, wrong, states)
+        elif cut.any():
+            spline, free = _cut(chain, spline, cut, wrong, states)
             least_squares(chain, spline, ~free)
+        else:
+            free = _near(spline, np.flatnonzero(wrong), NEAR)
 
 
 def with_short_ends(chain: Chain, knots: Knots, ends: Flags) -> Knots:
@@ -102,18 +106,28 @@ def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
     return near
 
 
-def _cut(chain: Chain, spline: Spline, cut: Flags, states: Floats) -> tuple[Spline, Flags]:
+def _cut(
+    chain: Chain, spline: Spline, cut: Flags, anew: Flags, states: Floats
+) -> tuple[Spline, Flags]:
     """Cut spans.
 
+    Args:
+        chain: the chain.
+        spline: the spline.
+        cut: (K - 1,): the spans that are cut.
+        anew: (K - 1,): these, and others that are placed anew.
+        states: see fitted.
+
     Returns:
-        The spline, and the control points near the cuts, which are to be placed.
+        The spline, and the control points near these spans, which are to be placed.
     """
     knots = with_cuts(chain, spline.knots, cut)
     finer = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
     transfer(spline, finer)
-    spans = np.flatnonzero(cut)
-    spans += np.arange(len(spans))
-    return finer, _near(finer, np.concatenate((spans, spans + 1)), NEAR)
+    cuts = np.cumsum(cut)
+    spans = np.flatnonzero(anew)
+    spans = np.concatenate((spans + cuts[spans] - cut[spans], spans + cuts[spans]))
+    return finer, _near(finer, spans, NEAR)
 
 
 def _with_knots(
@@ -125,7 +139,7 @@ def _with_knots(
         wide = too_wide(chain, spline, _touched(spline, free), tolerance)
         if not wide.any():
             return spline
-        spline, free = _cut(chain, spline, wide, states)
+        spline, free = _cut(chain, spline, wide, wide, states)
 
 
 def _broken(
