@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.fit_chain import LEAST, Chain, Flags, Knots
-from cnc.kernels.path.fit_proof import prove
+from cnc.kernels.path.fit_proof import far_off, prove
 from cnc.kernels.path.fit_spline import ORDER, Spline, new_spline, transfer
 from cnc.kernels.path.fit_squares import least_squares, too_wide, with_cuts
 from cnc.kernels.path.fit_tube import improve
@@ -29,6 +29,8 @@ MOVES_AT_END = 4
 """Most moves of a span at an end whose derivatives are given,"""
 SPANS_AT_END = 6
 """and the number of such spans."""
+CUT = 1.1
+"""In tolerances. A span that is refused is cut if it is farther off; else places are added."""
 ROUNDS = 16
 """Rounds after which spans that still fail are left to the polyline."""
 NONE = np.empty((0, ORDER, ORDER))
@@ -60,7 +62,7 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
         turn += 1
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
         left = wrong if turn > ROUNDS else short
-        cut = wrong & spline.knots["refused"][:-1]
+        cut = far_off(chain, spline, wrong, CUT * tolerance) | (wrong & spline.knots["refused"][:-1])
         spline.knots["refused"][:-1] |= wrong
         if left.any():
             spline, free = _broken(chain, spline, left, wrong, states, tolerance)
