@@ -3,10 +3,12 @@
     corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
       ──► least squares; spans that miss a vertex are cut at one               fit_squares
       ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
-      ──► proof; a span that fails is cut, and the spline near it made anew      fit_proof
+      ──► proof; the spline near a span that fails is made anew                  fit_proof
 
-A span is cut at a vertex if it has one inside, else in the middle. A span too short to be cut is
-left to the polyline. There, and at corners, the spline is broken.
+A span that is refused for the first time, and is little off, gets more places where its distance
+is limited. Others are cut, at a vertex if there is one inside, else in the middle. A knot inside a
+move makes the spline less smooth there. A span too short to be cut is left to the polyline. There,
+and at corners, the spline is broken.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ MOVES_AT_END = 4
 """Most moves of a span at an end whose derivatives are given,"""
 SPANS_AT_END = 6
 """and the number of such spans."""
-CUT = 1.1
+CUT = 1.05
 """In tolerances. A span that is refused is cut if it is farther off; else places are added."""
 ROUNDS = 16
 """Rounds after which spans that still fail are left to the polyline."""
@@ -62,7 +64,9 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
         turn += 1
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
         left = wrong if turn > ROUNDS else short
-        cut = far_off(chain, spline, wrong, CUT * tolerance) | (wrong & spline.knots["refused"][:-1])
+        # A span without a free control point would not change.
+        again = ~spline.knots["refused"][:-1] & _touched(spline, ~spline.fixed)
+        cut = wrong & ~again | far_off(chain, spline, wrong, CUT * tolerance)
         spline.knots["refused"][:-1] |= wrong
         if left.any():
             spline, free = _broken(chain, spline, left, wrong, states, tolerance)
