@@ -43,8 +43,9 @@ def intervals_of(
     before: Junction,
     after: Junction,
     refined: float = REFINED,
+    begin: float = 0.0,
 ) -> Intervals:
-    """Cut a chunk into intervals with constant bounds; arc lengths begin with 0.
+    """Cut a chunk into intervals with constant bounds; arc lengths begin with ``begin``, mm.
 
     The refinement may cross an interval faster than the bound that leaves acceleration for any
     direction. ``refined`` is the ratio for which the intervals are cut. Faster motion is compared
@@ -74,11 +75,12 @@ def intervals_of(
             after,
             limits.arrays,
             refined,
+            begin,
             found,
         )
         if count >= 0:
             return Intervals._make(array[:count] for array in found)
-        space *= 2
+        space *= 4
 
 
 def between(known: Intervals, start: float, stop: float) -> Intervals:

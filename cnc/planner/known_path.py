@@ -86,8 +86,13 @@ class KnownPath:
         wanted = [
             section for section in self.sections if section.end > start and section.base < stop
         ]
+        near = rounding_of(stop)
         parts = [
-            section.intervals if limits is self.limits else section.stretch.intervals(limits)
+            section.intervals
+            if limits is self.limits
+            else section.intervals_near(
+                limits, start - section.base - near, stop - section.base + near
+            )
             for section in wanted
         ]
         known = joined(parts, [section.base for section in wanted])

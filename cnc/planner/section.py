@@ -29,17 +29,23 @@ class Stretch:
     previous: PathChunk | None
     following: PathChunk | None
 
-    def intervals(self, limits: Limits, refined: float = REFINED) -> Intervals:
-        """Return its intervals, with arc lengths from its start.
-
-        ``refined``: see :func:`cnc.planner.intervals.intervals_of`.
-        """
+    def intervals(self, limits: Limits, refined: float = REFINED, begin: float = 0.0) -> Intervals:
+        """Return its intervals; see :func:`cnc.planner.intervals.intervals_of`."""
         before = after = STANDSTILL
         if self.previous is not None:
             before = junction_between(self.previous, self.path, limits)
         if self.following is not None:
             after = junction_between(self.path, self.following, limits)
-        return intervals_of(self.path, limits, before, after, refined)
+        return intervals_of(self.path, limits, before, after, refined, begin)
+
+    def part(self, first: int, last: int) -> Stretch:
+        """Return the pieces from ``first`` to before ``last`` as a stretch."""
+        path = self.path
+        return Stretch(
+            path.part(first, last),
+            path.part(first - 1, first) if first > 0 else self.previous,
+            path.part(last, last + 1) if last < len(path) else self.following,
+        )
 
 
 class Section:
@@ -76,6 +82,20 @@ class Section:
         self._refined *= FINER
         self.intervals = self.stretch.intervals(limits, self._refined)
         return True
+
+    def intervals_near(self, limits: Limits, start: float, stop: float) -> Intervals:
+        """Return the intervals of the pieces between two arc lengths under other limits.
+
+        Arc lengths are measured from the start of the section, mm. The result is a part of that for
+        the whole section, to the last digit.
+        """
+        pieces = len(self.stretch.path)
+        first = int(np.searchsorted(self.piece_s, start, side="right")) - 1
+        first = min(max(first, 0), pieces - 1)
+        last = int(np.searchsorted(self.piece_s, stop, side="left"))
+        last = min(max(last, first + 1), pieces)
+        begin = float(self.piece_s[first])
+        return self.stretch.part(first, last).intervals(limits, begin=begin)
 
     @property
     def end(self) -> float:

@@ -26,8 +26,8 @@ SEEDS = (0, 2, 3)
 def wrong_samples(monkeypatch):
     """Let the usual intervals have samples that are wrong, and that are said to be unreliable."""
 
-    def cut(path, limits, before, after, refined):
-        known = intervals_of(path, limits, before, after, refined)
+    def cut(path, limits, before, after, refined, begin):
+        known = intervals_of(path, limits, before, after, refined, begin)
         if refined > REFINED:
             return known
         return known._replace(samples=WRONG * known.samples, reliable=np.zeros_like(known.reliable))

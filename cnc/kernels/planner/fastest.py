@@ -69,6 +69,9 @@ Until a first try has failed only that of the last step is examined.
 TRIES = 30
 """Largest number of steps of the descent that may fail."""
 
+OUTSIDE = 5
+"""Steps after which a motion that was never inside the limits is given up."""
+
 START = 0.93
 """Part of its speed to which a motion between rests is slowed at first."""
 
@@ -271,13 +274,16 @@ def search(
     tries = failed = 0
     kept = with_motion(cells, cells.v.copy(), cells.a.copy())
     shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
-    while reached < LAST_WEIGHT and tries <= TRIES:
+    most = OUTSIDE
+    while reached < LAST_WEIGHT and tries <= most:
         copy_motion(kept.v, kept.a, cells.v, cells.a)
         legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
         used = 0.0
         examined = weight == LAST_WEIGHT or (tries > 0 and weight >= CHECKED_WEIGHT)
         if examined:
             used = examine(cells, known, limits, shares)
+        if legal:
+            most = TRIES
         if legal and used <= 1.0 + TOUCH:
             if examined:
                 good = with_motion(cells, cells.v.copy(), cells.a.copy())

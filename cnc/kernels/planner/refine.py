@@ -282,10 +282,11 @@ def refine(
         phases: (p,): the plan.
         known: the intervals from its start to its end.
         machine: the limits.
-        rough: whether the plan itself may be illegal.
+        rough: whether the plan itself may be illegal. A stretch of it that is legal, and can hardly
+            gain, stays as it is.
 
     Returns:
-        Whether the result is legal, and its phases.
+        Whether the result is legal, and its phases; none if it is not.
     """
     limits = sum_limits(machine)
     rows = np.empty(3 * len(phases), PHASE)
@@ -293,7 +294,6 @@ def refine(
     total = separate(phases, known, rows, fixed)
     out = np.empty(4 * total + 256, PHASE)
     count = 0
-    legal = True
     first = 0
     cruise = 0.0
     while first < total:
@@ -307,19 +307,20 @@ def refine(
         out = with_space(out, count, last - first)
         wanted = False
         if not fixed[first]:
-            wanted = rough
-            if not rough:
-                before = 0.0
-                for r in range(first, last):
-                    before += rows[r]["duration"]
-                gain = possible_gain(rows, first, last, known, limits)
-                wanted = gain > max(PROMISING * before, NOTICEABLE * (before + cruise))
-        if wanted:
-            fits, out, count = refine_stretch(stretch, known, limits, out, count)
-        else:
+            before = 0.0
+            for r in range(first, last):
+                before += rows[r]["duration"]
+            gain = possible_gain(rows, first, last, known, limits)
+            wanted = gain > max(PROMISING * before, NOTICEABLE * (before + cruise))
+        fits = True
+        kept = count
+        if not wanted:
             written, fits = write_rows(stretch, rows[first]["s"], end_s, known, limits, out[count:])
             count += written
+        if wanted or not (fits or fixed[first]):
+            fits, out, count = refine_stretch(stretch, known, limits, out, kept)
+        if not fits:
+            return False, out[:0]
         cruise = cruise + rows[first]["duration"] if fixed[first] else 0.0
-        legal = legal and fits
         first = last
-    return legal, out[:count]
+    return True, out[:count]

@@ -215,6 +215,7 @@ def chunk_intervals(
     after: Junction,
     limits: LimitArrays,
     refined: float,
+    begin: float,
     out: Intervals,
 ) -> int:
     """Cut the pieces of a chunk of path into intervals with constant bounds.
@@ -229,7 +230,8 @@ def chunk_intervals(
         limits: of the machine.
         refined: an interval is cut for this times the speed bound that leaves acceleration for any
             direction: the refinement may cross it so much faster.
-        out: space for the intervals. Arc lengths are measured from the start of the chunk.
+        begin: arc length at the start of the first piece, mm.
+        out: space for the intervals.
 
     Returns:
         The number of intervals, or -1 if ``out`` has no space for them.
@@ -238,7 +240,7 @@ def chunk_intervals(
     sampling = empty_sampling(len(limits.axis_velocity))
     q = sampling.q
     count = 0
-    base = 0.0
+    base = begin
     entry = before
     for k in range(len(length)):
         leave = after
