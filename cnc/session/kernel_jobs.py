@@ -192,10 +192,24 @@ JOBS = {
     "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
     "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
     "corner stops": Job(
-        _kernels("planner.corner_stops", "planner.corner_places", "planner.corner_rows"),
+        _kernels(
+            "planner.corner_stops",
+            "planner.corner_places",
+            "planner.corner_legs",
+            "planner.corner_known",
+            "planner.corner_search",
+        ),
         plan_corner,
     ),
-    "corner motions": Job(_kernels("planner.corner_motion", "planner.corner_search"), plan_corner),
+    "corner motions": Job(
+        _kernels(
+            "planner.corner_motion",
+            "planner.corner_newton",
+            "planner.corner_rows",
+            "planner.corner_tube",
+        ),
+        plan_corner,
+    ),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit", "grbl_lines.arrival"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
