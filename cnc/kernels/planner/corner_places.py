@@ -25,6 +25,7 @@ from cnc.kernels.planner.legs import (
     REST,
     REVERSED,
     STRAIGHTEST,
+    LineBounds,
     Turn,
     corner_time,
     directions,
@@ -44,8 +45,10 @@ SHARP = math.sin(math.radians(120.0) / 2.0)
 MOST_CORNERS = 8
 """Largest number of corners of a chain."""
 
-MOST_TIME = 4.0
-"""s; a chain of stops that takes longer ends. It bounds the latency of a hold."""
+MOST_TIME, MOST_RAMPS = 0.4, 2.5
+"""A chain of stops that takes more seconds, and more times the ramp to its feed, ends. A hold waits
+for the end of a chain that has begun.
+"""
 
 SPARE = 0.01
 """Part of the reach by which more of a plan is held back: its start has to stay as it is."""
@@ -150,11 +153,17 @@ def legs_used(path: PathArrays, b: int, shared: bool) -> tuple[float, float]:
 
 
 @njit
+def _ramp(line: LineBounds) -> float:
+    """Return the time of the ramp to the speed of a line; infinity without a bound."""
+    return ramp_time(0.0, line.v, line.a, line.j) if line.v < math.inf else math.inf
+
+
+@njit
 def _reach(u: Floats, turn: Turn, bound: float, tolerance: float, limits: LimitArrays) -> float:
     """Return the time that a motion past a corner may reach on a leg of direction ``u``, s."""
     line = line_bounds(u, bound, limits)
     near = NEAR * corner_time(line.j, turn, tolerance)
-    ramp = ramp_time(0.0, line.v, line.a, line.j) if line.v < math.inf else math.inf
+    ramp = _ramp(line)
     if turn.sine >= SHARP or not ramp < math.inf:
         return 1.5 * near
     return near + ramp
@@ -214,12 +223,14 @@ def chain_from(
     t, now = plan.t[rest], plan.t[-1]
     half = time_of(plan.piece_s[b + 1] - legs_used(path, b, shared)[0], plan)
     begin = max(t - reach1, half)
+    line = line_bounds(u[1], bound[b + 1], limits)
+    most_time = max(MOST_TIME, MOST_RAMPS * _ramp(line))
     e = b
     while True:
         ends = plan.piece_s[e + 2]
         passed = plan.s[-1] > ends + REST
         following = rest_at(path, plan, e + 1)
-        whole = e - b + 1 >= most or t - begin > MOST_TIME
+        whole = e - b + 1 >= most or t - begin > most_time
         if whole or following < 0:
             # The next corner is too late to count, or it is none.
             known = whole or passed or not leaves_path(path, e + 1)

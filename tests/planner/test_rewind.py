@@ -1,0 +1,56 @@
+"""A hold in the part of a plan that corners hold back begins where that part begins."""
+
+import numpy as np
+
+from cnc.model.blocks import Held, PathMode
+from cnc.model.operator_control import Control
+from cnc.path.build import build
+from cnc.planner.lookahead import LookAhead
+from tests.support.planner.corners import PER_AXIS, duration, planned
+from tests.support.planner.motions import AXES, lines
+from tests.support.soak import share
+
+
+def zigzag(rng):
+    """Return the corners of a path of short legs, mm."""
+    legs = rng.uniform(0.7, 1.4, (60, 1)) * [[1.0, 0.0, 0.0]]
+    legs[1::2] = rng.uniform(0.7, 1.4, (30, 1)) * [[0.2, 1.0, 0.0]]
+    legs[1::4] *= [1.0, -1.0, 1.0]
+    return np.cumsum(legs, axis=0)
+
+
+def holds(seed):
+    """Return the times of random holds from the request to rest, by that of the longest leg."""
+    rng = np.random.default_rng(seed)
+    points = zigzag(rng)
+    whole = np.diff(np.concatenate((np.zeros((1, 3)), points)), axis=0)
+    longest = max(duration(planned([leg], 0.0, feed=60.0)[0]) for leg in whole)
+    control = Control()
+    ahead = LookAhead(PER_AXIS, control, slice_s=0.5)
+    path = build(
+        [PathMode("t.nc", 1, "blend", 0.05), lines(points, 60.0)],
+        axes=AXES,
+        start=np.zeros(3),
+        passes=True,
+    )
+    asked, took = None, []
+    for item in ahead.plan(path):
+        if isinstance(item, Held):
+            if asked is not None:
+                took.append(end - asked)
+                asked = None
+            control.resume()
+            continue
+        end = item.t0 + item.duration
+        if asked is None and rng.random() < 0.3:
+            control.hold()
+            asked = end
+    assert not ahead.audit.violations
+    return [each / longest for each in took]
+
+
+def test_a_hold_between_corners_rests_within_a_leg():
+    """But for requests that fall on a plan that the audit refuses to change there."""
+    took = np.array([time for seed in range(share(50, 4)) for time in holds(seed)])
+    assert len(took) > 8
+    assert (took <= 1.1).mean() >= 0.85
