@@ -33,7 +33,7 @@ def holds(seed):
         start=np.zeros(3),
         passes=True,
     )
-    asked, took = None, []
+    asked, end, took = None, 0.0, []
     for item in ahead.plan(path):
         if isinstance(item, Held):
             if asked is not None:

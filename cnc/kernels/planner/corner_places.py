@@ -204,7 +204,7 @@ def chain_from(
     shared: bool,
     bound: Floats,
     limits: LimitArrays,
-    most: int = MOST_CORNERS,
+    most: int,
 ) -> Chain:
     """Return the chain of which the corner behind piece ``b`` is the first.
 
@@ -292,7 +292,7 @@ def first_undecided(
     b = 0
     while b < last:
         if passes_corner(path, plan, b, bound, limits):
-            chain = chain_from(path, plan, b, shared, bound, limits)
+            chain = chain_from(path, plan, b, shared, bound, limits, MOST_CORNERS)
             if not chain.known:
                 time = min(time, chain.begin - SPARE * (chain.end - chain.begin))
                 break

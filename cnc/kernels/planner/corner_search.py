@@ -27,7 +27,13 @@ from cnc.kernels.planner.corner_places import (
     time_of,
 )
 from cnc.kernels.planner.corner_rows import Rows
-from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
+from cnc.kernels.planner.corner_tube import (
+    FIRST_POINT,
+    Tube,
+    place_ends,
+    set_knots,
+    write_stencil,
+)
 from cnc.kernels.planner.legs import REST, corner_time, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
@@ -213,11 +219,28 @@ def motion_between(
     place_ends(tube, rows.t, c)
     steps = len(tube.leg)
     saved = t[legs] - t[0] - (rows.t[steps + 2] - rows.t[2])
-    if saved < GAIN * (t[legs] - t[0]):
+    if saved < GAIN * (t[legs] - t[0]) or _rests(rows.t, c):
         return none
     return Motion(
         saved, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t[: steps + 5].copy(), c
     )
+
+
+@njit
+def _rests(t: Floats, c: Floats) -> bool:
+    """Return whether a step has no length, as where legs out and back are left out."""
+    steps, d = len(c) - 3, c.shape[1]
+    stencil, here, before = np.empty(4), np.empty(d), np.empty(d)
+    for k in range(steps + 1):
+        write_stencil(FIRST_POINT, k, t, stencil)
+        moved = 0.0
+        for q in range(d):
+            here[q] = stencil[0] * c[k, q] + stencil[1] * c[k + 1, q] + stencil[2] * c[k + 2, q]
+            moved = max(moved, abs(here[q] - before[q]))
+        if k > 0 and moved <= REST:
+            return True
+        before[:] = here
+    return False
 
 
 @njit

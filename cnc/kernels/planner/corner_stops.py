@@ -27,6 +27,7 @@ from cnc.kernels.path.curve import LENGTH, SPAN, START, Floats, Ints
 from cnc.kernels.planner.corner_known import Known
 from cnc.kernels.planner.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
 from cnc.kernels.planner.corner_places import (
+    MOST_CORNERS,
     Chain,
     chain_from,
     passes_corner,
@@ -147,7 +148,7 @@ def _motion_from(
 
     Where no motion past all its corners is found, it is the first one alone.
     """
-    chain = chain_from(path, plan, b, shared, bound, limits)
+    chain = chain_from(path, plan, b, shared, bound, limits, MOST_CORNERS)
     motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
     if chain.last > b and motion.saved == 0.0:
         chain = chain_from(path, plan, b, shared, bound, limits, 1)
