@@ -3,10 +3,12 @@
     corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
       ──► least squares; spans that miss a vertex are cut at one               fit_squares
       ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
-      ──► proof; a span that fails is cut, and the spline near it made anew      fit_proof
+      ──► proof; the spline near a span that fails is made anew                  fit_proof
 
-A span is cut at a vertex if it has one inside, else in the middle. A span too short to be cut is
-left to the polyline. There, and at corners, the spline is broken.
+A span that is refused for the first time, and is little off, gets more places where its distance
+is limited. Others are cut, at a vertex if there is one inside, else in the middle. A knot inside a
+move makes the spline less smooth there. A span too short to be cut is left to the polyline. There,
+and at corners, the spline is broken.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.fit_chain import LEAST, Chain, Flags, Knots
-from cnc.kernels.path.fit_proof import prove
+from cnc.kernels.path.fit_proof import far_off, prove
 from cnc.kernels.path.fit_spline import ORDER, Spline, new_spline, transfer
 from cnc.kernels.path.fit_squares import least_squares, too_wide, with_cuts
 from cnc.kernels.path.fit_tube import improve
@@ -29,6 +31,8 @@ MOVES_AT_END = 4
 """Most moves of a span at an end whose derivatives are given,"""
 SPANS_AT_END = 6
 """and the number of such spans."""
+CUT = 1.05
+"""In tolerances. A span that is refused is cut if it is farther off; else places are added."""
 ROUNDS = 16
 """Rounds after which spans that still fail are left to the polyline."""
 NONE = np.empty((0, ORDER, ORDER))
@@ -60,11 +64,17 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
         turn += 1
         short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
         left = wrong if turn > ROUNDS else short
+        # A span without a free control point would not change.
+        again = ~spline.knots["refused"][:-1] & _touched(spline, ~spline.fixed)
+        cut = wrong & ~again | far_off(chain, spline, wrong, CUT * tolerance)
+        spline.knots["refused"][:-1] |= wrong
         if left.any():
             spline, free = _broken(chain, spline, left, wrong, states, tolerance)
-        else:
-            spline, free = _cut(chain, spline, wrong, states)
+        elif cut.any():
+            spline, free = _cut(chain, spline, cut, wrong, states)
             least_squares(chain, spline, ~free)
+        else:
+            free = _near(spline, np.flatnonzero(wrong), NEAR)
 
 
 def with_short_ends(chain: Chain, knots: Knots, ends: Flags) -> Knots:
@@ -102,18 +112,28 @@ def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
     return near
 
 
-def _cut(chain: Chain, spline: Spline, cut: Flags, states: Floats) -> tuple[Spline, Flags]:
+def _cut(
+    chain: Chain, spline: Spline, cut: Flags, anew: Flags, states: Floats
+) -> tuple[Spline, Flags]:
     """Cut spans.
 
+    Args:
+        chain: the chain.
+        spline: the spline.
+        cut: (K - 1,): the spans that are cut.
+        anew: (K - 1,): these, and others that are placed anew.
+        states: see fitted.
+
     Returns:
-        The spline, and the control points near the cuts, which are to be placed.
+        The spline, and the control points near these spans, which are to be placed.
     """
     knots = with_cuts(chain, spline.knots, cut)
     finer = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
     transfer(spline, finer)
-    spans = np.flatnonzero(cut)
-    spans += np.arange(len(spans))
-    return finer, _near(finer, np.concatenate((spans, spans + 1)), NEAR)
+    cuts = np.cumsum(cut)
+    spans = np.flatnonzero(anew)
+    spans = np.concatenate((spans + cuts[spans] - cut[spans], spans + cuts[spans]))
+    return finer, _near(finer, spans, NEAR)
 
 
 def _with_knots(
@@ -125,7 +145,7 @@ def _with_knots(
         wide = too_wide(chain, spline, _touched(spline, free), tolerance)
         if not wide.any():
             return spline
-        spline, free = _cut(chain, spline, wide, states)
+        spline, free = _cut(chain, spline, wide, wide, states)
 
 
 def _broken(

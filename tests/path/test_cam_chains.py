@@ -35,6 +35,21 @@ def test_the_motion_is_as_fast_as_along_the_smooth_curve(seed):
     assert duration(chunks) <= 1.08 * duration(curve)
 
 
+@pytest.mark.parametrize("seed", [777056])
+def test_a_hairpin_of_a_few_tolerances_is_as_fast_as_the_smooth_curve(seed):
+    test_the_motion_is_as_fast_as_along_the_smooth_curve(seed)
+
+
+@pytest.mark.parametrize("seed", [30000110, 30000303])
+def test_a_span_that_is_little_off_is_not_cut_again_and_again(seed):
+    """Moves of a smooth curve became a polyline in steps of half a tolerance, with corners."""
+    case = chain(seed)
+    chunks = path(moves(case.points, case.tolerance), case.points[0])
+    joints = np.concatenate([chunk.tolerance for chunk in chunks])
+    assert (joints[:-1] == 0.0).all()
+    test_the_motion_is_as_fast_as_along_the_smooth_curve(seed)
+
+
 def test_a_window_goes_on_from_the_one_before():
     """Chords of a circle many windows long: C4 throughout, and no seam is seen."""
     radius, tolerance, part = 40.0, 0.01, 0.9

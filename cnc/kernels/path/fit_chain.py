@@ -26,12 +26,13 @@ KNOT = np.dtype(
         ("ends", np.bool_),
         ("straight", np.bool_),
         ("polyline", np.bool_),
+        ("refused", np.bool_),
     ],
     align=True,
 )
 """A knot: its parameter, the vertex at or before it, whether it is that vertex (on), and whether
-the spline is broken there (ends). Of the span behind it: whether it is a straight line, and whether
-it is left to the polyline.
+the spline is broken there (ends). Of the span behind it: whether it is a straight line, whether it
+is left to the polyline, and whether the proof has refused it.
 """
 ON_LINE = 1e-9
 """mm. Vertices this near to a line lie on it."""

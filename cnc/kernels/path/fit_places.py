@@ -28,6 +28,10 @@ MANY = 8
 """In a span of more moves the distance is limited at this many of them, or up to twice as many: at
 the vertex, where the curve is inside, and in the middle, where it is outside.
 """
+REFUSED = 2
+"""Factor of the numbers of places in a span that the proof has refused: between them the spline
+left the tolerance.
+"""
 
 
 class Places(NamedTuple):
@@ -67,7 +71,8 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
     n = x.shape[1]
     most = 0
     for k in range(first, last):
-        most += 2 * min(knots[k + 1]["vertex"] - knots[k]["vertex"] + 1, 2 * MANY) + PLACES + 1
+        moves = knots[k + 1]["vertex"] - knots[k]["vertex"] + 1
+        most += REFUSED * (2 * min(moves, 2 * MANY) + PLACES + 1)
     span = np.empty(most, np.int64)
     at = np.empty(most)
     ref = np.empty((most, n))
@@ -87,8 +92,9 @@ def places_in(chain: Chain, spline: Spline, first: int, last: int) -> Places:
         inner = knots[k]["vertex"] + 1
         behind = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
         moves = behind - inner + 2
-        stride = max(moves // MANY, 1)
-        split = max((PLACES + moves - 1) // moves, 2)
+        times = REFUSED if knots[k]["refused"] else 1
+        stride = max(moves // (times * MANY), 1)
+        split = max((times * PLACES + moves - 1) // moves, 2)
         for c in range(n):
             a[c] = spline.p[k, c]
         ta = low

@@ -31,6 +31,9 @@ CLOSE = 0.1
 FOUND = 1e-4
 """Part of its span by which the foot of a vertex moves in the last step of the search."""
 
+MEASURED = 16
+"""Places in a span at which its distance is measured."""
+
 
 @njit
 def span_distance(
@@ -321,3 +324,31 @@ def prove(chain: Chain, spline: Spline, feet: Floats, changed: Flags, allowed: f
             _prove_range(chain, spline, feet, k, high, allowed, wrong)
         k = high
     return wrong
+
+
+@njit
+def far_off(chain: Chain, spline: Spline, wrong: Flags, distance: float) -> Flags:
+    """Return which of the spans that are wrong leave the polyline by more than a distance, mm.
+
+    wrong: (K - 1,): see prove.
+    """
+    knots = spline.knots
+    far = np.zeros(wrong.shape[0], np.bool_)
+    for k in range(wrong.shape[0]):
+        if not wrong[k]:
+            continue
+        first = max(knots[k]["vertex"] - 1, 0)
+        last = min(knots[k + 1]["vertex"] + 2, chain.x.shape[0] - 1)
+        for j in range(MEASURED):
+            nearest = math.inf
+            for i in range(first, last):
+                off = _from_move(
+                    spline.bezier[k],
+                    (j + 0.5) / MEASURED,
+                    chain.x[i],
+                    chain.x[i + 1],
+                    chain.metrics,
+                )
+                nearest = min(nearest, off)
+            far[k] = far[k] or nearest > distance
+    return far

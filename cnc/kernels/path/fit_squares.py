@@ -226,5 +226,6 @@ def with_cuts(chain: Chain, knots: Knots, cut: Flags) -> Knots:
             else:
                 finer[to]["t"] = 0.5 * (knots[k]["t"] + knots[k + 1]["t"])
                 finer[to]["vertex"] = knots[k + 1]["vertex"] - int(knots[k + 1]["on"])
+            finer[to]["refused"] = knots[k]["refused"]
             to += 1
     return finer

@@ -4,8 +4,10 @@ A control point moves at right angles to the spline only: one unknown in a plane
 movement along it changes the speed of the parameter, not the curve. Axes that do not measure the
 length are splines of their own.
 
-The programme makes the integral of w |r'''|^2 least. w is the fifth power of the spacing of knots,
-smoothed: so slow and fast places of a chain count alike.
+The programme makes the integral of w |r'''|^2 least. Where the jerk J limits the speed v to
+(J / |r'''|)^(1/3), the time is the integral of 1 / v. Its derivative by |r'''|^2 is proportional to
+v^5 / J^(5/3): that is w. The speed is estimated from the spacing of knots on vertices, and from how
+soon a motion can gain speed between them. So slow and fast places of a chain count alike.
 """
 
 from __future__ import annotations
@@ -16,41 +18,85 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
-from cnc.kernels.path.fit_chain import Chain, Flags, place_of
+from cnc.kernels.path.fit_chain import Chain, Flags, Knots, place_of
 from cnc.kernels.path.fit_places import limits, places_in, set_normals, to_unit
 from cnc.kernels.path.fit_program import smoothest
 from cnc.kernels.path.fit_spline import DEGREE, ORDER, Spline, add_energy, set_bezier
 
-SMOOTHED = 5
-"""Spans on either side whose spacing is averaged."""
+SPEED = 1.2
+"""Speed in a span, in units of its spacing divided by the cube root of the tolerance: a deviation
+of a tolerance over this spacing has a third derivative of about the tolerance by its cube.
+"""
+NEWTON_STEPS = 4
 STILL = 1e-9
 """mm. An axis that moves less than this stands still."""
 
 
 @njit
-def _energy(spline: Spline, low: int, high: int, begin: int, size: int) -> Floats:
+def _spacing(knots: Knots, k: int) -> float:
+    """Return the distance of the knots about span k that are vertices or beside a line, mm.
+
+    Knots inside a move do not show how fast the chain bends.
+    """
+    first = k
+    while first > 0 and not (knots[first]["on"] or knots[first - 1]["straight"]):
+        first -= 1
+    last = k + 1
+    while last < knots.shape[0] - 1 and not (knots[last]["on"] or knots[last]["straight"]):
+        last += 1
+    return float(knots[last]["t"] - knots[first]["t"])
+
+
+@njit
+def _speed(knots: Knots, k: int, usual: float) -> float:
+    """Return the speed of span k that its spacing and those of the spans about it allow.
+
+    Speeds are v / J^(1/3) in mm^(2/3), with the jerk J. The speed can rise from u0 to u over the
+    distance d = (u + u0) sqrt(u - u0). So a slow span limits the speeds about it.
+
+    Args:
+        knots: the knots.
+        k: the span.
+        usual: speed by the spacing of a span.
+    """
+    half = 0.5 * (knots[k + 1]["t"] - knots[k]["t"])
+    u = usual * _spacing(knots, k)
+    for way in (-1, 1):
+        before = half
+        j = k + way
+        while 0 <= j < knots.shape[0] - 1 and not knots[j]["straight"]:
+            h = knots[j + 1]["t"] - knots[j]["t"]
+            far = before + 0.5 * h
+            # No ramp that ends at u is longer than 1.09 u^(3/2).
+            if h <= 0.0 or far > 1.09 * u * math.sqrt(u):
+                break
+            slow = usual * _spacing(knots, j)
+            if slow < u and (u + slow) * math.sqrt(u - slow) > far:
+                # Newton's method for the root of u - slow, from above.
+                root = min(math.sqrt(u - slow), far ** (1.0 / 3.0))
+                for _ in range(NEWTON_STEPS):
+                    excess = (2.0 * slow + root * root) * root - far
+                    root -= excess / (2.0 * slow + 3.0 * root * root)
+                u = slow + root * root
+            before += h
+            j += way
+    return u
+
+
+@njit
+def _energy(spline: Spline, low: int, high: int, begin: int, size: int, tolerance: float) -> Floats:
     """Return the energy of the spans from ``low`` to before ``high`` as a band matrix (size, 6).
 
     begin: the control point that has the first row.
     """
     knots = spline.knots
     band = np.zeros((size, ORDER))
+    usual = SPEED / tolerance ** (1.0 / 3.0)
     for k in range(low, high):
         if knots[k]["straight"] or knots[k]["polyline"]:
             continue
-        total = 0.0
-        count = 0
-        for way in (-1, 1):
-            j = k
-            while abs(j - k) <= SMOOTHED and 0 <= j < knots.shape[0] - 1:
-                h = knots[j + 1]["t"] - knots[j]["t"]
-                if knots[j]["straight"] or h <= 0.0:
-                    break
-                total += math.log(h)
-                count += 1
-                j += way
         h = knots[k + 1]["t"] - knots[k]["t"]
-        weight = math.exp(DEGREE * total / count)
+        weight = (_speed(knots, k, usual) / usual) ** DEGREE
         add_energy(spline.extract[k], h, weight, spline.first[k] - begin, band)
     return band
 
@@ -141,7 +187,7 @@ def _improve_run(
     mask = np.zeros(last - first + 2 * DEGREE, np.bool_)
     for j in range(first, last):  # slices of two arrays would compile the text of an error
         mask[j - begin] = free[j]
-    band = _energy(spline, low, high, begin, mask.shape[0])
+    band = _energy(spline, low, high, begin, mask.shape[0], tolerance)
     places = places_in(chain, spline, low, high)
     moving = np.empty(n, np.int64)
     count = 0
