@@ -88,7 +88,8 @@ def test_the_source_lines_equal_those_of_the_plan(name, sizes):
     assert len(origins.t) <= sizes.origins
     row = np.clip(np.searchsorted(origins.t, made.t, side="right") - 1, 0, len(origins.t) - 1)
     edges = np.concatenate(([-np.inf], origins.t, [np.inf]))
-    clear = np.minimum(made.t - edges[row + 1], edges[row + 2] - made.t) > 1e-7
+    # At a jerk of 1e5 mm/s^3 the motion is a rounding error from a rest for 1e-6 s.
+    clear = np.minimum(made.t - edges[row + 1], edges[row + 2] - made.t) > 1e-6
     resting = np.concatenate(([True], (np.diff(made.position, axis=0) == 0.0).all(axis=1)))
     compared = clear & ~resting
     assert (origins.first[row] <= made.line)[compared].all()
