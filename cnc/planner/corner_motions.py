@@ -1,7 +1,7 @@
 r"""Motions past corners in finished plans (:mod:`cnc.kernels.planner.corner_stops`).
 
 A plan may end anywhere, so the part that the next plan may still change is held back: from the
-place on at which the motion at a corner may begin, until its end is known.
+place on at which the motion past a chain of corners may begin, until its end is known.
 
         v |``\            ,--
           |   \         ,'

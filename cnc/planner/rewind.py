@@ -43,12 +43,16 @@ class Rewind:
             return
         while len(self._copies) > 1 and self._copies[1][0] <= time:
             self._copies.pop(0)
+        first = self._copies[0][2] if self._copies else len(self._added)
+        del self._added[:first]
+        self._copies = [(begin, window, number - first) for begin, window, number in self._copies]
 
     def window_at(self, time: float | None) -> Window | None:
         """Return the window as it was at ``time`` in the plan; None if it is not known."""
         if time is None or not self._copies or self._copies[0][0] > time:
             return None
-        _, window, number = self._copies[0]
+        _, kept, number = self._copies[0]
+        window = kept.copy()
         for added in self._added[number:]:
             window.add(*added)
         while window.clock.seconds < time and window.settled:

@@ -54,3 +54,20 @@ def test_a_hold_between_corners_rests_within_a_leg():
     took = np.array([time for seed in range(share(50, 4)) for time in holds(seed)])
     assert len(took) > 8
     assert (took <= 1.1).mean() >= 0.85
+
+
+def test_copies_and_chunks_are_kept_only_while_they_are_needed():
+    rng = np.random.default_rng(1)
+    points = np.concatenate([zigzag(rng) + [60.0 * k, 0.0, 0.0] for k in range(6)])
+    control = Control()
+    ahead = LookAhead(PER_AXIS, control, slice_s=0.05)
+    path = build(
+        [PathMode("t.nc", 1, "blend", 0.05), lines(points, 60.0)],
+        axes=AXES,
+        start=np.zeros(3),
+        passes=True,
+    )
+    most = 0
+    for _ in ahead.plan(path):
+        most = max(most, len(ahead._rewind._copies) + len(ahead._rewind._added))
+    assert 0 < most < 40

@@ -1,6 +1,6 @@
 r"""A plan in which the motion no longer stops on corners under a tolerance.
 
-The part of the motion near a stop is replaced by the fastest one within the tolerance
+The part of the motion near a chain of stops is replaced by the fastest one within the tolerance
 (:mod:`cnc.kernels.planner.corner_motion`). It begins and ends with the speed and acceleration of
 the plan.
 
@@ -10,7 +10,8 @@ the plan.
           |______`-.____,-'______ t                 a  b
 
 The path gets a timed piece (:mod:`cnc.kernels.planner.timed`) for each step of that motion, the
-lines beside it become shorter, and all later phases begin earlier.
+lines beside it become shorter, those between its corners are left out, and all later phases begin
+earlier.
 
 Where the machine limits the jerk along the path, every stop stays: the direction of a slow motion
 turns fast, and takes more jerk than its axes.

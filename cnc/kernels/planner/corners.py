@@ -1,13 +1,11 @@
-"""The best treatment of each corner between two straight moves that has a tolerance.
+"""The treatment of each corner between two straight moves that has a tolerance.
 
-Three are compared by their time: the corner as it is, a motion past a stop, and a blend.
-
-- A blend is the Bezier curve of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the
-  directions. Its curvature is 0 at both ends, and its distance from the corner is d/4 sin(theta/2)
-  for a turn by theta. It is planned as any curve is. It suits small turns, and short moves.
-- At other turns the plan stops, and a faster motion replaces that near the stop
-  (:mod:`cnc.kernels.planner.corner_stops`). The time that it saves is estimated here.
-- Beyond 135 degrees there is no blend, and beyond 179 every motion stops.
+- Where the machine does not limit the jerk along the path, the plan stops, and a fastest motion
+  replaces the stops (:mod:`cnc.kernels.planner.corner_stops`): at turns from 5 to 179 degrees.
+- Elsewhere the corner as it is and a blend are compared by their time. A blend is the Bezier curve
+  of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the directions. Its curvature is
+  0 at both ends, and its distance from the corner is d/4 sin(theta/2) for a turn by theta. It is
+  planned as any curve is. Beyond 135 degrees there is none.
 
 The joints of a machine whose kinematics is not linear have no straight ramps beside a stop. There a
 corner at which the motion would stop has a blend, up to turns of 175 degrees.
