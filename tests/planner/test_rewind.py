@@ -19,22 +19,28 @@ def zigzag(rng):
     return np.cumsum(legs, axis=0)
 
 
-def holds(seed):
-    """Return the times of random holds from the request to rest, by that of the longest leg."""
-    rng = np.random.default_rng(seed)
-    points = zigzag(rng)
-    whole = np.diff(np.concatenate((np.zeros((1, 3)), points)), axis=0)
-    longest = max(duration(planned([leg], 0.0, feed=60.0)[0]) for leg in whole)
+def planning(points, slice_s):
+    """Return a planner, its plans of a path within a tolerance, and the operator's control."""
     control = Control()
-    ahead = LookAhead(PER_AXIS, control, slice_s=0.5)
+    ahead = LookAhead(PER_AXIS, control, slice_s=slice_s)
     path = build(
         [PathMode("t.nc", 1, "blend", 0.05), lines(points, 60.0)],
         axes=AXES,
         start=np.zeros(3),
         passes=True,
     )
+    return ahead, ahead.plan(path), control
+
+
+def holds(seed):
+    """Return the times of random holds from the request to rest, by that of the longest leg."""
+    rng = np.random.default_rng(seed)
+    points = zigzag(rng)
+    whole = np.diff(np.concatenate((np.zeros((1, 3)), points)), axis=0)
+    longest = max(duration(planned([leg], 0.0, feed=60.0)[0]) for leg in whole)
+    ahead, plans, control = planning(points, 0.5)
     asked, end, took = None, 0.0, []
-    for item in ahead.plan(path):
+    for item in plans:
         if isinstance(item, Held):
             if asked is not None:
                 took.append(end - asked)
@@ -59,15 +65,8 @@ def test_a_hold_between_corners_rests_within_a_leg():
 def test_copies_and_chunks_are_kept_only_while_they_are_needed():
     rng = np.random.default_rng(1)
     points = np.concatenate([zigzag(rng) + [60.0 * k, 0.0, 0.0] for k in range(6)])
-    control = Control()
-    ahead = LookAhead(PER_AXIS, control, slice_s=0.05)
-    path = build(
-        [PathMode("t.nc", 1, "blend", 0.05), lines(points, 60.0)],
-        axes=AXES,
-        start=np.zeros(3),
-        passes=True,
-    )
+    ahead, plans, _ = planning(points, 0.05)
     most = 0
-    for _ in ahead.plan(path):
+    for _ in plans:
         most = max(most, len(ahead._rewind._copies) + len(ahead._rewind._added))
     assert 0 < most < 40

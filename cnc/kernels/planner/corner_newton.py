@@ -193,6 +193,25 @@ def _add_rows(
 
 
 @njit
+def _add_to_band(band: Floats, rows: Rows, i: int, bend: Floats) -> None:
+    """Add second derivatives by x (d, d) of place i to those by the coordinates."""
+    free, d = len(band), len(bend)
+    first = d * (rows.step[i] - FIXED)
+    for j in range(4):
+        at = first + d * j
+        if rows.stencil[i, j] == 0.0 or at < 0 or at >= free:
+            continue
+        for o in range(j, 4):
+            both = rows.stencil[i, j] * rows.stencil[i, o]
+            to = first + d * o
+            if both == 0.0 or to >= free:
+                continue
+            for q in range(d):
+                for r in range(q if o == j else 0, d):
+                    band[at + q, to + r - at - q] += both * bend[q, r]
+
+
+@njit
 def _add_place(rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend: Floats) -> None:
     """Add the derivatives of place i by x to those by the unknowns."""
     free, d, last = len(n.slope), len(slope), len(n.spans)
@@ -205,14 +224,7 @@ def _add_place(rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend:
         for q in range(d):
             n.slope[at + q] += weight * slope[q]
             n.side[last, at + q] += weight * by_s[q]
-        for o in range(j, 4):
-            both = weight * rows.stencil[i, o]
-            to = first + d * o
-            if both == 0.0 or to >= free:
-                continue
-            for q in range(d):
-                for r in range(q if o == j else 0, d):
-                    n.band[at + q, to + r - at - q] += both * bend[q, r]
+    _add_to_band(n.band, rows, i, bend)
     for a in range(MOST_GROUPS):
         g = rows.group[i, a]
         if g < 0:
@@ -316,14 +328,7 @@ def correct(tube: Tube, rows: Rows, n: Newton, part: float) -> None:
                 for r in range(d):
                     off = n.x[i, r] + part * n.ahead[i, r] - rows.x[i, r]
                     right[at + q] += weight * n.weight[i, q, r] * off
-            for o in range(j, 4):
-                both = weight * rows.stencil[i, o]
-                to = first + d * o
-                if both == 0.0 or to >= free:
-                    continue
-                for q in range(d):
-                    for r in range(q if o == j else 0, d):
-                        band[at + q, to + r - at - q] += both * n.weight[i, q, r]
+        _add_to_band(band, rows, i, n.weight[i])
     factorise(band)
     solve(band, right)
     for i in range(free):
