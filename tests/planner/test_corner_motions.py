@@ -221,3 +221,30 @@ def test_a_corner_at_the_end_of_the_travel_is_passed_inside_it(room):
     assert sampled(chunks, 1e-4).max() <= 10.0 + room
     free, stop = planned(SQUARE, 0.01)[0], planned(SQUARE, 0.0)[0]
     assert duration(free) < duration(chunks) < 0.97 * duration(stop)
+
+
+def test_corners_of_legs_without_common_directions_are_passed_one_by_one():
+    """A rotary axis that turns at another rate on each leg does not depend on the directions."""
+    mill = Machine(
+        axes={
+            name: Axis(
+                steps_per_mm=100.0, max_velocity=400.0, max_acceleration=2400.0, max_jerk=48000.0
+            )
+            for name in ("x", "y", "z", "a")
+        },
+        path=PathLimits(max_feed=300.0),
+    )
+    points = [(1, 0, 0, 0.4), (1, 1, 0, 0.1), (2, 1, 0, 0.7), (2, 2, 0, 0.2)]
+
+    def time(tolerance):
+        mode = [PathMode("t.nc", 1, "blend", tolerance)] if tolerance else []
+        path = build(
+            [*mode, lines(points, 60.0)], axes=mill.axis_names, start=np.zeros(4), passes=True
+        )
+        ahead = LookAhead(mill)
+        chunks = list(ahead.plan(path))
+        assert not ahead.audit.violations
+        assert all((chunk.path.length > 0.0).all() for chunk in chunks)
+        return duration(chunks)
+
+    assert time(0.05) < 0.9 * time(0.0)

@@ -27,13 +27,7 @@ from cnc.kernels.planner.corner_places import (
     time_of,
 )
 from cnc.kernels.planner.corner_rows import Rows
-from cnc.kernels.planner.corner_tube import (
-    FIRST_POINT,
-    Tube,
-    place_ends,
-    set_knots,
-    write_stencil,
-)
+from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.kernels.planner.legs import REST, corner_time, directions, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
@@ -219,28 +213,11 @@ def motion_between(
     place_ends(tube, rows.t, c)
     steps = len(tube.leg)
     saved = t[legs] - t[0] - (rows.t[steps + 2] - rows.t[2])
-    if saved < GAIN * (t[legs] - t[0]) or _rests(rows.t, c):
+    if saved < GAIN * (t[legs] - t[0]):
         return none
     return Motion(
         saved, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t[: steps + 5].copy(), c
     )
-
-
-@njit
-def _rests(t: Floats, c: Floats) -> bool:
-    """Return whether a step has no length, as where legs out and back are left out."""
-    steps, d = len(c) - 3, c.shape[1]
-    stencil, here, before = np.empty(4), np.empty(d), np.empty(d)
-    for k in range(steps + 1):
-        write_stencil(FIRST_POINT, k, t, stencil)
-        moved = 0.0
-        for q in range(d):
-            here[q] = stencil[0] * c[k, q] + stencil[1] * c[k + 1, q] + stencil[2] * c[k + 2, q]
-            moved = max(moved, abs(here[q] - before[q]))
-        if k > 0 and moved <= REST:
-            return True
-        before[:] = here
-    return False
 
 
 @njit
@@ -303,6 +280,9 @@ def find_motion(
     slow = (SLOW * bound[chain.first], SLOW * bound[chain.last + 1])
     begin, end = _after_rise(begin, t1, slow[0], plan), _before_fall(end, t2, slow[1], plan)
     tube = tube_of(path, chain, bound, limits, travel, basis, along)
+    if len(basis) == 0:
+        # No directions are common to all legs: their corners are passed one by one.
+        return Motion(0.0, begin, end, 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
     best = motion_between(path, plan, chain, (begin, end), tube, basis, limits, known, rows)
     near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
     if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:
