@@ -7,6 +7,7 @@ import pytest
 
 from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_range
+from cnc.kernels.planner.audit import TIMED_POINTS
 from cnc.kernels.planner.audit_positions import span_point
 from cnc.kernels.planner.hull import derivative_bounds
 from cnc.kernels.planner.timed import is_timed
@@ -43,8 +44,11 @@ class Reference:
         path, n = chunk.path, len(chunk.path.axes)
         for k, j in enumerate(chunk.phase_j):
             dt = chunk.phase_t[k + 1] - chunk.phase_t[k]
+            begins = int(np.searchsorted(chunk.piece_s[1:], chunk.phase_s[k] + 1e-9, side="left"))
+            begins = min(begins, len(path) - 1)
+            timed = is_timed(int(path.kind[begins]), path.data, int(path.at[begins]))
             points = max(
-                8,
+                TIMED_POINTS if timed else 8,
                 int(min(dt / self.limits.period, (chunk.phase_s[k + 1] - chunk.phase_s[k]) / 1e-3)),
             )
             for m in range(points + 1):

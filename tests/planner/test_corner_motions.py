@@ -57,6 +57,7 @@ def chain(rng, corners):
         np.array([[-math.inf] * d, [math.inf] * d]),
         top * rng.uniform(0.5, 1.0, corners + 1),
         math.inf,
+        math.inf,
         10 ** rng.uniform(-3.0, -1.0),
         ends[:-1],
         along,
@@ -116,6 +117,31 @@ def test_a_motion_keeps_all_limits_and_its_ends(seed):
         closest[leg] = min(closest[leg], np.linalg.norm(off, axis=1).min())
     # so no point of the legs is farther from the motion
     assert (closest[1:] <= tube.tolerance * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("seed", range(share(100, 8)))
+def test_a_motion_keeps_the_jerk_along_the_path(seed):
+    """By the change of the speed of scipy's B-spline, at many times, beside the other limits."""
+    rng = np.random.default_rng([seed, 9])
+    found = 0
+    for _ in range(4):
+        tube, rows, c, spans = chain(rng, int(rng.integers(1, 3)))
+        tube = tube._replace(along_jerk=tube.jerk.min() * 10 ** rng.uniform(-0.5, 0.5))
+        if not fastest_motion(tube, rows, c, spans):
+            continue
+        found += 1
+        spline = spline_of(tube, rows, spans, c)
+        knots = rows.t[2:-2]
+        for k in range(len(tube.leg)):
+            times = np.linspace(knots[k], knots[k + 1], 200)[1:-1]
+            v, a, j = (spline(times, order) for order in (1, 2, 3))
+            speed = np.linalg.norm(v, axis=1)
+            along = ((a * a).sum(axis=1) + (v * j).sum(axis=1)) / speed
+            along -= (v * a).sum(axis=1) ** 2 / speed**3
+            assert np.abs(along).max() <= tube.along_jerk * (1.0 + 1e-6)
+            for values, bound in ((v, tube.velocity), (a, tube.acceleration), (j, tube.jerk)):
+                assert (np.abs(values).max(axis=0) <= bound * (1.0 + 1e-9)).all()
+    assert found > 0
 
 
 @pytest.mark.parametrize("seed", range(share(60, 6)))

@@ -22,12 +22,14 @@ import math
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
+from cnc.kernels.planner.corner_along import most_along, tighten, write_along
 from cnc.kernels.planner.corner_newton import (
     Newton,
     assemble,
     barrier,
     correct,
     duration,
+    furthest,
     look_ahead,
     most_used,
     new_newton,
@@ -42,10 +44,10 @@ GAP = 2e-3
 FIRST = 10.0
 """The first t, by the number of rows."""
 
-RAISE = 8.0
+RAISE = 50.0
 """Factor from one t to the next."""
 
-CLOSE = 0.1
+CLOSE = 3.0
 """Newton's decrement at which a search ends."""
 
 NEWTON_STEPS = 40
@@ -53,7 +55,10 @@ NEWTON_STEPS = 40
 
 LEAST_STEP = 1e-4
 
-LONGEST = 0.05
+BEFORE_BOUND = 0.95
+"""Part of the way to the first bound that a step takes at most."""
+
+LONGEST = 0.15
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
 INSIDE = 0.02
@@ -65,6 +70,9 @@ LEGAL = -0.01
 
 ENOUGH = -0.001
 """The motion is legal enough with this s where no lower one was found."""
+
+TIGHTENED = 3
+"""Number of times that bounds of the jerk along the path are lowered at the end of a search."""
 
 TRIALS = 3
 """Number of times that it is begun with slower motion."""
@@ -129,9 +137,8 @@ def _lowered(
                 break
             held = False
             continue
-        if first == 0 and not held:
-            look_ahead(rows, n)
-        part = 1.0
+        look_ahead(rows, n)
+        part = min(1.0, BEFORE_BOUND * furthest(rows, n, s, n.other[groups]))
         for g in range(groups):
             part = min(part, LONGEST / max(abs(n.other[g]), LONGEST))
         step_s = n.other[groups]
@@ -167,6 +174,28 @@ def _lowered(
 
 
 @njit
+def _held_along(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
+    """Bring the jerk along the path within its limit; return whether it is.
+
+    The other limits are kept.
+    """
+    rows.raised[0] = 0.0
+    _place(tube, rows, n.c, n.spans)
+    s = (1.0 + INSIDE) * most_along(rows.along) - 1.0 + INSIDE
+    if not s < math.inf:
+        return False
+    count = float(rows.number[1] + rows.along.number[0])
+    t = FIRST * count / (1.0 + max(s, 0.0))
+    while s > LEGAL and t <= count / GAP:
+        s = _lowered(tube, rows, n, (WEIGHT * unit * t, t), s, LEGAL)
+        t *= RAISE
+    if not s < 0.0:
+        return False
+    _lowered(tube, rows, n, (0.0, 0.0), 0.0, -math.inf)
+    return True
+
+
+@njit
 def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     """Make a motion past corners the fastest one.
 
@@ -180,6 +209,8 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
         Whether a motion inside all limits was found.
     """
     n = new_newton(tube, rows, c, spans)
+    rows.along.number[0] = 0
+    rows.raised[:] = 1.0
     _place(tube, rows, n.c, n.spans)
     count = float(rows.number[1])
     unit = 1.0 / duration(n.share, n.spans)
@@ -203,13 +234,30 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
         return False
     # Far from all bounds the durations change more freely.
     _lowered(tube, rows, n, (0.0, 0.0), 0.0, -math.inf)
+    if tube.along_jerk < math.inf:
+        write_along(tube, rows.along)
+        if not _held_along(tube, rows, n, unit):
+            return False
+        count += float(rows.along.number[0])
+        last = count / GAP
+    tightened = 0
     t = FIRST * count
     while True:
         _lowered(tube, rows, n, (t * unit, 0.0), 0.0, -math.inf)
+        _place(tube, rows, n.c, n.spans)
+        if rows.along.number[0] > 0:
+            most = tighten(tube, rows.along, rows.t, n.c)
+            _place(tube, rows, n.c, n.spans)
+            if t == last and most > 1.0:
+                tightened += 1
+                if tightened > TIGHTENED:
+                    return False
+                t /= RAISE
+            if most_along(rows.along) >= 1.0 and not _held_along(tube, rows, n, unit):
+                return False
         if t == last:
             break
         t = min(last, RAISE * t)
-    _place(tube, rows, n.c, n.spans)
     if not barrier(rows, 0.0, n.spans, n.least) < math.inf:
         return False
     c[:] = n.c

@@ -14,7 +14,8 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.path.fit_band import factorise, solve
-from cnc.kernels.planner.corner_rows import MOST_GROUPS, TRAVEL, Rows, evaluate
+from cnc.kernels.planner.corner_along import MOST_GROUPS, add_along, along_ahead
+from cnc.kernels.planner.corner_rows import TRAVEL, Rows, evaluate
 from cnc.kernels.planner.corner_tube import FIXED, Tube
 
 SHORTEST = math.log(0.1)
@@ -42,6 +43,8 @@ class Newton(NamedTuple):
         least: (groups,): least logarithms.
         share: (groups,): number of times that the duration of a group counts.
         weight: (places, d, d): second derivatives by x of each place.
+        by_x: (places, d): first derivatives by x of each place.
+        by_x_and_s: (places, d): second derivatives by x and s.
         x: (places, d): the places before a step.
         ahead: (places, d): their change in the step, to first order.
     """
@@ -58,6 +61,8 @@ class Newton(NamedTuple):
     least: Floats
     share: Floats
     weight: Floats
+    by_x: Floats
+    by_x_and_s: Floats
     x: Floats
     ahead: Floats
 
@@ -85,6 +90,8 @@ def new_newton(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> Newton:
         np.zeros((rows.number[0], d, d)),
         np.zeros((rows.number[0], d)),
         np.zeros((rows.number[0], d)),
+        np.zeros((rows.number[0], d)),
+        np.zeros((rows.number[0], d)),
     )
 
 
@@ -108,8 +115,8 @@ def barrier(rows: Rows, s: float, spans: Floats, least: Floats) -> float:
         total += math.log(spans[g] - least[g])
     for m in range(rows.number[1]):
         used = rows.value[m] * rows.scale[m]
-        room = 1.0 + s - used
-        other = 1.0 if rows.row[m] == TRAVEL else 1.0 + s + used
+        room = 1.0 + rows.raised[0] * s - used
+        other = 1.0 if rows.row[m] == TRAVEL else 1.0 + rows.raised[0] * s + used
         if not (room > 0.0 and other > 0.0):
             return math.inf
         product *= room * other
@@ -117,6 +124,13 @@ def barrier(rows: Rows, s: float, spans: Floats, least: Floats) -> float:
         if not LEAST_PRODUCT < product < 1.0 / LEAST_PRODUCT:
             total += math.log(product)
             product = 1.0
+    along = rows.along
+    for m in range(along.number[0]):
+        used = along.value[m] * along.scale[m]
+        bound = 1.0 + rows.raised[1] * s
+        if not abs(used) < bound:
+            return math.inf
+        total += math.log((bound - used) * (bound + used))
     return -total - math.log(product)
 
 
@@ -138,113 +152,148 @@ def assemble(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
     n.slope[:] = 0.0
     n.block[:] = 0.0
     n.other[:] = 0.0
-    d = n.c.shape[1]
-    slope, by_s, bend = np.empty(d), np.empty(d), np.empty((d, d))
-    for i in range(rows.number[0]):
-        _add_rows(tube, rows, i, s, n, slope, by_s, bend)
-        n.weight[i] = bend
-        _add_place(rows, i, n, slope, by_s, bend)
+    # Each call passes dozens of arrays, so one call does the work of all rows.
+    _add_up_rows(tube, rows, s, n)
+    _add_to_band(rows, n.weight, n.band)
+    _add_slopes(rows, n)
+    _add_along(rows, s, n)
 
 
 @njit
-def _add_rows(
-    tube: Tube,
-    rows: Rows,
-    i: int,
-    s: float,
-    n: Newton,
-    slope: Floats,
-    by_s: Floats,
-    bend: Floats,
-) -> None:
-    """Add up the derivatives of the rows of place i: by x (d,), by x and s (d,), twice by x (d, d).
+def _add_up_rows(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
+    """Add up the derivatives of the rows of each place: by x, by x and s, twice by x.
 
-    The derivatives by s alone go into ``n``.
+    The derivatives by s alone go into their place.
     """
-    last, d = len(n.spans), len(slope)
-    leg = tube.leg[rows.step[i]]
-    slope[:] = 0.0
-    by_s[:] = 0.0
-    bend[:] = 0.0
-    for m in range(rows.first[i], rows.first[i + 1]):
-        raw = rows.scale[m]
-        x = rows.value[m] * raw
-        up = 1.0 / (1.0 + s - x)
-        down = 0.0 if rows.row[m] == TRAVEL else 1.0 / (1.0 + s + x)
-        by_x = (up - down) * raw
-        xx = (up * up + down * down) * raw * raw
-        xs = (down * down - up * up) * raw
-        n.other[last] -= up + down
-        n.block[last, last] += up * up + down * down
-        gradient = rows.gradient[m]
-        across = 0.0 if rows.row[m] <= TRAVEL else max(by_x, 0.0) * rows.bend[m]
-        along = across * rows.beside[m]
-        if rows.row[m] > TRAVEL and rows.bend[m] == 0.0:
-            # At a length of 0 both bounds bend alike in all directions.
-            across, along = xx, xx * rows.beside[m]
+    last, d = len(n.spans), n.c.shape[1]
+    raised = rows.raised[0]
+    for i in range(rows.number[0]):
+        leg = tube.leg[rows.step[i]]
         for q in range(d):
-            slope[q] += by_x * gradient[q]
-            by_s[q] += xs * gradient[q]
-            bend[q, q] += across
+            n.by_x[i, q] = n.by_x_and_s[i, q] = 0.0
             for o in range(d):
-                bend[q, o] += (xx - across) * gradient[q] * gradient[o]
-                # Along a leg its distance does not change.
-                bend[q, o] -= along * tube.along[leg, q] * tube.along[leg, o]
+                n.weight[i, q, o] = 0.0
+        for m in range(rows.first[i], rows.first[i + 1]):
+            raw = rows.scale[m]
+            x = rows.value[m] * raw
+            up = 1.0 / (1.0 + raised * s - x)
+            down = 0.0 if rows.row[m] == TRAVEL else 1.0 / (1.0 + raised * s + x)
+            by_x = (up - down) * raw
+            xx = (up * up + down * down) * raw * raw
+            xs = raised * (down * down - up * up) * raw
+            n.other[last] -= raised * (up + down)
+            n.block[last, last] += raised * raised * (up * up + down * down)
+            across = 0.0 if rows.row[m] <= TRAVEL else max(by_x, 0.0) * rows.bend[m]
+            along = across * rows.beside[m]
+            if rows.row[m] > TRAVEL and rows.bend[m] == 0.0:
+                # At a length of 0 both bounds bend alike in all directions.
+                across, along = xx, xx * rows.beside[m]
+            for q in range(d):
+                n.by_x[i, q] += by_x * rows.gradient[m, q]
+                n.by_x_and_s[i, q] += xs * rows.gradient[m, q]
+                n.weight[i, q, q] += across
+                for o in range(d):
+                    bend = (xx - across) * rows.gradient[m, q] * rows.gradient[m, o]
+                    # Along a leg its distance does not change.
+                    bend -= along * tube.along[leg, q] * tube.along[leg, o]
+                    n.weight[i, q, o] += bend
 
 
 @njit
-def _add_to_band(band: Floats, rows: Rows, i: int, bend: Floats) -> None:
-    """Add second derivatives by x (d, d) of place i to those by the coordinates."""
-    free, d = len(band), len(bend)
-    first = d * (rows.step[i] - FIXED)
-    for j in range(4):
-        at = first + d * j
-        if rows.stencil[i, j] == 0.0 or at < 0 or at >= free:
-            continue
-        for o in range(j, 4):
-            both = rows.stencil[i, j] * rows.stencil[i, o]
-            to = first + d * o
-            if both == 0.0 or to >= free:
+def _add_to_band(rows: Rows, weight: Floats, band: Floats) -> None:
+    """Add second derivatives by x (places, d, d) to those by the coordinates."""
+    free, d = len(band), weight.shape[1]
+    for i in range(rows.number[0]):
+        first = d * (rows.step[i] - FIXED)
+        for j in range(4):
+            at = first + d * j
+            if rows.stencil[i, j] == 0.0 or at < 0 or at >= free:
+                continue
+            for o in range(j, 4):
+                both = rows.stencil[i, j] * rows.stencil[i, o]
+                to = first + d * o
+                if both == 0.0 or to >= free:
+                    continue
+                for q in range(d):
+                    for r in range(q if o == j else 0, d):
+                        band[at + q, to + r - at - q] += both * weight[i, q, r]
+
+
+@njit
+def _add_slopes(rows: Rows, n: Newton) -> None:
+    """Add the derivatives by x of all places to those by the unknowns."""
+    free, d, last = len(n.slope), n.c.shape[1], len(n.spans)
+    for i in range(rows.number[0]):
+        first = d * (rows.step[i] - FIXED)
+        for j in range(4):
+            weight = rows.stencil[i, j]
+            at = first + d * j
+            if weight == 0.0 or at < 0 or at >= free:
                 continue
             for q in range(d):
-                for r in range(q if o == j else 0, d):
-                    band[at + q, to + r - at - q] += both * bend[q, r]
+                n.slope[at + q] += weight * n.by_x[i, q]
+                n.side[last, at + q] += weight * n.by_x_and_s[i, q]
+        for a in range(MOST_GROUPS):
+            g = rows.group[i, a]
+            if g < 0:
+                continue
+            for q in range(d):
+                moved = rows.by_group[i, a, q]
+                n.other[g] += n.by_x[i, q] * moved
+                n.block[g, last] += n.by_x_and_s[i, q] * moved
+                n.block[last, g] += n.by_x_and_s[i, q] * moved
+                bent = 0.0
+                for o in range(d):
+                    bent += n.weight[i, q, o] * rows.by_group[i, a, o]
+                for b in range(MOST_GROUPS):
+                    h = rows.group[i, b]
+                    if h >= 0:
+                        n.block[g, h] += bent * rows.by_group[i, b, q]
+                for j in range(4):
+                    at = first + d * j
+                    if 0 <= at < free:
+                        n.side[g, at + q] += rows.stencil[i, j] * bent
 
 
 @njit
-def _add_place(rows: Rows, i: int, n: Newton, slope: Floats, by_s: Floats, bend: Floats) -> None:
-    """Add the derivatives of place i by x to those by the unknowns."""
-    free, d, last = len(n.slope), len(slope), len(n.spans)
-    first = d * (rows.step[i] - FIXED)
-    for j in range(4):
-        weight = rows.stencil[i, j]
-        at = first + d * j
-        if weight == 0.0 or at < 0 or at >= free:
-            continue
-        for q in range(d):
-            n.slope[at + q] += weight * slope[q]
-            n.side[last, at + q] += weight * by_s[q]
-    _add_to_band(n.band, rows, i, bend)
-    for a in range(MOST_GROUPS):
-        g = rows.group[i, a]
-        if g < 0:
-            continue
-        for q in range(d):
-            moved = rows.by_group[i, a, q]
-            n.other[g] += slope[q] * moved
-            n.block[g, last] += by_s[q] * moved
-            n.block[last, g] += by_s[q] * moved
-            bent = 0.0
-            for o in range(d):
-                bent += bend[q, o] * rows.by_group[i, a, o]
+def _add_along(rows: Rows, s: float, n: Newton) -> None:
+    """Add the derivatives of the rows of the jerk along the path."""
+    along, raised = rows.along, rows.raised[1]
+    free, d, last = len(n.slope), n.c.shape[1], len(n.spans)
+    for m in range(along.number[0]):
+        raw = along.scale[m]
+        x = along.value[m] * raw
+        up, down = 1.0 / (1.0 + raised * s - x), 1.0 / (1.0 + raised * s + x)
+        by_x = (up - down) * raw
+        xx = (up * up + down * down) * raw * raw
+        xs = raised * (down * down - up * up) * raw
+        along.weight[m] = xx
+        n.other[last] -= raised * (up + down)
+        n.block[last, last] += raised * raised * (up * up + down * down)
+        first = d * (along.step[m] - FIXED)
+        for i in range(4):
+            at = first + d * i
+            if 0 <= at < free:
+                for q in range(d):
+                    n.slope[at + q] += by_x * along.gradient[m, i, q]
+                    n.side[last, at + q] += xs * along.gradient[m, i, q]
+        for a in range(MOST_GROUPS):
+            g = along.group[m, a]
+            if g < 0:
+                continue
+            moved = along.by_group[m, a]
+            n.other[g] += by_x * moved
+            n.block[g, last] += xs * moved
+            n.block[last, g] += xs * moved
             for b in range(MOST_GROUPS):
-                h = rows.group[i, b]
-                if h >= 0:
-                    n.block[g, h] += bent * rows.by_group[i, b, q]
-            for j in range(4):
-                at = first + d * j
+                if along.group[m, b] >= 0:
+                    n.block[g, along.group[m, b]] += xx * moved * along.by_group[m, b]
+            for i in range(4):
+                at = first + d * i
                 if 0 <= at < free:
-                    n.side[g, at + q] += rows.stencil[i, j] * bent
+                    for q in range(d):
+                        n.side[g, at + q] += xx * moved * along.gradient[m, i, q]
+    add_along(along, d, n.band)
 
 
 @njit
@@ -305,6 +354,37 @@ def look_ahead(rows: Rows, n: Newton) -> None:
                 if rows.group[i, a] >= 0:
                     ahead += rows.by_group[i, a, q] * n.other[rows.group[i, a]]
             n.ahead[i, q] = ahead
+    along_ahead(rows.along, d, n.slope, n.other)
+
+
+@njit
+def furthest(rows: Rows, n: Newton, s: float, step_s: float) -> float:
+    """Return the part of the step at which, to first order, the first bound is reached."""
+    d = n.c.shape[1]
+    part = math.inf
+    for i in range(rows.number[0]):
+        for m in range(rows.first[i], rows.first[i + 1]):
+            if rows.row[m] > TRAVEL:
+                continue
+            change = 0.0
+            for q in range(d):
+                change += rows.gradient[m, q] * n.ahead[i, q]
+            change *= rows.scale[m]
+            used = rows.value[m] * rows.scale[m]
+            bound, widens = 1.0 + rows.raised[0] * s, rows.raised[0] * step_s
+            if change > widens:
+                part = min(part, (bound - used) / (change - widens))
+            elif -change > widens and rows.row[m] != TRAVEL:
+                part = min(part, (bound + used) / (-change - widens))
+    along = rows.along
+    bound, widens = 1.0 + rows.raised[1] * s, rows.raised[1] * step_s
+    for m in range(along.number[0]):
+        change, used = along.ahead[m] * along.scale[m], along.value[m] * along.scale[m]
+        if change > widens:
+            part = min(part, (bound - used) / (change - widens))
+        elif -change > widens:
+            part = min(part, (bound + used) / (-change - widens))
+    return part
 
 
 @njit
@@ -328,7 +408,19 @@ def correct(tube: Tube, rows: Rows, n: Newton, part: float) -> None:
                 for r in range(d):
                     off = n.x[i, r] + part * n.ahead[i, r] - rows.x[i, r]
                     right[at + q] += weight * n.weight[i, q, r] * off
-        _add_to_band(band, rows, i, n.weight[i])
+    along = rows.along
+    for m in range(along.number[0]):
+        off = along.before[m] + part * along.ahead[m] - along.value[m]
+        if not abs(off) < math.inf:
+            continue
+        first = d * (along.step[m] - FIXED)
+        for i in range(4):
+            at = first + d * i
+            if 0 <= at < free:
+                for q in range(d):
+                    right[at + q] += along.weight[m] * off * along.gradient[m, i, q]
+    _add_to_band(rows, n.weight, band)
+    add_along(along, d, band)
     factorise(band)
     solve(band, right)
     for i in range(free):

@@ -23,6 +23,14 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
+from cnc.kernels.planner.corner_along import (
+    MOST_GROUPS,
+    SMALL,
+    AlongRows,
+    derive_along,
+    evaluate_along,
+    new_along,
+)
 from cnc.kernels.planner.corner_tube import (
     ACCELERATION,
     CORNER,
@@ -51,15 +59,8 @@ AXIS, TRAVEL, LENGTH, LEG = range(4)
 ROOM = 4.0
 """An axis counts as close to the end of its travel within so many tolerances."""
 
-MOST_GROUPS = 2
-"""Groups whose durations change a place: it depends on five steps, and no group is shorter than 4.
-"""
-
 NEGLIGIBLE = 1e-9
 """A length that is so small a part of its bound counts as 0."""
-
-SMALL = 1e-6
-"""Change of the logarithm of a duration in a difference quotient."""
 
 
 class Rows(NamedTuple):
@@ -82,6 +83,8 @@ class Rows(NamedTuple):
         bend: (rows,): its curvature across the gradient; 0 for AXIS and TRAVEL.
         beside: (rows,): 1 where the nearest point of the leg is none of its ends.
         t: (steps + 5,): t_-2 ... t_steps+2.
+        along: the rows of the jerk along the path.
+        raised: (2,): parts of s by which the bounds of rows, and of those along the path, rise.
     """
 
     number: Ints
@@ -100,6 +103,8 @@ class Rows(NamedTuple):
     bend: Floats
     beside: Floats
     t: Floats
+    along: AlongRows
+    raised: Floats
 
 
 @njit
@@ -123,6 +128,8 @@ def new_rows(steps: int, axes: int, directions: int) -> Rows:
         np.zeros(rows),
         np.zeros(rows),
         np.zeros(steps + 5),
+        new_along(steps, directions),
+        np.ones(2),
     )
 
 
@@ -292,42 +299,36 @@ def evaluate(tube: Tube, rows: Rows, c: Floats) -> None:
             for j in range(4):
                 x += rows.stencil[i, j] * c[k + j, q]
             rows.x[i, q] = x
+        leg = tube.leg[k]
         for m in range(rows.first[i], rows.first[i + 1]):
             if rows.row[m] <= TRAVEL:
                 value = rows.offset[m]
                 for q in range(d):
                     value += rows.gradient[m, q] * rows.x[i, q]
                 rows.value[m] = value
-            else:
-                _evaluate_length(tube, rows, i, m)
-
-
-@njit
-def _evaluate_length(tube: Tube, rows: Rows, i: int, m: int) -> None:
-    """Write value, gradient and bend of a LENGTH or LEG row m of place i."""
-    d = tube.along.shape[1]
-    leg, off = tube.leg[rows.step[i]], rows.gradient[m]
-    for q in range(d):
-        off[q] = rows.x[i, q]
-    if rows.kind[i] >= EARLY:
-        on = 0.0
-        for q in range(d):
-            off[q] -= tube.start[leg, q]
-            on += off[q] * tube.along[leg, q]
-        if rows.row[m] == LEG:
-            nearest = min(max(on, tube.reach[leg, 0]), tube.reach[leg, 1])
-            rows.beside[m] = 1.0 if nearest == on else 0.0
+                continue
             for q in range(d):
-                off[q] -= nearest * tube.along[leg, q]
-    length = 0.0
-    for q in range(d):
-        length += off[q] * off[q]
-    length = math.sqrt(length)
-    rows.value[m] = length
-    # The direction of a rounding error says nothing.
-    rows.bend[m] = 1.0 / length if length * rows.scale[m] > NEGLIGIBLE else 0.0
-    for q in range(d):
-        off[q] *= rows.bend[m]
+                rows.gradient[m, q] = rows.x[i, q]
+            if rows.kind[i] >= EARLY:
+                on = 0.0
+                for q in range(d):
+                    rows.gradient[m, q] -= tube.start[leg, q]
+                    on += rows.gradient[m, q] * tube.along[leg, q]
+                if rows.row[m] == LEG:
+                    nearest = min(max(on, tube.reach[leg, 0]), tube.reach[leg, 1])
+                    rows.beside[m] = 1.0 if nearest == on else 0.0
+                    for q in range(d):
+                        rows.gradient[m, q] -= nearest * tube.along[leg, q]
+            length = 0.0
+            for q in range(d):
+                length += rows.gradient[m, q] ** 2
+            length = math.sqrt(length)
+            rows.value[m] = length
+            # The direction of a rounding error says nothing.
+            rows.bend[m] = 1.0 / length if length * rows.scale[m] > NEGLIGIBLE else 0.0
+            for q in range(d):
+                rows.gradient[m, q] *= rows.bend[m]
+    evaluate_along(rows.along, rows.t, c)
 
 
 @njit
@@ -363,4 +364,4 @@ def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
             i += 1
         other[group] = spans[group]
         first = last + 1
-    set_knots(tube, spans, rows.t)
+    derive_along(tube, rows.along, spans, rows.t, c)

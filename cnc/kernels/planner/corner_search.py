@@ -18,7 +18,6 @@ from cnc.kernels.planner.corner_known import Known, solved
 from cnc.kernels.planner.corner_legs import GROUPS, MOST_DIRECTIONS, basis_of, tube_of
 from cnc.kernels.planner.corner_places import (
     MOST_CORNERS,
-    NEAR,
     Chain,
     legs_used,
     phase_of_time,
@@ -283,18 +282,7 @@ def find_motion(
     if len(basis) == 0:
         # No directions are common to all legs: their corners are passed one by one.
         return Motion(0.0, begin, end, 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
-    best = motion_between(path, plan, chain, (begin, end), tube, basis, limits, known, rows)
-    near1, near2 = _near(path, chain.first, limits), _near(path, chain.last, limits)
-    if t1 - begin > 1.1 * near1 or end - t2 > 1.1 * near2:
-        # Beside a sharp corner, steps that are finer may gain more than a far reach.
-        times = (
-            _after_rise(max(begin, t1 - near1), t1, slow[0], plan),
-            _before_fall(min(end, t2 + near2), t2, slow[1], plan),
-        )
-        other = motion_between(path, plan, chain, times, tube, basis, limits, known, rows)
-        if other.saved > best.saved:
-            return other
-    return best
+    return motion_between(path, plan, chain, (begin, end), tube, basis, limits, known, rows)
 
 
 @njit
@@ -330,14 +318,3 @@ def _before_fall(t: float, earliest: float, slow: float, plan: PlanArrays) -> fl
         t, a = plan.t[k], plan.a[k]
         k -= 1
     return max(t, earliest)
-
-
-@njit
-def _near(path: PathArrays, b: int, limits: LimitArrays) -> float:
-    """Return the shorter reach of a motion at the corner behind piece ``b``, s."""
-    data, at = path.pieces.data, path.pieces.at
-    u = np.empty((2, len(limits.axis_jerk)))
-    turn = directions(data, at[b], data, at[b + 1], u)
-    line = line_bounds(u[0], 1.0, limits)
-    other = line_bounds(u[1], 1.0, limits)
-    return NEAR * corner_time(min(line.j, other.j), turn, path.tolerance[b])

@@ -46,6 +46,7 @@ class Tube(NamedTuple):
         travel: (2, n): lowest and highest position, from the origin of the legs, mm.
         feed: (legs,): mm/s.
         pull: largest length of the acceleration, mm/s^2.
+        along_jerk: largest jerk along the path, mm/s^3.
         tolerance: mm.
         start: (legs, d): a point of each leg, mm.
         along: (legs, d): direction of each leg.
@@ -63,6 +64,7 @@ class Tube(NamedTuple):
     travel: Floats
     feed: Floats
     pull: float
+    along_jerk: float
     tolerance: float
     start: Floats
     along: Floats

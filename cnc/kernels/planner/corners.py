@@ -152,6 +152,12 @@ def blend_time(
 
 
 @njit
+def only_along(limits: LimitArrays) -> bool:
+    """Return whether the jerk is limited along the path, and in no axis."""
+    return bool(limits.tangential_jerk < math.inf and limits.axis_jerk.min() == math.inf)
+
+
+@njit
 def choose(
     path: PathArrays,
     k: int,
@@ -207,8 +213,8 @@ def choose(
     best = half_time(straight, half1, line1) + half_time(straight, half2, line2)
     choice = STAY
     eps = path.tolerance[k]
-    passable = ramps and straight == 0.0 and limits.tangential_jerk == math.inf
-    if passable and STRAIGHTEST < turn.sine < REVERSED:
+    passes = ramps and straight == 0.0 and STRAIGHTEST < turn.sine < REVERSED
+    if passes and not only_along(limits):
         return PASS, 0.0
     taken = 0.0
     if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
@@ -232,6 +238,9 @@ def choose(
         if (not ramps and straight == 0.0) or time < best * (1.0 - BETTER):
             choice = BLEND
             taken = d
+    if passes and choice == STAY:
+        # Without limits of the axes' jerk blends are good, and other motions not always found.
+        choice = PASS
     return choice, taken
 
 
