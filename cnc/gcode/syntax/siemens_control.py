@@ -18,7 +18,7 @@ _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
 _CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-9])\s*\((.*)\))?\s*", re.I)
 _HOLES = re.compile(r"HOLES([12])\s*\((.*)\)\s*", re.I)
-_END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
+_END = re.compile(r"M17|ENDPROC|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
