@@ -253,6 +253,38 @@ def test_a_cycle_makes_its_moves(cycle: str, modal: bool) -> None:
     assert found[begin : begin + len(CYCLES[cycle])] == CYCLES[cycle]
 
 
+@pytest.mark.parametrize("cycle", CYCLES)
+@pytest.mark.parametrize(
+    ("head", "order", "mode"), [("G18 G0 Y50", (1, 2, 0), "2"), ("G19 G0 X50", (2, 0, 1), "3")]
+)
+def test_a_cycle_drills_along_the_axis_of_its_plane(
+    cycle: str, head: str, order: tuple[int, int, int], mode: str
+) -> None:
+    """The first axis of G18 is Z and of G19 Y; the tool axis is Y and X."""
+    wanted = []
+    for step in CYCLES[cycle]:
+        kind, *rest = step.split()
+        if kind in ("rapid", "line"):
+            rest[:3] = [rest[axis] for axis in order]
+        wanted.append(" ".join((kind, *rest)))
+    text = cycle.replace(",0,1,12)", f",0,{mode},12)")
+    assert summaries(f"S500 M3 F100\n{head}\n{text}")[2 : 2 + len(wanted)] == wanted
+
+
+@pytest.mark.parametrize(
+    ("plane", "first"), [("G18", "rapid 0 0 5"), ("G19", "rapid 0 5 0")]
+)
+def test_holes_lie_in_the_plane(plane: str, first: str) -> None:
+    found = summaries(f"{plane} F100\nMCALL CYCLE81(9,0,1,-2)\nHOLES1(0,0,0,5,10,2)\nMCALL")
+    assert [each for each in found if each.startswith("rapid")][0] == first
+
+
+def test_a_cycle_refuses_another_plane_or_axis() -> None:
+    for call in ("CYCLE81(20,0,2,-10,,0,0,1)", "CYCLE83(20,0,2,-10,,-4,,1,,,1,1,3)"):
+        found = error_of(f"G18 F100\n{call}\nM30", dialect="siemens")
+        assert found.code == "code-not-supported"
+
+
 def test_the_feed_of_a_cycle_ends_with_it() -> None:
     found = summaries("G0 Z50 F100\nCYCLE85(20,0,2,,10,1,80,160)\nG1 X1")
     assert found[-1] == "line 1 0 20 F100"
