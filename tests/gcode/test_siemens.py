@@ -48,6 +48,55 @@ def points(source: str) -> list[tuple[float, ...]]:
             "FOR R1=1 TO 2\nFOR R2=1 TO 2\nG0 X=R1 Y=R2\nENDFOR\nENDFOR",
             [(1, 1, 0), (1, 2, 0), (2, 1, 0), (2, 2, 0)],
         ),
+        ("A1: G91 G0 X1\nREPEATB A1 P=2\nY1", [(1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 1, 0)]),
+        ("A1: G91 G0 X1\nY1\nREPEAT A1", [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0)]),
+        (
+            "A1: G91 G0 X1\nENDLABEL: Y1\nZ1\nREPEAT A1\nX5",
+            [(1, 0, 0), (1, 1, 0), (1, 1, 1), (2, 1, 1), (2, 2, 1), (7, 2, 1)],
+        ),
+        (
+            "A1: G91 G0 X1\nB1: Y1\nZ1\nR1=2\nREPEAT A1 B1 P=R1\nX5",
+            [
+                (1, 0, 0),
+                (1, 1, 0),
+                (1, 1, 1),
+                (2, 1, 1),
+                (2, 2, 1),
+                (3, 2, 1),
+                (3, 3, 1),
+                (8, 3, 1),
+            ],
+        ),
+        (
+            "G91 G0\nREPEAT A1 B1\nGOTOF END_\nA1: X1\nB1: Y1\nX9\nEND_: Z1",
+            [(1, 0, 0), (1, 1, 0), (1, 1, 1)],
+        ),
+        (
+            "G91 G0\nGOTOF BB\nAA: X1\nGOTOF CC\nBB: Y1\nREPEATB AA\nREPEATB BB\nCC: Z1",
+            [(0, 1, 0), (1, 1, 0), (1, 2, 0), (1, 2, 1)],
+        ),
+        (
+            "G91 G0\nOUT:\nINN: X1\nREPEATB INN P2\nY1\nREPEAT OUT",
+            [
+                (1, 0, 0),
+                (2, 0, 0),
+                (3, 0, 0),
+                (3, 1, 0),
+                (4, 1, 0),
+                (5, 1, 0),
+                (6, 1, 0),
+                (6, 2, 0),
+            ],
+        ),
+        (
+            "G91 G0\nA1: X1\nL10\nREPEAT A1\nM30\n%_N_L10_SPF\nY1\nM17",
+            [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0)],
+        ),
+        (
+            "G91 G0 R1=0\nA1: X1\nR1=R1+1\nIF R1==2 GOTOF OUT\nREPEAT A1 P=5\n"
+            "OUT: Y1\nR1=9\nREPEATB OUT",
+            [(1, 0, 0), (2, 0, 0), (2, 1, 0), (2, 2, 0)],
+        ),
         ("TRANS X10 Y5\nG0 X1 Y1\nTRANS\nG0 X1 Y1", [(11, 6, 0), (1, 1, 0)]),
         ("TRANS X10\nROT Z90\nG0 X1 Y0", [(0, 1, 0)]),
         ("TRANS X10\nAROT RPL=90\nATRANS X1\nG0 X1 Y0", [(10, 2, 0)]),
@@ -66,6 +115,11 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
     [
         ("GOTOB A1\nA1: G0 X1", "jump-target-missing", "before this line"),
         ("A1: G0 X1\nGOTOF A1", "jump-target-missing", "after this line"),
+        ("REPEATB A1", "jump-target-missing", "A1:"),
+        ("A1: G0 X1\nREPEAT A1 P=0", "call-repeats", "P=0"),
+        ("REPEAT A1\nG0 X2\nA1: G0 X1", "jump-target-missing", "ENDLABEL"),
+        ("R1=2\nA1: G0 X1\nIF R1==3\nM30\nENDIF\nREPEAT A1", "code-not-supported", "line 4"),
+        ("REPEAT A1 B1 C1", "code-not-supported", "REPEAT FIRST LAST"),
         ("GOTOC A1", "code-not-supported", "a jump of this form"),
         ("IF R1==1\nG0 X1", "block-not-closed", "ENDIF"),
         ("ENDIF", "block-not-open", "ENDIF"),
@@ -271,12 +325,10 @@ def test_a_cycle_drills_along_the_axis_of_its_plane(
     assert summaries(f"S500 M3 F100\n{head}\n{text}")[2 : 2 + len(wanted)] == wanted
 
 
-@pytest.mark.parametrize(
-    ("plane", "first"), [("G18", "rapid 0 0 5"), ("G19", "rapid 0 5 0")]
-)
+@pytest.mark.parametrize(("plane", "first"), [("G18", "rapid 0 0 5"), ("G19", "rapid 0 5 0")])
 def test_holes_lie_in_the_plane(plane: str, first: str) -> None:
     found = summaries(f"{plane} F100\nMCALL CYCLE81(9,0,1,-2)\nHOLES1(0,0,0,5,10,2)\nMCALL")
-    assert [each for each in found if each.startswith("rapid")][0] == first
+    assert next(each for each in found if each.startswith("rapid")) == first
 
 
 def test_a_cycle_refuses_another_plane_or_axis() -> None:

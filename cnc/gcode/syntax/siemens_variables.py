@@ -57,7 +57,7 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
     for line in lines:
         if part := _SUBPROGRAM.match(line):
             local = (part[1] or "SPF").upper() == "SPF"
-        text = _NUMBER.sub("", without_comment(line), count=1).strip()
+        text = without_number(line).strip()
         if definition := DEFINITION.fullmatch(text):
             names = (_DEFINED.fullmatch(each) for each in arguments(definition[2]))
             kind = definition[1].upper()
@@ -76,6 +76,11 @@ def without_comment(text: str) -> str:
         elif char == ";" and not quoted:
             return text[:at]
     return text
+
+
+def without_number(line: str) -> str:
+    """Return a line without block delete, line number and comment."""
+    return _NUMBER.sub("", without_comment(line), count=1)
 
 
 def parameters(text: str) -> Variables | None:
