@@ -103,7 +103,14 @@ class Cycle:
         if not self.modal:
             return _perform(flow, moves, line)
         flow.modal = None
-        flow.begin_modal(lambda after: _perform(flow, moves, after))
+        plane = flow.interpreter.modal.plane
+
+        def again(after: int) -> int:
+            if flow.interpreter.modal.plane != plane:
+                raise fault("code-not-supported", " after another plane was chosen")
+            return _perform(flow, moves, after)
+
+        flow.begin_modal(again)
         return line + 1
 
 
