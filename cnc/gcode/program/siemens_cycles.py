@@ -107,7 +107,9 @@ class Cycle:
 
         def again(after: int) -> int:
             if flow.interpreter.modal.plane != plane:
-                raise fault("code-not-supported", " after another plane was chosen")
+                message = f"CYCLE{kind} of MCALL in another plane than that of its line"
+                hint = "write MCALL and the cycle again after the plane"
+                raise flow.listing.fault(Place(after, 1), "code-not-supported", message, hint)
             return _perform(flow, moves, after)
 
         flow.begin_modal(again)
