@@ -413,7 +413,6 @@ def test_variables_of_the_main_program() -> None:
         ("POCKET3(1,2)", "CAM system"),
         ("CYCLE840(1,2)", "CYCLE84"),
         ("DEF STRING[8] _NAME", "DEF REAL"),
-        ("DEF REAL _N[3]", "DEF REAL"),
         ('WARMUP("SPINDLE", 5)', "R parameters"),
     ],
 )

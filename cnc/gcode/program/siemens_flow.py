@@ -157,7 +157,10 @@ class _Definition:
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         flow.interpreter.begun = True
         for name, value in zip(self.names, self.values, strict=True):
-            flow.parameters.set_name(name, value(flow.parameters), 1)
+            if name.startswith("#"):
+                flow.parameters.set_number(int(name[1:]), value(flow.parameters), 1)
+            else:
+                flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
 
 
