@@ -38,6 +38,8 @@ _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _VARIABLE = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*=(?!=)\s*", re.I)
 _INDEXED = re.compile(r"([A-Z_][A-Z0-9_]*)\s*\[", re.I)
 _LIST = re.compile(r"\s*(?:SET|REP)\s*\(", re.I)
+_DECLARED = re.compile(r"EXTERN\s+[A-Z_][A-Z0-9_]+\s*(?:\(.*\))?", re.I)
+"""The parameters of a subprogram, which its PROC has too."""
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
 _EQUAL = re.compile(
     r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC][2-7]|[A-Z])\s*=(?!=)\s*", re.I
@@ -127,6 +129,8 @@ class _Line(Cursor):
         rest = self.text[self.at :].strip()
         if message := _MESSAGE.fullmatch(rest):
             self.remarks.append(Remark("msg", message[1] or "", self.at + 1, len(rest)))
+            return self._done(deletable)
+        if _DECLARED.fullmatch(rest):
             return self._done(deletable)
         control = control_line(rest, lambda what, hint: self.fault(what, len(rest), hint))
         if control := control or call_line(rest, _no_names()):
