@@ -103,8 +103,14 @@ def points(source: str) -> list[tuple[float, ...]]:
         ("SCALE X2 Y2\nG0 X1 Y1 Z1\nMIRROR X0\nG0 X1 Y1", [(2, 2, 1), (-1, 1, 1)]),
         ("R1=30\nROT RPL=R1*3\nG0 X1 Y0", [(0, 1, 0)]),
         ("G700\nTRANS X1\nG0 X1", [(50.8, 0, 0)]),
-        ("EXTERN GO_(REAL)\nGO_(3)\nM30\n%_N_GO__SPF\nPROC GO_(REAL XX)\nG0 X=XX\nRET", [(3, 0, 0)]),
-        ("MOVE_\nG0 Y1\nM30\n%_N_MOVE__SPF\nPROC MOVE_\nG0 X3\nENDPROC", [(3, 0, 0), (3, 1, 0)]),
+        (
+            "EXTERN GO_(REAL)\nGO_(3)\nM30\n%_N_GO__SPF\nPROC GO_(REAL XX)\nG0 X=XX\nRET",
+            [(3, 0, 0)],
+        ),
+        (
+            "MOVE_\nG0 Y1\nM30\n%_N_MOVE__SPF\nPROC MOVE_\nG0 X3\nENDPROC",
+            [(3, 0, 0), (3, 1, 0)],
+        ),
     ],
 )
 def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:

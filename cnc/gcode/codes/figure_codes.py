@@ -2,7 +2,8 @@
 
 Sources: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
 "Coordinate system rotation (G68, G69)", "Tilted working plane indexing (G68.2)" and "Polar
-coordinate command (G15, G16)"; Haas, "Mill Operator's Manual", G51 (P is the factor itself); "Using Mach3Mill", G15, G50, G51, G68.
+coordinate command (G15, G16)"; Haas, "Mill Operator's Manual", G51 (P is the factor itself);
+"Using Mach3Mill", G15, G50, G51, G68.
 """
 
 from __future__ import annotations
