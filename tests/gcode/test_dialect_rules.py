@@ -402,3 +402,8 @@ def test_outputs_of_macro_b_have_no_effect(dialect: str) -> None:
 def test_outputs_of_macro_b_are_an_error_of_linuxcnc() -> None:
     assert error_of("POPEN\nM2", dialect="linuxcnc").code
     assert error_of("DPRNT[X#1] G0 X1", dialect="fanuc").code == "function-unknown"
+
+
+def test_the_power_of_snapmaker_is_explained() -> None:
+    found = error_of("G0 X1\nM3 P100", dialect="auto")
+    assert (found.code, "Snapmaker" in found.hint) == ("word-unused", True)
