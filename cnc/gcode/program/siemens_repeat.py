@@ -14,7 +14,6 @@ from cnc.gcode.program.call_stack import Flow, Step
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.repeated_sections import Section
 from cnc.gcode.program.siemens_flow import labelled
-from cnc.gcode.syntax.siemens_control import is_end
 from cnc.gcode.syntax.statement import Control
 
 MOST_REPEATS = 9999
@@ -77,6 +76,8 @@ class Repeat:
             message = f"the section from {first} on has no end outside of this line"
             hint = f"write {_END}: first in its last line, or a second label here"
             raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
+        from cnc.gcode.syntax.siemens_control import is_end  # for its programs only
+
         source = flow.listing.source
         if at := next((at for at in range(begin, end + 1) if is_end(source(at))), 0):
             message = f"line {at} ends the program inside the repeated section"
