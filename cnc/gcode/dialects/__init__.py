@@ -296,7 +296,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
-        return fault("code-not-supported", f"{name} ({own}) is not supported", word)
+        hint = _known()["instead"].get(f"{dialect.name}-{kind}", "")
+        return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"
