@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
+from cnc.gcode.program.call_stack import Limits
 from cnc.model.blocks import NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
@@ -336,6 +337,14 @@ def test_a_cycle_drills_along_the_axis_of_its_plane(
 def test_holes_lie_in_the_plane(plane: str, first: str) -> None:
     found = summaries(f"{plane} F100\nMCALL CYCLE81(9,0,1,-2)\nHOLES1(0,0,0,5,10,2)\nMCALL")
     assert next(each for each in found if each.startswith("rapid")) == first
+
+
+def test_repetitions_without_an_end_in_sight_are_refused() -> None:
+    """Each of these is allowed, but not both within each other."""
+    source = "AA:\nBB: R1=1\nR1=2\nREPEAT BB P=999\nREPEAT AA P=999\nM30"
+    limits = Limits(repeated_lines=1000)
+    found = error_of(source, dialect="siemens", limits=limits)
+    assert (found.code, found.line, "REPEAT" in found.message) == ("loop-endless", 4, True)
 
 
 def test_a_cycle_refuses_another_plane_or_axis() -> None:

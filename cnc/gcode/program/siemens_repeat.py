@@ -8,9 +8,7 @@ section repetition".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from cnc.gcode.program.call_stack import Flow, Step
+from cnc.gcode.program.call_stack import Flow, Loop, Step
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.repeated_sections import Section
 from cnc.gcode.program.siemens_flow import labelled
@@ -20,34 +18,28 @@ MOST_REPEATS = 9999
 _END = "ENDLABEL"
 
 
-@dataclass(frozen=True, slots=True)
-class _Lines:
-    """The first and the last line of a section."""
-
-    first: int
-    last: int
-
-
 class Repeat:
     """``REPEAT FIRST LAST P=3`` or ``REPEATB FIRST P=3``."""
 
-    __slots__ = ("at", "control", "lines")
+    __slots__ = ("at", "control", "loop")
 
     def __init__(self, line: int, control: Control) -> None:
         self.at = Place(line, control.column, control.length)
         self.control = control
-        self.lines: _Lines | None = None
+        self.loop: Loop | None = None
 
     def run(self, flow: Flow, line: int) -> int:
         """Go to the first line of the section; its end leads back."""
-        if self.lines is None:
-            self.lines = self._find(flow, line)
+        if self.loop is None:
+            self.loop = self._find(flow, line)
+            flow.listing.loops.append(self.loop)
+        self.loop.since = flow.executed
         count = self.control.values[0](flow.parameters) if self.control.values else 1.0
         count = 1.0 if count != count else count
         if not 1.0 <= count <= MOST_REPEATS or count != int(count):
             message = f"P={count:g}: the number of repetitions is 1 to {MOST_REPEATS}"
             raise flow.listing.fault(self.at, "call-repeats", message)
-        first, last = self.lines.first, self.lines.last
+        first, last = self.loop.first, self.loop.last
         flow.sections.begin(
             Section(flow.listing, len(flow.frames), first, last, line + 1, int(count) - 1)
         )
@@ -56,8 +48,8 @@ class Repeat:
             flow.listing.forget_steps()
         return first
 
-    def _find(self, flow: Flow, line: int) -> _Lines:
-        """Return the lines of the section.
+    def _find(self, flow: Flow, line: int) -> Loop:
+        """Return the first and the last line of the section.
 
         Raises:
             CncError: ``jump-target-missing``, ``code-not-supported``.
@@ -88,7 +80,7 @@ class Repeat:
             raise flow.listing.fault(
                 self.at, "program-end-missing", message, "write M17 or M30 after it"
             )
-        return _Lines(begin, end)
+        return Loop("this REPEAT", self.at, begin, end)
 
     def _line_of(self, flow: Flow, label: str, line: int) -> int:
         """Return the nearest line before this one with a label, or else the first one after it."""
