@@ -142,6 +142,8 @@ def _read(name: str) -> dict[str, Any]:
         table = _merged(_read(base), table)
     for key in "gm":
         table[key] += " " + table.pop(f"more_{key}", "")
+    missing = table.pop("less_g", "").split()
+    table["g"] = " ".join(code for code in table["g"].split() if code not in missing)
     return table
 
 
