@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
+import math
 
-from cnc.model.blocks import ArcFeed
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cnc.model.blocks import ArcFeed, Polyline
 from tests.support.gcode.gcode_cases import error_of, points, run
 
 MACH3 = [
@@ -77,3 +81,50 @@ def test_q_takes_the_place_of_smaller_pecks() -> None:
     later = "G90 G0 Z10\nG99 G83 Z-8 R2 I5 J1 K2 F100\nX5 Q5\nG80"
     only = "G90 G0 X5 Z10\nG99 G83 Z-8 R2 Q5 F100\nG80"
     assert points(later, "haas")[-5:] == points(only, "haas")[-5:]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_plane_without_tilt_is_moved_and_turned(seed: int) -> None:
+    """The zero of G68.2 and its Euler angles about Z, X and Z, of which the second is 0."""
+    draw = np.random.default_rng(seed)
+    zero, point = draw.uniform(-50, 50, (2, 3))
+    first, last = draw.uniform(-180, 180, 2)
+
+    def about_z(angle: float) -> NDArray[np.float64]:
+        cosine, sine = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+
+    words = " ".join(f"{letter}{value:.9f}" for letter, value in zip("XYZ", zero, strict=True))
+    target = " ".join(f"{letter}{value:.9f}" for letter, value in zip("XYZ", point, strict=True))
+    program = (
+        f"G90\nG68.2 {words} I{first:.9f} J0. K{last:.9f}\nG53.1\nG0 {target}\nG69\nG0 {target}"
+    )
+    ends = [
+        row
+        for block in run(program, dialect="fanuc")
+        if isinstance(block, Polyline)
+        for row in block.points
+    ]
+    assert ends[0] == pytest.approx(zero + about_z(first) @ about_z(last) @ point, abs=1e-6)
+    assert ends[1] == pytest.approx(point, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("program", "code"),
+    [
+        ("G68.2 X0. Y0. Z0. I0 J30. K0", "code-not-supported"),
+        ("G91\nG68.2 X1. Y0. Z0. I0 J0 K0", "rotation-incremental"),
+        ("G53.1", "figure-missing"),
+        ("G68.2 X1. Y0. Z0. I0 J0 K0\nG52 X1.", "figure-active"),
+        ("G68.2 X1. Y0. Z0. I0 J0 K0\nG68 X0. Y0. R3.", "figure-active"),
+        ("G68.2 X1. Y0. Z0. I0 J0 K0\nG68.2 X1. Y0. Z0. I0 J0 K0", "figure-active"),
+    ],
+)
+def test_faults_of_a_plane(program: str, code: str) -> None:
+    assert error_of(program, dialect="fanuc").code == code
+
+
+def test_a_plane_with_turned_rotary_axes_is_refused() -> None:
+    for program in ("G0 A5.\nG68.2 X0. Y0. Z0.", "G68.2 X0. Y0. Z0.\nG0 A5.\nG53.1"):
+        found = error_of(program, dialect="fanuc", axes=["x", "y", "z", "a"])
+        assert found.code == "code-not-supported"

@@ -357,6 +357,24 @@ def test_a_lenient_program_keeps_its_comment_of_rules() -> None:
     assert error_of("( a (b) R1 =5 )\nG0 X1.", dialect=rules).code == "comment-nested"
 
 
+@pytest.mark.parametrize(
+    "comment",
+    ["( 7.0 cut(s) at 0.286mm per cut )", "(ORIGIN (0,0) AT LEFT OF PART (G54))",
+     "(see (b) for G1 X5)"],
+)  # fmt: skip
+def test_prose_behind_a_nested_bracket_is_a_comment(comment: str) -> None:
+    """No control executes a line with a word that it does not know."""
+    found = warnings(f"{comment}\nG0 X1.", "fanuc", lenient=True)
+    assert [each.code for each in found] == ["comment-mended"]
+
+
+@pytest.mark.parametrize("rest", ["G1 X5", "GOTO 10", "IF [#1 EQ 2] GOTO 5", "X SIN[30]"])
+def test_code_behind_a_nested_bracket_is_refused(rest: str) -> None:
+    """A control whose comments end at the first ) would execute it."""
+    rules = dialects.load("fanuc", lenient=True)
+    assert error_of(f"(a (b) {rest})\nG0 X1.", dialect=rules).code == "comment-nested"
+
+
 @pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
 def test_h0_may_stand_beside_g49(dialect: str) -> None:
     """Both end the length on FANUC's controls, and CAM systems write both."""
@@ -384,3 +402,8 @@ def test_outputs_of_macro_b_have_no_effect(dialect: str) -> None:
 def test_outputs_of_macro_b_are_an_error_of_linuxcnc() -> None:
     assert error_of("POPEN\nM2", dialect="linuxcnc").code
     assert error_of("DPRNT[X#1] G0 X1", dialect="fanuc").code == "function-unknown"
+
+
+def test_the_power_of_snapmaker_is_explained() -> None:
+    found = error_of("G0 X1\nM3 P100", dialect="auto")
+    assert (found.code, "Snapmaker" in found.hint) == ("word-unused", True)

@@ -22,7 +22,7 @@ FULL = {
     "91 91.1 92 92.1 93 94 "
     "38.2 38.3 38.4 38.5",
     "fanuc": "0 1 2 3 4 6.2 9 10 15 16 17 18 19 20 21 28 30 31 40 41 42 43 43.4 43.5 44 49 50 50.1 "
-    "51 51.1 52 53 54 54.1 55 56 57 58 59 61 64 65 66 67 68 69 80 "
+    "51 51.1 52 53 53.1 54 54.1 55 56 57 58 59 61 64 65 66 67 68 68.2 69 80 "
     "90 91 92 93 94 95 96 97 73 74 76 81 82 83 84 85 86 88 89 98 99",
 }
 
@@ -55,7 +55,7 @@ def test_auto_and_paper_extend_linuxcnc() -> None:
     base = dialects.load("linuxcnc").g
     more = {
         G.G9, G.G12, G.G13, G.G15, G.G16, G.G31, G.G50, G.G50_1, G.G51, G.G51_1, G.G67, G.G68,
-        G.G69,
+        G.G68_2, G.G69, G.G53_1,
     }  # fmt: skip
     assert dialects.load("paper").g == base | {G.G6_2}
     assert dialects.load("auto").g == base | {G.G6_2} | more

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
+from cnc.gcode.program.call_stack import Limits
 from cnc.model.blocks import NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
@@ -48,12 +49,69 @@ def points(source: str) -> list[tuple[float, ...]]:
             "FOR R1=1 TO 2\nFOR R2=1 TO 2\nG0 X=R1 Y=R2\nENDFOR\nENDFOR",
             [(1, 1, 0), (1, 2, 0), (2, 1, 0), (2, 2, 0)],
         ),
+        ("A1: G91 G0 X1\nREPEATB A1 P=2\nY1", [(1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 1, 0)]),
+        ("A1: G91 G0 X1\nY1\nREPEAT A1", [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0)]),
+        (
+            "A1: G91 G0 X1\nENDLABEL: Y1\nZ1\nREPEAT A1\nX5",
+            [(1, 0, 0), (1, 1, 0), (1, 1, 1), (2, 1, 1), (2, 2, 1), (7, 2, 1)],
+        ),
+        (
+            "A1: G91 G0 X1\nB1: Y1\nZ1\nR1=2\nREPEAT A1 B1 P=R1\nX5",
+            [
+                (1, 0, 0),
+                (1, 1, 0),
+                (1, 1, 1),
+                (2, 1, 1),
+                (2, 2, 1),
+                (3, 2, 1),
+                (3, 3, 1),
+                (8, 3, 1),
+            ],
+        ),
+        (
+            "G91 G0\nREPEAT A1 B1\nGOTOF END_\nA1: X1\nB1: Y1\nX9\nEND_: Z1",
+            [(1, 0, 0), (1, 1, 0), (1, 1, 1)],
+        ),
+        (
+            "G91 G0\nGOTOF BB\nAA: X1\nGOTOF CC\nBB: Y1\nREPEATB AA\nREPEATB BB\nCC: Z1",
+            [(0, 1, 0), (1, 1, 0), (1, 2, 0), (1, 2, 1)],
+        ),
+        (
+            "G91 G0\nOUT:\nINN: X1\nREPEATB INN P2\nY1\nREPEAT OUT",
+            [
+                (1, 0, 0),
+                (2, 0, 0),
+                (3, 0, 0),
+                (3, 1, 0),
+                (4, 1, 0),
+                (5, 1, 0),
+                (6, 1, 0),
+                (6, 2, 0),
+            ],
+        ),
+        (
+            "G91 G0\nA1: X1\nL10\nREPEAT A1\nM30\n%_N_L10_SPF\nY1\nM17",
+            [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0)],
+        ),
+        (
+            "G91 G0 R1=0\nA1: X1\nR1=R1+1\nIF R1==2 GOTOF OUT\nREPEAT A1 P=5\n"
+            "OUT: Y1\nR1=9\nREPEATB OUT",
+            [(1, 0, 0), (2, 0, 0), (2, 1, 0), (2, 2, 0)],
+        ),
         ("TRANS X10 Y5\nG0 X1 Y1\nTRANS\nG0 X1 Y1", [(11, 6, 0), (1, 1, 0)]),
         ("TRANS X10\nROT Z90\nG0 X1 Y0", [(0, 1, 0)]),
         ("TRANS X10\nAROT RPL=90\nATRANS X1\nG0 X1 Y0", [(10, 2, 0)]),
         ("SCALE X2 Y2\nG0 X1 Y1 Z1\nMIRROR X0\nG0 X1 Y1", [(2, 2, 1), (-1, 1, 1)]),
         ("R1=30\nROT RPL=R1*3\nG0 X1 Y0", [(0, 1, 0)]),
         ("G700\nTRANS X1\nG0 X1", [(50.8, 0, 0)]),
+        (
+            "EXTERN GO_(REAL)\nGO_(3)\nM30\n%_N_GO__SPF\nPROC GO_(REAL XX)\nG0 X=XX\nRET",
+            [(3, 0, 0)],
+        ),
+        (
+            "MOVE_\nG0 Y1\nM30\n%_N_MOVE__SPF\nPROC MOVE_\nG0 X3\nENDPROC",
+            [(3, 0, 0), (3, 1, 0)],
+        ),
     ],
 )
 def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
@@ -65,6 +123,11 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
     [
         ("GOTOB A1\nA1: G0 X1", "jump-target-missing", "before this line"),
         ("A1: G0 X1\nGOTOF A1", "jump-target-missing", "after this line"),
+        ("REPEATB A1", "jump-target-missing", "A1:"),
+        ("A1: G0 X1\nREPEAT A1 P=0", "call-repeats", "P=0"),
+        ("REPEAT A1\nG0 X2\nA1: G0 X1", "jump-target-missing", "ENDLABEL"),
+        ("R1=2\nA1: G0 X1\nIF R1==3\nM30\nENDIF\nREPEAT A1", "code-not-supported", "line 4"),
+        ("REPEAT A1 B1 C1", "code-not-supported", "REPEAT FIRST LAST"),
         ("GOTOC A1", "code-not-supported", "a jump of this form"),
         ("IF R1==1\nG0 X1", "block-not-closed", "ENDIF"),
         ("ENDIF", "block-not-open", "ENDIF"),
@@ -252,6 +315,44 @@ def test_a_cycle_makes_its_moves(cycle: str, modal: bool) -> None:
     assert found[begin : begin + len(CYCLES[cycle])] == CYCLES[cycle]
 
 
+@pytest.mark.parametrize("cycle", CYCLES)
+@pytest.mark.parametrize(
+    ("head", "order", "mode"), [("G18 G0 Y50", (1, 2, 0), "2"), ("G19 G0 X50", (2, 0, 1), "3")]
+)
+def test_a_cycle_drills_along_the_axis_of_its_plane(
+    cycle: str, head: str, order: tuple[int, int, int], mode: str
+) -> None:
+    """The first axis of G18 is Z and of G19 Y; the tool axis is Y and X."""
+    wanted = []
+    for step in CYCLES[cycle]:
+        kind, *rest = step.split()
+        if kind in ("rapid", "line"):
+            rest[:3] = [rest[axis] for axis in order]
+        wanted.append(" ".join((kind, *rest)))
+    text = cycle.replace(",0,1,12)", f",0,{mode},12)")
+    assert summaries(f"S500 M3 F100\n{head}\n{text}")[2 : 2 + len(wanted)] == wanted
+
+
+@pytest.mark.parametrize(("plane", "first"), [("G18", "rapid 0 0 5"), ("G19", "rapid 0 5 0")])
+def test_holes_lie_in_the_plane(plane: str, first: str) -> None:
+    found = summaries(f"{plane} F100\nMCALL CYCLE81(9,0,1,-2)\nHOLES1(0,0,0,5,10,2)\nMCALL")
+    assert next(each for each in found if each.startswith("rapid")) == first
+
+
+def test_repetitions_without_an_end_in_sight_are_refused() -> None:
+    """Each of these is allowed, but not both within each other."""
+    source = "AA:\nBB: R1=1\nR1=2\nREPEAT BB P=999\nREPEAT AA P=999\nM30"
+    limits = Limits(repeated_lines=1000)
+    found = error_of(source, dialect="siemens", limits=limits)
+    assert (found.code, found.line, "REPEAT" in found.message) == ("loop-endless", 4, True)
+
+
+def test_a_cycle_refuses_another_plane_or_axis() -> None:
+    for call in ("CYCLE81(20,0,2,-10,,0,0,1)", "CYCLE83(20,0,2,-10,,-4,,1,,,1,1,3)"):
+        found = error_of(f"G18 F100\n{call}\nM30", dialect="siemens")
+        assert found.code == "code-not-supported"
+
+
 def test_the_feed_of_a_cycle_ends_with_it() -> None:
     found = summaries("G0 Z50 F100\nCYCLE85(20,0,2,,10,1,80,160)\nG1 X1")
     assert found[-1] == "line 1 0 20 F100"
@@ -328,7 +429,6 @@ def test_variables_of_the_main_program() -> None:
         ("POCKET3(1,2)", "CAM system"),
         ("CYCLE840(1,2)", "CYCLE84"),
         ("DEF STRING[8] _NAME", "DEF REAL"),
-        ("DEF REAL _N[3]", "DEF REAL"),
         ('WARMUP("SPINDLE", 5)', "R parameters"),
     ],
 )

@@ -82,9 +82,55 @@ def test_patterns_of_holes(pattern: str, places: list[tuple[float, ...]]) -> Non
 def test_a_pattern_that_is_not_clear_is_refused(source: str, code: str) -> None:
     found = error_of(f"{source}\nM30", dialect="siemens")
     assert found.code == code
-    assert "HOLES" in found.message
+    assert "HOLES" in found.message or "MCALL" in found.message
     found = error_of("G0 X=_none", dialect="siemens")
     assert found.code == "parameter-undefined"
+
+
+@pytest.mark.parametrize(
+    ("source", "ends"),
+    [
+        ("DEF REAL A[10], BB=2\nA[3]=5 A[BB+2]=7\nG0 X=A[3] Y=A[4] Z=A[0]", [(5, 7, 0)]),
+        ("R1=2\nR[R1]=7\nR[1+R1*2]=4\nG0 X=R2+R[R1]*2 Y=R5", [(21, 4, 0)]),
+        ("DEF INT AA[2,3]=SET(1,2,3.6)\nG0 X=AA[0,2] Y=AA[1,0]", [(4, 0, 0)]),
+        ("DEF REAL AA[2,2]=SET(1,2,3,4)\nAA[1,0]=SET(8,9)\nG0 X=AA[0,1] Y=AA[1,1]", [(2, 9, 0)]),
+        ("DEF REAL C[4]=REP(5)\nC[1]=REP(2,2)\nG0 X=C[0]+C[1]+C[2]+C[3]", [(14, 0, 0)]),
+        ("DEF BOOL ON[2]=SET(TRUE)\nG0 X=ON[0]+ON[1]", [(1, 0, 0)]),
+        (
+            "DEF REAL PP[3]\nFOR R1=0 TO 2\nPP[R1]=R1*R1\nENDFOR\nG0 X=PP[PP[1]+1] Y=SIN(PP[1]*30)",
+            [(4, 0.5, 0)],
+        ),
+    ],
+)
+def test_arrays(source: str, ends: list[tuple[float, ...]]) -> None:
+    """A definition fills the elements with the last index first; the rest is 0."""
+    assert points(f"{source}\nM30") == [pytest.approx(end) for end in ends]
+
+
+@pytest.mark.parametrize(
+    ("source", "code", "words"),
+    [
+        ("DEF REAL A[3]\nG0 X=A[3]", "parameter-number", "A[3]"),
+        ("DEF REAL A[3]\nA[-1]=5", "parameter-number", "0 to 2"),
+        ("DEF REAL A[2,3]\nG0 X=A[0,3]", "parameter-number", "0 to 1 and 0 to 2"),
+        ("DEF REAL A[3]\nG0 X=A[0.5]", "parameter-number", "whole"),
+        ("DEF REAL AA[3]\nG0 X=AA", "code-not-supported", "without an index"),
+        ("DEF REAL AA[3]\nG0 X=AA[1,1]", "code-not-supported", "number of indices"),
+        ("G0 X=BB[1]", "code-not-supported", "no array"),
+        ("DEF REAL A[3]=5", "code-not-supported", "SET"),
+        ("DEF REAL A[2]=SET(1,2,3)", "code-not-supported", "array A"),
+        ("DEF REAL A[0]", "code-not-supported", "DEF REAL"),
+        ("DEF REAL A[3]\nA[0]=REP(5)", "code-not-supported", "REP"),
+        ("DEF STRING[20] NAME", "code-not-supported", ""),
+        ("G0 X=R5", "parameter-undefined", "R5 was never set"),
+        ("G0 X=_none", "parameter-undefined", "_NONE was never set"),
+        ("L9\nM30\n%_N_L9_SPF\nDEF REAL LOC[3]\nRET", "code-not-supported", "main program"),
+    ],
+)
+def test_faults_of_arrays(source: str, code: str, words: str) -> None:
+    found = error_of(f"{source}\nM30", dialect="siemens")
+    assert found.code == code
+    assert words in f"{found.message} {found.hint}"
 
 
 HOLE_AT = "PROC HOLE_AT(REAL XP, REAL YP, INT NUM)\nG0 X=XP Y=YP\nXP=XP+NUM\nG0 X=XP\nRET\n"

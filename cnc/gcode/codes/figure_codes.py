@@ -1,8 +1,9 @@
-"""Codes that change the programmed figure: G50, G51, G50.1, G51.1, G68, G69; and G15, G16.
+"""Codes that change the figure: G50, G51, G50.1, G51.1, G68, G68.2, G69; and G15, G16.
 
 Sources: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
-"Coordinate system rotation (G68, G69)" and "Polar coordinate command (G15, G16)"; Haas, "Mill
-Operator's Manual", G51 (P is the factor itself); "Using Mach3Mill", G15, G50, G51, G68.
+"Coordinate system rotation (G68, G69)", "Tilted working plane indexing (G68.2)" and "Polar
+coordinate command (G15, G16)"; Haas, "Mill Operator's Manual", G51 (P is the factor itself);
+"Using Mach3Mill", G15, G50, G51, G68.
 """
 
 from __future__ import annotations
@@ -20,6 +21,13 @@ from cnc.model.blocks import PLANE_AXES
 SMALLEST_FACTOR = 1e-6
 _FACTORS = {"I": "X", "J": "Y", "K": "Z"}
 _GROUPS = ("figure-polar", "figure-scaling", "figure-mirror", "figure-rotation")
+
+
+def check_rotary_axes_at_zero(motion: Motion, at: Word) -> None:
+    """Refuse a code of the tilted plane while a rotary axis is turned, as it may turn it back."""
+    if any(motion.position[column] for column in motion.rotary_columns):
+        message = f"{at.written} while a rotary axis is not at 0"
+        raise fault("code-not-supported", message, at, "turn the rotary axes to 0 before")
 
 
 class FigureCodes:
@@ -59,6 +67,8 @@ class FigureCodes:
                 self._mirror(words, code)
             case G.G68:
                 self._rotate(words, at)
+            case G.G68_2:
+                self._place(words, at)
             case _:
                 if figure.plane is not None:
                     self._set(Figure.none(len(figure.factors)))
@@ -197,6 +207,31 @@ class FigureCodes:
             angle=word.number,
         )
         self._set(turned)
+        coordinates.figure_is_new = True
+
+    def _place(self, words: LineWords, at: Word) -> None:
+        """G68.2 without a tilt: X Y Z is the new zero; I and K turn the plane X Y about it.
+
+        I, J and K are Euler angles about Z, X and Z; with J0 both others are about the same Z.
+        """
+        motion, coordinates = self._motion, self._coordinates
+        self._check_alone(at)
+        if not self._state.absolute:
+            raise fault("rotation-incremental", f"{at.written} under G91", at, "give G90 before")
+        first, tilt, last = (words.take(letter, "G68.2") for letter in "IJK")
+        if tilt is not None and tilt.number % 360.0:
+            message = f"{at.written} with {tilt.written} (a tilted plane) is not supported"
+            hint = "let the CAM system write positions without a tilted plane, or G43.4"
+            raise fault("code-not-supported", message, at, hint)
+        check_rotary_axes_at_zero(motion, at)
+        zero = motion.axis_values(words, "G68.2")
+        x, y, z = (motion.column.get(axis) for axis in "XYZ")
+        if x is None or y is None or not zero.keys() <= {x, y, z}:
+            raise fault("axis-not-allowed", f"{at.written} has the words X Y Z I J K", at)
+        none = Figure.none(len(motion.axes))
+        angle = sum(word.number for word in (first, last) if word is not None)
+        shift = tuple(zero.get(column, 0.0) for column in range(len(motion.axes)))
+        self._set(replace(none, plane=(x, y), angle=angle, shift=shift))
         coordinates.figure_is_new = True
 
     def _centre_of_mach3(

@@ -30,7 +30,7 @@ from cnc.model.diagnostics import GcodeError
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
 _FIGURES = ("figure-scaling", "figure-mirror", "figure-rotation")
-_FIGURE_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68)
+_FIGURE_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68, G.G68_2)
 _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.

@@ -6,6 +6,7 @@ FANUC, "Programmable data input", "Reference position return" and "Local coordin
 
 from __future__ import annotations
 
+from cnc.gcode.codes.figure_codes import check_rotary_axes_at_zero
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
@@ -69,6 +70,9 @@ class OffsetCodes:
     def non_modal(self, words: LineWords, code: Code) -> None:
         """Execute G10, G28, G28.1, G30, G30.1, G52, G53 or G92 to G92.3."""
         number, coordinates = code.g, self._coordinates
+        if number == G.G53_1:
+            self._turn_tool(code.word)
+            return
         if number not in (G.G28, G.G30, G.G53):
             self._check_figure(code.word)
         if number == G.G10:
@@ -105,6 +109,13 @@ class OffsetCodes:
         if not given:
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         return values
+
+    def _turn_tool(self, at: Word) -> None:
+        """G53.1: the tool is along Z of the plane of G68.2 already, which has no tilt here."""
+        if not self._coordinates.figure.shift:
+            message = f"{at.written} without G68.2 before it"
+            raise fault("figure-missing", message, at, "give G68.2 before")
+        check_rotary_axes_at_zero(self._motion, at)
 
     def _check_figure(self, at: Word) -> None:
         """Refuse an offset under G51, G51.1 or G68, in whose coordinates it would be unclear."""

@@ -39,6 +39,7 @@ _HINTS = {
 
 
 _CENTRE = frozenset("IJK")
+_SPINDLE_ON = (3.0, 4.0)
 
 
 def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool:
@@ -64,6 +65,7 @@ def unused(words: LineWords, state: ModalState) -> GcodeError:
         return fault(
             "nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2"
         )
-    return fault(
-        "word-unused", f"{word.written} has no use in this line", word, _HINTS.get(word.letter, "")
-    )
+    hint = _HINTS.get(word.letter, "")
+    if word.letter == "P" and any(code.number in _SPINDLE_ON for code in words.m):
+        hint = "it is the power in per cent on Snapmaker's machines; here S gives the speed"
+    return fault("word-unused", f"{word.written} has no use in this line", word, hint)

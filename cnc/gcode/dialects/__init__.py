@@ -142,6 +142,8 @@ def _read(name: str) -> dict[str, Any]:
         table = _merged(_read(base), table)
     for key in "gm":
         table[key] += " " + table.pop(f"more_{key}", "")
+    missing = table.pop("less_g", "").split()
+    table["g"] = " ".join(code for code in table["g"].split() if code not in missing)
     return table
 
 
@@ -296,7 +298,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
-        return fault("code-not-supported", f"{name} ({own}) is not supported", word)
+        hint = _known()["instead"].get(f"{dialect.name}-{kind}", "")
+        return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"

@@ -1,8 +1,9 @@
 """Scaling, mirroring and rotation of the programmed figure (G51, G51.1, G68).
 
-    point -> centre_r + R (centre_s + f (point - centre_s) - centre_r)
+    point -> shift + centre_r + R (centre_s + f (point - centre_s) - centre_r)
 
-A point is first scaled and mirrored by a factor for each axis, then rotated in one plane. Source:
+A point is first scaled and mirrored by a factor for each axis, then rotated in one plane, then
+shifted (G68.2 without a tilt). Source:
 FANUC Series 0i operator's manual, "Scaling", "Programmable mirror image" and "Coordinate system
 rotation"; the order is that of "Scaling and coordinate system rotation".
 """
@@ -23,6 +24,7 @@ class Figure:
         plane: Columns of the axes that the rotation turns, or None.
         centre: Centre of the rotation in these two axes.
         angle: Degrees, from the first axis of the plane to the second.
+        shift: (axes,) distance by which the figure moves after the rotation; empty for none.
     """
 
     factors: tuple[float, ...]
@@ -30,6 +32,7 @@ class Figure:
     plane: tuple[int, int] | None = None
     centre: tuple[float, float] = (0.0, 0.0)
     angle: float = 0.0
+    shift: tuple[float, ...] = ()
 
     @classmethod
     def none(cls, axes: int) -> Figure:
@@ -47,10 +50,15 @@ class Figure:
             fixed + factor * (value - fixed)
             for value, factor, fixed in zip(at, self.factors, self.fixed, strict=True)
         ]
-        return self._turned(found, 1.0, self.centre)
+        turned = self._turned(found, 1.0, self.centre)
+        if not self.shift:
+            return turned
+        return [value + step for value, step in zip(turned, self.shift, strict=True)]
 
     def original(self, at: list[float]) -> list[float]:
         """Return the point that a point is the image of."""
+        if self.shift:
+            at = [value - step for value, step in zip(at, self.shift, strict=True)]
         found = self._turned(at, -1.0, self.centre)
         return [
             fixed + (value - fixed) / factor

@@ -15,6 +15,7 @@ from typing import Literal, Protocol
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
+from cnc.gcode.program.repeated_sections import Sections
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.parser import Syntax
@@ -112,6 +113,7 @@ class Listing(LineIndex):
         loops: Loops found so far.
         subs: Subroutines found so far, by label.
         last_executed: The highest line that was ever executed.
+        section_ends: Lines after the sections that SINUMERIK's REPEAT executes.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class Listing(LineIndex):
         self.loops: list[Loop] = []
         self.subs: dict[str, Subroutine] = {}
         self.last_executed = 0
+        self.section_ends: set[int] = set()
         self._pages: OrderedDict[int, Page] = OrderedDict()
 
     def page(self, line: int) -> Page | None:
@@ -215,6 +218,7 @@ class Flow:
         main_border: Line of the O number of the main program; 0 for none.
         modal: Calls the macro of G66 after a line; None if there is none.
         program_frame: SINUMERIK's programmable frame.
+        sections: SINUMERIK's repeated sections.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -242,6 +246,7 @@ class Flow:
         self.main_border = 0
         self.modal: Callable[[int], int] | None = None
         self.program_frame = ProgramFrame()
+        self.sections = Sections()
         self.has_modal = False
         self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)

@@ -17,6 +17,7 @@ from cnc.gcode.program import (
     siemens_flow,
     siemens_frames,
     siemens_holes,
+    siemens_repeat,
     siemens_subprograms,
     subprograms,
 )
@@ -27,6 +28,7 @@ from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.percent import PercentStep
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
+from cnc.gcode.program.siemens_repeat import SectionEnd
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.machine.program_codes import CodeAction
@@ -41,6 +43,7 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     | siemens_flow.MAKERS
     | siemens_frames.MAKERS
     | siemens_holes.MAKERS
+    | siemens_repeat.MAKERS
     | siemens_subprograms.MAKERS
 )
 
@@ -80,6 +83,8 @@ class StepMaker:
         """
         listing, line = self._flow.listing, page.first + index
         step = self._make(page.window, line, index)
+        if line in listing.section_ends:
+            step = SectionEnd(_Alone(step) if isinstance(step, Statement) else step)
         # Few lines of a long program are executed again. If their statements were kept, the garbage
         # collector would take much time.
         if line <= listing.last_executed or step.__class__ not in (_Move, Statement):
@@ -125,6 +130,8 @@ class StepMaker:
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
         if self._flow.has_modal:
             return self._of_statement(window, line, index)
+        if self._flow.listing.section_ends:
+            return self.single(window, line, index)
         if (
             self._compiled is not None
             and (self._is_long or window.count >= MANY_LINES)
@@ -312,6 +319,20 @@ class _Followed:
         before = motion.position
         flow.interpreter.execute(self._statement, line)
         return line + 1 if motion.position is before else flow.call_after(line)
+
+
+class _Alone:
+    """A statement as a step."""
+
+    __slots__ = ("_statement",)
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the statement."""
+        flow.interpreter.execute(self._statement, line)
+        return line + 1
 
 
 class _Announced:

@@ -130,6 +130,10 @@ def interpret(
         dialect=rules.name,
         variables=_defined_variables(text) if rules.flavour == "siemens" else (),
     )
+    if rules.flavour == "siemens":
+        from cnc.gcode.syntax.siemens_arrays import bind_arrays  # for its programs only
+
+        bind_arrays(parameters, syntax.variables)
     listing = Listing(text, syntax, block_delete=options.block_delete)
     if options.mark_tool_offsets:
         _mark_tool_offsets(interpreter)

@@ -13,6 +13,7 @@ from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
+from cnc.model.blocks import Plane
 from cnc.model.diagnostics import CncError
 
 MOST_PECKS = 10_000
@@ -36,14 +37,28 @@ _NAMES = {
 depth from the reference plane; then those of the cycle. Later ones must be 0 or left out."""
 _LEFT_HAND = 1002002
 _MODES = {
-    "AXN": (0, 3), "GMODE": (0,), "DMODE": (0, 1, 10, 11), "AMODE": (0, 2, 10, 12),
-    "AMODE83": (0, 1001110), "AMODE84": (0, 1001002, _LEFT_HAND),
+    "GMODE": (0,), "AMODE": (0, 2, 10, 12), "AMODE83": (0, 1001110),
+    "AMODE84": (0, 1001002, _LEFT_HAND),
 }  # fmt: skip
-"""Values of modes: the tool axis is Z, the depth is absolute and of the tip, dwells are in s.
+"""Values of modes: the depth is absolute and of the tip, dwells are in s.
 
-Of DMODE the last digit is the plane. Of CYCLE84's AMODE the fourth digit from the right is the
-direction of the thread: that of the pitch's sign (0), right (1) or left (2).
+Of CYCLE84's AMODE the fourth digit from the right is the direction of the thread: that of the
+pitch's sign (0), right (1) or left (2).
 """
+_PLANE_MODES: dict[Plane, dict[str, tuple[int, ...]]] = {
+    "XY": {"AXN": (0, 3), "DMODE": (0, 1, 10, 11)},
+    "ZX": {"AXN": (0,), "DMODE": (0, 2, 10, 12)},
+    "YZ": {"AXN": (0,), "DMODE": (0, 3, 10, 13)},
+}
+"""Values of modes by plane: the tool axis is perpendicular to the plane in effect, which is the
+last digit of DMODE.
+"""
+_IN_PLANE: dict[Plane, dict[str, str]] = {
+    "XY": {},
+    "ZX": {"X": "Z", "Y": "X", "Z": "Y"},
+    "YZ": {"X": "Y", "Y": "Z", "Z": "X"},
+}
+"""Letter of an axis in each plane, by its letter in G17."""
 _COARSE = dict(
     zip(
         (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
@@ -82,29 +97,36 @@ class Cycle:
         def fault(code: str, message: str) -> CncError:
             return flow.listing.fault(self.at, code, f"CYCLE{kind}{message}")
 
-        if flow.interpreter.modal.plane != "XY":
-            raise fault("code-not-supported", " in another plane than G17")
         if kind == _TAPPING and flow.interpreter.modal.feed_scale != flow.interpreter.modal.scale:
             raise fault("code-not-supported", " under G70: write G700, as its pitch gives the feed")
-        moves = list(_Hole(kind, given, fault).moves())
+        moves = list(_Hole(kind, given, flow.interpreter.modal.plane, fault).moves())
         if not self.modal:
             return _perform(flow, moves, line)
         flow.modal = None
-        flow.begin_modal(lambda after: _perform(flow, moves, after))
+        plane = flow.interpreter.modal.plane
+
+        def again(after: int) -> int:
+            if flow.interpreter.modal.plane != plane:
+                message = f"CYCLE{kind} of MCALL in another plane than that of its line"
+                hint = "write MCALL and the cycle again after the plane"
+                raise flow.listing.fault(Place(after, 1), "code-not-supported", message, hint)
+            return _perform(flow, moves, after)
+
+        flow.begin_modal(again)
         return line + 1
 
 
 class _Hole:
     """A hole of a cycle."""
 
-    def __init__(self, kind: int, given: list[float], fault: Fault) -> None:
+    def __init__(self, kind: int, given: list[float], plane: Plane, fault: Fault) -> None:
         names = _NAMES[kind].split()
         self.kind, self.fault = kind, fault
         self.values = dict(zip(names, given, strict=False))
         for index, value in enumerate(given[len(names) :], len(names) + 1):
             if value == value and value != 0.0:
                 raise fault("code-not-supported", f": argument {index} is not supported")
-        for name, known in _MODES.items():
+        for name, known in (_MODES | _PLANE_MODES[plane]).items():
             if (mode := self.get(name, 0.0)) not in known:
                 raise fault("code-not-supported", f": {name} {mode:g} is not supported")
         back, top, safe = (self.get(name) for name in ("RTP", "RFP", "SDIS"))
@@ -283,14 +305,22 @@ class _Hole:
         yield f"G90 M{turn:.0f}"
 
 
+def in_plane(letter: str, plane: Plane) -> str:
+    """Return the letter that a word of G17 has in a plane."""
+    return _IN_PLANE[plane].get(letter, letter)
+
+
 def _perform(flow: Flow, moves: list[str], line: int) -> int:
-    """Make the moves, and restore the modes that the cycle changes."""
+    """Make the moves, written for G17, in the plane; restore the modes that the cycle changes."""
     interpreter = flow.interpreter
     modal = interpreter.modal
     before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
     try:
         for move in ("G90", *moves):
-            words = tuple(Word(text[0], float(text[1:]), text, 1, 1) for text in move.split())
+            words = tuple(
+                Word(in_plane(text[0], modal.plane), float(text[1:]), text, 1, 1)
+                for text in move.split()
+            )
             interpreter.execute(Statement(words), line)
     finally:
         modal.motion, modal.absolute, modal.feed, modal.feed_mode, speed = before

@@ -60,6 +60,7 @@ class LabelJump:
             self.found = self._find(flow.listing, line)
         if self.found <= line:
             self.back.record(flow, flow.listing, self.found)
+        flow.sections.leave(len(flow.frames), self.found)
         return self.found
 
     def _find(self, listing: Listing, line: int) -> int:
@@ -68,13 +69,11 @@ class LabelJump:
         Raises:
             CncError: ``jump-target-missing``.
         """
-        ahead = (
-            None if self.direction == "B" else next(_labelled(listing, self.target, line + 1), 0)
-        )
+        ahead = None if self.direction == "B" else next(labelled(listing, self.target, line + 1), 0)
         if ahead:
             return ahead
         if self.direction != "F":
-            behind = list(_labelled(listing, self.target, 1, line + 1))
+            behind = list(labelled(listing, self.target, 1, line + 1))
             if behind:
                 return behind[-1]
         where = {"F": " after this line", "B": " before this line"}.get(self.direction, "")
@@ -83,7 +82,7 @@ class LabelJump:
         raise listing.fault(self.at, "jump-target-missing", f"there is no {name}{where}", hint)
 
 
-def _labelled(listing: Listing, target: str, line: int, end: int = 1 << 62) -> Iterator[int]:
+def labelled(listing: Listing, target: str, line: int, end: int = 1 << 62) -> Iterator[int]:
     """Yield the lines from ``line`` to before ``end`` with a label or an N number."""
     head = r"(?<![^\r\n])[ \t]*(?:/[0-9]?[ \t]*)?"
     number = r"[N:][ \t]*0*"
@@ -158,7 +157,10 @@ class _Definition:
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         flow.interpreter.begun = True
         for name, value in zip(self.names, self.values, strict=True):
-            flow.parameters.set_name(name, value(flow.parameters), 1)
+            if name.startswith("#"):
+                flow.parameters.set_number(int(name[1:]), value(flow.parameters), 1)
+            else:
+                flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.siemens_cycles import in_plane
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
 from cnc.model.diagnostics import CncError
@@ -38,15 +39,14 @@ class Pattern:
         """Drill the holes."""
         interpreter = flow.interpreter
         interpreter.begun = True
-        if interpreter.modal.plane != "XY":
-            raise self._fault(flow, "code-not-supported", " in another plane than G17")
         if flow.modal is None:
             raise self._fault(flow, "cycle-not-active", " without MCALL and a cycle before it")
         modal = interpreter.modal
         before = modal.motion, modal.absolute
         after = line + 1
         for x, y in self._holes(flow):
-            numbers = (("G", 90.0), ("G", 0.0), ("X", x), ("Y", y))
+            first, second = (in_plane(letter, modal.plane) for letter in "XY")
+            numbers = (("G", 90.0), ("G", 0.0), (first, x), (second, y))
             words = tuple(Word(letter, number, letter, 1, 1) for letter, number in numbers)
             interpreter.execute(Statement(words), line)
             after = flow.call_after(line)
@@ -67,7 +67,8 @@ class Pattern:
             raise self._fault(flow, "cycle-word-missing", message)
         places = _on_line(values) if kind == 1 else _on_circle(values)
         if kind == 1:
-            here = [flow.parameters.name(name, 1) for name in ("_x", "_y")]
+            axes = (in_plane(letter, flow.interpreter.modal.plane) for letter in "XY")
+            here = [flow.parameters.name(f"_{axis.lower()}", 1) for axis in axes]
             if math.dist(here, places[-1]) < math.dist(here, places[0]):
                 places.reverse()
         yield from places

@@ -10,18 +10,14 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.gcode.state.lasting_state import lasting_state
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.model.blocks import (
-    AnalogOutput,
     ArcFeed,
     Block,
     BoardCommand,
-    Coolant,
-    DigitalOutput,
     NurbsFeed,
     Orient,
-    Overrides,
-    PathMode,
     Polyline,
     Probe,
     Spindle,
@@ -386,7 +382,7 @@ class BlockBuffer:
             # Spindle and outputs may have another state afterwards. At a stop the operator may
             # have switched the spindle off by hand, and the next move would cut without it.
             self.in_effect.clear()
-        state = _state(block)
+        state = lasting_state(block)
         if state is None:
             return True
         kind, values = state
@@ -394,21 +390,3 @@ class BlockBuffer:
             return False
         self.in_effect[kind] = values
         return True
-
-
-def _state(block: Block) -> tuple[tuple[str, int], tuple[object, ...]] | None:
-    """Return what a block sets, and its values; None for a block that sets nothing lasting."""
-    match block:
-        case Spindle(state=state, rpm=rpm, surface_speed=speed):
-            return ("spindle", 0), (state, rpm, speed)
-        case Coolant(mist=mist, flood=flood):
-            return ("coolant", 0), (mist, flood)
-        case Overrides(feed=feed, spindle=spindle, adaptive_feed=adaptive, feed_stop=stop):
-            return ("overrides", 0), (feed, spindle, adaptive, stop)
-        case PathMode(control=control, tolerance=tolerance):
-            return ("path", 0), (control, tolerance)
-        case DigitalOutput(number=number, on=on):
-            return ("digital", number), (on,)
-        case AnalogOutput(number=number, value=value):
-            return ("analog", number), (value,)
-    return None

@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from cnc.gcode.syntax.arithmetic import FUNCTIONS, MACRO_FUNCTIONS, MACRO_OPERATORS, OPERATORS
+from cnc.gcode.syntax.error_context import MACRO_KEYWORDS, O_KEYWORDS
 from cnc.gcode.syntax.statement import MENDED, Remark
 from cnc.model.diagnostics import Diagnostic
 
@@ -37,6 +39,14 @@ _LONG_NAMES = {
 _COMMENT = re.compile(r"\(([^)]*)\)")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|[A-Za-z0-9\]>][ \t]*=")
 """Text that could be executed if it stood outside of a comment."""
+_PROSE = re.compile(r"(?<![A-Z0-9<_])[A-Z]{2,}(?![A-Z0-9>_])", re.I)
+"""A word of letters alone."""
+_KEYWORDS = frozenset(
+    (
+        *MACRO_KEYWORDS, *O_KEYWORDS, *FUNCTIONS, *MACRO_FUNCTIONS, *OPERATORS, *MACRO_OPERATORS,
+        "ATAN", "EXISTS", "POPEN", "PCLOS", "DPRNT", "BPRNT", "SETVN",
+    )
+)  # fmt: skip
 
 
 _INNER_SLASH = re.compile(r"(?<=[0-9.\]])[ \t]*(/)[ \t]*[A-Z][ \t]*[-+]?[.0-9]", re.I)
@@ -186,12 +196,23 @@ def _flat(text: str) -> str | None:
             return "".join(out) + "(" + text[at + 1 :].replace("(", "[") + ")"
         if end < 0:
             end = first
-        elif _WORD.search(text, first + 1, _end_of_code(text, first, end)):
+        elif _could_be_code(text[first + 1 : _end_of_code(text, first, end)]):
             return None
         inside = text[at + 1 : end].replace("(", "[").replace(")", "]")
         out.append(f"({inside})")
         at = end + 1
     return "".join(out) + text[at:]
+
+
+def _could_be_code(text: str) -> bool:
+    """Whether text between brackets of a comment could be executed outside of it.
+
+    A line with a word that no control knows is an error on each of them, not another motion.
+    """
+    if not _WORD.search(text):
+        return False
+    prose = _PROSE.findall(_ANY_COMMENT.sub(" ", text))
+    return all(word.upper() in _KEYWORDS for word in prose)
 
 
 def _end_of_code(text: str, first: int, end: int) -> int:

@@ -69,6 +69,7 @@ class Parameters:
             None while nobody asks.
         calls: Number of calls entered and left.
         kept: Numbers that the file keeps once they were set.
+        written: Returns a name as the program writes it.
         increments: Least input increments in a unit of length: 1000 for mm, 10000 for inches.
             FANUC's ROUND rounds words to them.
     """
@@ -89,6 +90,7 @@ class Parameters:
         self.changed: set[int | str] | None = None
         self.calls = 0
         self.kept: Container[int] = KEPT_MACRO if macro else USER
+        self.written: Callable[[str], str] = "#<{}>".format
         self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
         self._unset = VACANT if macro else 0.0
@@ -230,12 +232,14 @@ class Parameters:
     def bind_row(self, row: range, read: ReadRow, write: WriteRow) -> None:
         """Bind parameters with consecutive numbers to functions. Compiled code does not see them.
 
+        They take the place of functions that were bound before.
+
         Args:
             row: The numbers.
             read: Returns the value of a parameter, counted from 0.
             write: Sets it.
         """
-        self._rows.append((row, read, write))
+        self._rows.insert(0, (row, read, write))
         self._first_in_row = min(self._first_in_row, row.start)
 
     def _row_of(self, number: int) -> tuple[range, ReadRow, WriteRow] | None:
@@ -315,15 +319,14 @@ class Parameters:
             *self._globals,
             *(key for key in self._bound if isinstance(key, str)),
         ]
+        shown = self.written(name)
         near = difflib.get_close_matches(name, known, 1)
-        hint = (
-            f"did you mean #<{near[0]}>?"
-            if near
-            else f"set it first, or test it with EXISTS[#<{name}>]"
-        )
+        hint = f"did you mean {self.written(near[0])}?" if near else "set it first"
+        if not near and shown.startswith("#"):
+            hint += f", or test it with EXISTS[{shown}]"
         return fault(
             "parameter-undefined",
-            f"#<{name}> was never set",
+            f"{shown} was never set",
             column=column,
             length=len(name) + 3,
             hint=hint,

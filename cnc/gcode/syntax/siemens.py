@@ -16,21 +16,16 @@ from importlib.resources import files
 from typing import NamedTuple
 
 from cnc.gcode.syntax.error_context import about_character
+from cnc.gcode.syntax.siemens_arrays import elements, initial_values, list_of
 from cnc.gcode.syntax.siemens_control import (
     ControlLine,
     call_line,
     control_line,
 )
-from cnc.gcode.syntax.siemens_variables import (
-    Variable,
-    Variables,
-    as_type,
-    variable_name,
-    without_comment,
-)
+from cnc.gcode.syntax.siemens_expressions import Cursor, closing
+from cnc.gcode.syntax.siemens_variables import Variables, as_type, without_comment
 from cnc.gcode.syntax.statement import DIRECTION, NOTED, Remark
 from cnc.gcode.syntax.words import fault
-from cnc.model.diagnostics import GcodeError
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 """Range of the numbers of tools that a program calls by a name; a checksum gives the number."""
@@ -41,23 +36,20 @@ _HEAD = re.compile(
 _MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _VARIABLE = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*=(?!=)\s*", re.I)
+_INDEXED = re.compile(r"([A-Z_][A-Z0-9_]*)\s*\[", re.I)
+_LIST = re.compile(r"\s*(?:SET|REP)\s*\(", re.I)
+_DECLARED = re.compile(r"EXTERN\s+[A-Z_][A-Z0-9_]+\s*(?:\(.*\))?", re.I)
+"""The parameters of a subprogram, which its PROC has too."""
 _TOOL_NAME = re.compile(r'T\s*=\s*"([^"]*)"', re.I)
 _EQUAL = re.compile(
     r"(CR|AR|TURN|AP|RPL|RP|RNDM|RND|CHR|CHF|ANG|SD|PL|PW|S1|M1|[ABC][2-7]|[A-Z])\s*=(?!=)\s*", re.I
 )
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
-_OPERAND = re.compile(r"\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+|R[0-9]+|[A-Z_]{2}[A-Z0-9_]*)", re.I)
-_NAME = re.compile(r"(?<![A-Z0-9_])[A-Z_][A-Z0-9_]*", re.I)
-_OPERATOR = re.compile(r"\s*(\*\*|==|<>|<=|>=|[-+*/<>]|\bMOD\b|\bAND\b|\bOR\b)", re.I)
 _LETTERS = {
     "CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M", "RND": ",R", "CHR": ",C", "CHF": ",H",
     "ANG": ",A", "AR": ",O",
 }  # fmt: skip
-_COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
-_TRUTHS = {"TRUE": "1", "FALSE": "0"}
-_WORD_OPERATORS = {"MOD", "AND", "OR", "XOR"}
-_FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
 _TOOL_TURNS = {"ORIAXES": "linear", "ORIVECT": "circle", "ORIPLANE": "circle"}
@@ -116,18 +108,11 @@ def translate(text: str, variables: Variables = ()) -> Translation:
     return _Line(text, variables).translation()
 
 
-class _Line:
+class _Line(Cursor):
     """A line that is being translated."""
 
     def __init__(self, text: str, variables: Variables) -> None:
-        self.text = without_comment(text)
-        self.variables: dict[str, Variable] = {}
-        self.ambiguous: set[str] = set()
-        for each in variables:
-            if each.name in self.variables:
-                self.ambiguous.add(each.name)
-            self.variables[each.name] = each
-        self.at = 0
+        super().__init__(without_comment(text), variables)
         self.out: list[str] = []
         self.remarks: list[Remark] = []
         self.is_absolute = bool(re.search(r"(?<![A-Z])G90(?![0-9])", self.text, re.I))
@@ -145,25 +130,71 @@ class _Line:
         if message := _MESSAGE.fullmatch(rest):
             self.remarks.append(Remark("msg", message[1] or "", self.at + 1, len(rest)))
             return self._done(deletable)
-        control = control_line(rest, lambda what, hint: self._fault(what, len(rest), hint))
+        if _DECLARED.fullmatch(rest):
+            return self._done(deletable)
+        control = control_line(rest, lambda what, hint: self.fault(what, len(rest), hint))
         if control := control or call_line(rest, _no_names()):
-            values = tuple(self._ngc(value) if value else "" for value in control.values)
-            if control.keyword in ("s-def", "s-for"):
-                names = control.label.split()
-                control = control._replace(label=" ".join(self._stored(each) for each in names))
+            if control.keyword == "s-def":
+                control = self._defined(control)
+            elif control.keyword == "s-for":
+                control = control._replace(label=self.stored(control.label))
+            values = tuple(self.ngc(value) if value else "" for value in control.values)
             return self._done(deletable)._replace(control=control._replace(values=values))
-        while self._skip():
+        while self.skip():
             self._word()
         return self._done(deletable)
 
+    def _defined(self, control: ControlLine) -> ControlLine:
+        """Return a DEF with the names or numbers of its parameters here, and a value for each."""
+        names: list[str] = []
+        values: list[str] = []
+        for name, value in zip(control.label.split(), control.values, strict=True):
+            if not name.endswith("["):
+                names.append(self.stored(name))
+                values.append(value)
+                continue
+            known = self.variables.get(name[:-1].upper())
+            found = initial_values(known, value) if known and known.sizes else None
+            if known is None or found is None:
+                hint = "write DEF REAL NAME[3]=SET(1,2) or =REP(0) in the main program"
+                raise self.fault(f"this definition of the array {name[:-1].upper()}", 1, hint)
+            names += [f"#{number}" for number in elements(known)]
+            values += found
+        return control._replace(label=" ".join(names), values=tuple(values))
+
+    def _element(self, name: str) -> None:
+        """Translate the assignment to an element of an array, or by SET and REP to several."""
+        end = closing(self.text, self.at)
+        number = self.element(name, self.text[self.at + 1 : end])
+        self.at = end + 1
+        self.skip()
+        if self.text[self.at : self.at + 1] != "=":
+            raise self.fault(f"{name.upper()}[..] without a value", 1, f"write {name}[1]=5")
+        self.at += 1
+        known = self.variables.get(name.upper())
+        kind = known.kind if known else "REAL"
+        found = _LIST.match(self.text, self.at)
+        if found is None:
+            self.out.append(f"#[{number}]=[{self.ngc(as_type(kind, self.written_value()))}]")
+            return
+        begin, self.at = self.at, closing(self.text, found.end() - 1) + 1
+        for step, value in enumerate(self._listed(self.text[begin : self.at])):
+            self.out.append(f"#[{number}+{step}]=[{self.ngc(as_type(kind, value))}]")
+
+    def _listed(self, text: str) -> list[str]:
+        """Return the values of SET, or of REP with a number of elements."""
+        kind, values = list_of(text) or ("", [])
+        if kind == "REP":
+            count = values[1] if len(values) == 2 else ""
+            if not count.isdigit():
+                raise self.fault("REP without a number of elements", 1, "write REP(0,5), or SET")
+            values = values[:1] * int(count)
+        if not all(values):
+            raise self.fault(f"{kind} with a value left out", 1, "write each value")
+        return values
+
     def _done(self, deletable: bool) -> Translation:
         return Translation(" ".join(self.out), tuple(self.remarks), deletable)
-
-    def _skip(self) -> bool:
-        """Pass blanks; return whether a word follows."""
-        while self.at < len(self.text) and self.text[self.at] in " \t":
-            self.at += 1
-        return self.at < len(self.text)
 
     def _word(self) -> None:
         """Translate the next word."""
@@ -173,14 +204,17 @@ class _Line:
             self.remarks.append(Remark(NOTED, what, self.at + 1, len(name[0])))
             self.out.append(f"T{number}")
             self.at = name.end()
+        elif (element := _INDEXED.match(self.text, self.at)) and self._has_elements(element[1]):
+            self.at = element.end() - 1
+            self._element(element[1])
         elif assignment := _ASSIGN.match(self.text, self.at):
             self.at = assignment.end()
-            self.out.append(f"#<_r{int(assignment[1])}>=[{self._expression()}]")
-        elif (name := _VARIABLE.match(self.text, self.at)) and self._is_variable(name[1]):
+            self.out.append(f"#<_r{int(assignment[1])}>=[{self.expression()}]")
+        elif (name := _VARIABLE.match(self.text, self.at)) and self.is_variable(name[1]):
             self.at = name.end()
             known = self.variables.get(name[1].upper())
-            value = as_type(known.kind if known else "REAL", self._written_value())
-            self.out.append(f"#<{self._stored(name[1])}>=[{self._ngc(value)}]")
+            value = as_type(known.kind if known else "REAL", self.written_value())
+            self.out.append(f"#<{self.stored(name[1])}>=[{self.ngc(value)}]")
         elif equal := _EQUAL.match(self.text, self.at):
             self.at = equal.end()
             self._address(equal[1].upper())
@@ -191,7 +225,7 @@ class _Line:
             self.out.append(self._code(plain[1].upper(), re.sub(r"\s", "", plain[2])))
         else:
             self._refuse_foreign_character()
-            raise self._fault(f"{self.text[self.at]!r}", 1, "")
+            raise self.fault(f"{self.text[self.at]!r}", 1, "")
 
     def _refuse_foreign_character(self) -> None:
         """Raise the error of a character outside of ASCII, which may follow a letter."""
@@ -201,37 +235,28 @@ class _Line:
                 message, hint = about_character(char)
                 raise fault("character-unknown", message, column=at + 1, hint=hint)
 
-    def _is_variable(self, name: str) -> bool:
-        return name.startswith("_") or name.upper() in self.variables
-
-    def _stored(self, name: str) -> str:
-        """Return the name here of an R parameter or a variable."""
-        if re.fullmatch(r"R[0-9]+", name, re.I):
-            return f"_r{int(name[1:])}"
-        if name.upper() in self.ambiguous:
-            what = f"{name.upper()} (a variable of more than one program of this text)"
-            raise self._fault(what, len(name), "give each variable a name of its own")
+    def _has_elements(self, name: str) -> bool:
         known = self.variables.get(name.upper())
-        return known.stored if known else variable_name(name)
+        return name.upper() == "R" or (known is not None and bool(known.sizes))
 
     def _code(self, letter: str, number: str) -> str:
         if letter == "M" and number == "17":
-            raise self._fault("M17 beside other words", 1, "write M17 in a line of its own")
+            raise self.fault("M17 beside other words", 1, "write M17 in a line of its own")
         if letter == "L":
-            raise self._fault(f"L{number} (call of a subprogram)", 1, "")
+            raise self.fault(f"L{number} (call of a subprogram)", 1, "")
         return letter + number
 
     def _address(self, name: str) -> None:
         """Translate an address with = and its value."""
         if name[0] in "ABC" and name[1:2] in _NO_DIRECTION:
             what = f"{name}= ({_NO_DIRECTION[name[1]]})"
-            raise self._fault(what, 1, "give A3= B3= C3=, or the angles of the axes")
+            raise self.fault(what, 1, "give A3= B3= C3=, or the angles of the axes")
         found = re.compile(r"(IC|AC|DC|ACP|ACN)\s*\(", re.I).match(self.text, self.at)
         mode = found[1].upper() if found else ""
         if found:
             self.at = found.end() - 1
         begin = self.at
-        value = self._expression()
+        value = self.expression()
         letter = _LETTERS.get(name, name)
         if name in "ABC" and mode in _DIRECTIONS:
             text = f"{letter} {_DIRECTIONS[mode]}"
@@ -239,20 +264,20 @@ class _Line:
         elif mode in ("DC", "ACP", "ACN"):
             self.at = begin
             hint = f"{mode} is for the rotary axes A, B and C"
-            raise self._fault(f"{name}={mode}(..)", 1, hint)
+            raise self.fault(f"{name}={mode}(..)", 1, hint)
         if name == "RPL":
-            raise self._fault("RPL without ROT or AROT", 1, "")
+            raise self.fault("RPL without ROT or AROT", 1, "")
         if name == "RNDM":
             if value.strip("0.") == "":
                 return
-            raise self._fault("RNDM (rounding of each corner)", 1, "write RND= at each corner")
+            raise self.fault("RNDM (rounding of each corner)", 1, "write RND= at each corner")
         if name == "TURN":
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
             self.out.append(f"{letter}[{value}-#<_{_CENTRES[name]}>]")
         elif name in _ADDRESSES:
             if mode:
-                raise self._fault(f"{name}={mode}(..)", 1, "")
+                raise self.fault(f"{name}={mode}(..)", 1, "")
             self.out.append(f"{name}=[{value}]")
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
@@ -299,7 +324,7 @@ class _Line:
             if name not in tables["refused"] and self.text[begin + len(name) :].lstrip()[:1] == "(":
                 what = "call of a subprogram with values"
                 hint = "write its moves in place of the call, or hand values over in R parameters"
-            raise self._fault(f"{name} ({what})", len(name), hint)
+            raise self.fault(f"{name} ({what})", len(name), hint)
 
     def _only_zero(self, name: str, what: str) -> None:
         """Pass a word whose value other than 0 would move the path otherwise."""
@@ -308,89 +333,18 @@ class _Line:
         value = self.text[begin + len(name) : self.at].lstrip(" \t=")
         if not value or value.strip("0."):
             self.at = begin
-            raise self._fault(f"{name} ({what})", len(name), f"only {name}=0 is read")
+            raise self.fault(f"{name} ({what})", len(name), f"only {name}=0 is read")
 
     def _pass_value(self) -> None:
         """Pass the = and value, or the brackets, of a word without effect."""
-        self._skip()
+        self.skip()
         if self.text[self.at : self.at + 1] == "=":
             self.at += 1
-            self._expression()
+            self.expression()
         elif self.text[self.at : self.at + 1] == "(":
-            self.at = _closing(self.text, self.at) + 1
-
-    def _expression(self) -> str:
-        """Take an expression; return it in the words of RS274/NGC."""
-        return self._ngc(self._written_value())
-
-    def _written_value(self) -> str:
-        """Take an expression; return it as it is written."""
-        begin = self.at
-        while True:
-            while self.at < len(self.text) and self.text[self.at] in " \t":
-                self.at += 1
-            if operand := _OPERAND.match(self.text, self.at):
-                self.at = operand.end()
-                self._blank_before_bracket()
-            elif self.text[self.at : self.at + 1] in ("-", "+"):
-                self.at += 1
-                continue
-            if self.text[self.at : self.at + 1] == "(":
-                self.at = _closing(self.text, self.at) + 1
-            elif operand is None:
-                raise self._fault("an expression that is not complete", 1, "")
-            operator = _OPERATOR.match(self.text, self.at)
-            if operator is None:
-                return self.text[begin : self.at]
-            self.at = operator.end()
-
-    def _blank_before_bracket(self) -> None:
-        end = self.at
-        while end < len(self.text) and self.text[end] in " \t":
-            end += 1
-        if self.text[end : end + 1] == "(":
-            self.at = end
-
-    def _ngc(self, expression: str) -> str:
-        """Return an expression in the words of RS274/NGC."""
-        text = expression.strip()
-        text = re.sub(r"==|<>|<=|>=|<|>", lambda found: f" {_COMPARED[found[0]]} ", text)
-        return (
-            _NAME.sub(lambda found: self._named(found[0]), text).replace("(", "[").replace(")", "]")
-        )
-
-    def _named(self, written: str) -> str:
-        """Return a name of an expression in the words of RS274/NGC."""
-        name = written.upper()
-        if re.fullmatch(r"R[0-9]+", name):
-            return f"#<{self._stored(name)}>"
-        if self._is_variable(written):
-            return f"#<{self._stored(written)}>"
-        if name in _FUNCTIONS or name in _WORD_OPERATORS or name in _COMPARED.values():
-            return "FIX" if name == "TRUNC" else name
-        if name in _TRUTHS:
-            return _TRUTHS[name]
-        hint = "define a variable by DEF REAL at the beginning of the main program"
-        raise self._fault(f"{name} in an expression", len(name), hint)
-
-    def _fault(self, what: str, length: int, hint: str) -> GcodeError:
-        hint = hint or "this looks like SINUMERIK; docs/reference/language.md lists what is read"
-        return fault(
-            "code-not-supported", f"{what} is not supported", column=self.at + 1, length=length,
-            hint=hint,
-        )  # fmt: skip
+            self.at = closing(self.text, self.at) + 1
 
 
 def _is_code(word: str) -> bool:
     """Whether letters and digits are one or more words such as G17 or M6."""
     return re.fullmatch(r"[A-Z][0-9]+", word, re.I) is not None
-
-
-def _closing(text: str, begin: int) -> int:
-    """Return the position of the bracket that closes the one at ``begin``."""
-    depth = 0
-    for at in range(begin, len(text)):
-        depth += (text[at] == "(") - (text[at] == ")")
-        if depth == 0:
-            return at
-    raise fault("bracket-not-closed", "this ( is not closed", column=begin + 1)

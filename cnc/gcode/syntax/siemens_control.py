@@ -11,14 +11,25 @@ import re
 from collections.abc import Callable, Container
 from typing import NamedTuple
 
-from cnc.gcode.syntax.siemens_variables import DEFINITION, HEAD, arguments, definition, parameters
+from cnc.gcode.syntax.siemens_variables import (
+    DEFINITION,
+    HEAD,
+    arguments,
+    definition,
+    parameters,
+    without_number,
+)
 from cnc.gcode.syntax.statement import Keyword
 
 _JUMP = re.compile(r"(?:IF\s*(.+?)\s*)?\bGOTO([FB]?)\s+(?:[N:]\s*)?([A-Z_0-9]+)\s*", re.I)
 _ANY_JUMP = re.compile(r"(?:IF\b.*)?\bGOTO[FBCS]?\b", re.I)
 _CYCLE = re.compile(r"(MCALL)?\s*(?:CYCLE(8[1-9])\s*\((.*)\))?\s*", re.I)
+_AGAIN = re.compile(
+    r"REPEAT(B?)\s+([A-Z_][A-Z0-9_]+)(?:\s+(?!P\d)([A-Z_][A-Z0-9_]+))?(?:\s+P\s*(?:=\s*(.+)|([0-9]+)))?",
+    re.I,
+)
 _HOLES = re.compile(r"HOLES([12])\s*\((.*)\)\s*", re.I)
-_END = re.compile(r"M17|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
+_END = re.compile(r"M17|ENDPROC|RET(?:\s*\(\s*\))?|M0*(2|30)", re.I)
 _CALL = re.compile(
     r"(L[0-9]{1,7}|[A-Z_]{2}[A-Z0-9_]*)(?:\s*\(\s*\))?(?:\s+P\s*=?\s*([0-9]{1,4}))?", re.I
 )
@@ -79,6 +90,11 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
             if keyword == "s-for":
                 return ControlLine(keyword, groups[0].lower(), groups[1:])
             return ControlLine(keyword, "", groups)
+    if again := _AGAIN.fullmatch(text):
+        kind, first, last, count, digits = (each or "" for each in again.groups())
+        if not (kind and last):
+            label = f"{kind.upper()} {first.upper()} {last.upper()}"
+            return ControlLine("s-again", label, (count or digits or "1",))
     if end := _END.fullmatch(text):
         return ControlLine("s-end", end[1] or "")
     if head := HEAD.fullmatch(text):
@@ -95,6 +111,11 @@ def control_line(text: str, refuse: Callable[[str, str], Exception]) -> ControlL
     if holes := _HOLES.fullmatch(text):
         return ControlLine("s-holes", holes[1], tuple(arguments(holes[2])))
     return None
+
+
+def is_end(line: str) -> bool:
+    """Whether a line ends a program or a subprogram: M2, M17, M30, RET."""
+    return _END.fullmatch(without_number(line).strip()) is not None
 
 
 _ANGLES_AND_SHIFTS = slice(4, 13)

@@ -7,6 +7,7 @@ Planning", "User data" and "Subprogram technique".
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -14,6 +15,15 @@ from typing import NamedTuple
 DEFINITION = re.compile(r"DEF\s+(REAL|INT|BOOL)\s+(.+)", re.I)
 HEAD = re.compile(r"PROC\s+[A-Z_][A-Z0-9_]*\s*(?:\((.*)\))?((?:\s*(?:DISPLOF|SAVE|SBLOF))*)", re.I)
 _DEFINED = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*(?:=\s*(.+))?", re.I)
+_ARRAY = re.compile(
+    r"((?!R\s*\[)[A-Z_][A-Z0-9_]*)\s*\[\s*([0-9]+)\s*(?:,\s*([0-9]+)\s*)?\](?:\s*=\s*(.+))?", re.I
+)
+_FIRST_ARRAY = 20_000_000_000
+ROW = 100_000
+"""Distance between the numbers of two elements whose first index differs by 1."""
+SPAN = ROW * ROW
+"""Distance between two arrays."""
+MOST_ELEMENTS = 10_000
 _PARAMETER = re.compile(r"(REAL|INT|BOOL)\s+([A-Z_][A-Z0-9_]+)", re.I)
 _SUBPROGRAM = re.compile(r"\s*(?:%_N_\w+_(SPF|MPF)\b|(?:N[0-9]+\s*)?(PROC)\s)", re.I)
 _NUMBER = re.compile(r"\s*(?:/[0-9]?\s*)?(?:N[0-9]+\s*)?", re.I)
@@ -26,11 +36,15 @@ class Variable(NamedTuple):
         name: Its name in capitals.
         kind: REAL, INT or BOOL.
         local: Whether it belongs to the call of a subprogram.
+        sizes: Numbers of elements of an array, by index; empty for a single value.
+        first: Number of the parameter of the first element of an array.
     """
 
     name: str
     kind: str
     local: bool = False
+    sizes: tuple[int, ...] = ()
+    first: int = 0
 
     @property
     def stored(self) -> str:
@@ -46,6 +60,11 @@ def variable_name(written: str) -> str:
     return f"_v{written.lower()}"
 
 
+def written_name(stored: str) -> str:
+    """Return an R parameter or a variable as a program writes it, from its name here."""
+    return stored[1 if stored[1:2] == "r" or stored[0] == "p" else 2 :].upper()
+
+
 def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> Variables:
     """Return the variables that lines define by DEF and PROC.
 
@@ -53,18 +72,29 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
         lines: The lines.
         in_subprogram: Whether the first line belongs to a subprogram.
     """
-    local, found = in_subprogram, []
+    local, found, arrays = in_subprogram, [], 0
     for line in lines:
-        if part := _SUBPROGRAM.match(line):
-            local = (part[1] or "SPF").upper() == "SPF"
-        text = _NUMBER.sub("", without_comment(line), count=1).strip()
+        if border := _SUBPROGRAM.match(line):
+            local = (border[1] or "SPF").upper() == "SPF"
+        text = without_number(line).strip()
         if definition := DEFINITION.fullmatch(text):
-            names = (_DEFINED.fullmatch(each) for each in arguments(definition[2]))
             kind = definition[1].upper()
-            found += [Variable(each[1].upper(), kind, local) for each in names if each]
+            for part in arguments(definition[2]):
+                if name := _DEFINED.fullmatch(part):
+                    found.append(Variable(name[1].upper(), kind, local))
+                elif (array := _ARRAY.fullmatch(part)) and (sizes := _sizes(array)) and not local:
+                    first = _FIRST_ARRAY + SPAN * arrays
+                    found.append(Variable(array[1].upper(), kind, local, sizes, first))
+                    arrays += 1
         elif head := HEAD.fullmatch(text):
             found += parameters(head[1] or "") or ()
     return tuple(dict.fromkeys(found))
+
+
+def _sizes(found: re.Match[str]) -> tuple[int, ...]:
+    """Return the sizes of an array; empty for one without elements, or with too many."""
+    sizes = tuple(int(each) for each in found.group(2, 3) if each)
+    return sizes if 0 < math.prod(sizes) <= MOST_ELEMENTS else ()
 
 
 def without_comment(text: str) -> str:
@@ -76,6 +106,11 @@ def without_comment(text: str) -> str:
         elif char == ";" and not quoted:
             return text[:at]
     return text
+
+
+def without_number(line: str) -> str:
+    """Return a line without block delete, line number and comment."""
+    return _NUMBER.sub("", without_comment(line), count=1)
 
 
 def parameters(text: str) -> Variables | None:
@@ -91,13 +126,22 @@ def parameters(text: str) -> Variables | None:
 def definition(
     kind: str, text: str, refuse: Callable[[str, str], Exception]
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the names that a DEF defines, with blanks between them, and their values or 0."""
-    found = [_DEFINED.fullmatch(part) for part in arguments(text)]
-    if any(each is None for each in found):
-        hint = "DEF REAL NAME=1.5, OTHER is read; arrays are not"
-        raise refuse(f"DEF {kind} of this form", hint)
-    values = (as_type(kind, each[2]) if each[2] else "0" for each in found if each)
-    return " ".join(each[1].lower() for each in found if each), tuple(values)
+    """Return the names that a DEF defines, with blanks between them, and their values or 0.
+
+    An array is its name and a bracket, with its SET or REP as the value.
+    """
+    names, values = [], []
+    for part in arguments(text):
+        if found := _DEFINED.fullmatch(part):
+            names.append(found[1].lower())
+            values.append(as_type(kind, found[2]) if found[2] else "0")
+        elif (found := _ARRAY.fullmatch(part)) and _sizes(found):
+            names.append(f"{found[1].lower()}[")
+            values.append(found[4] or "")
+        else:
+            hint = f"DEF REAL NAME=1.5, OTHER[3,2] is read; {MOST_ELEMENTS} elements at most"
+            raise refuse(f"DEF {kind} of this form", hint)
+    return " ".join(names), tuple(values)
 
 
 def as_type(kind: str, value: str) -> str:
@@ -111,7 +155,7 @@ def arguments(text: str) -> list[str]:
     """Return the arguments of a cycle, split at commas outside of brackets."""
     parts, depth, begin = [], 0, 0
     for at, char in enumerate(text):
-        depth += (char == "(") - (char == ")")
+        depth += (char in "([") - (char in ")]")
         if char == "," and depth == 0:
             parts.append(text[begin:at])
             begin = at + 1
