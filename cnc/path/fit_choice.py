@@ -2,8 +2,8 @@
 
 Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 faster there than a motion that passes the turns one by one depends on the limits of the machine.
-So the planner times both, from rest to rest. Parts with many moves, or with small turns alone, are
-curves: the spline is faster.
+So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with many
+moves, with small turns alone, or with moves of many tolerances beside each sharp turn.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ MOST_MOVES = 12
 """Most moves of a part that is timed."""
 SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once."""
+SHORT = 20.0
+"""In tolerances. Beside that turn a move is shorter than this."""
 FASTER = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
@@ -73,7 +75,7 @@ class Choice:
             corner: (m,): the corners so far, to which these are added.
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
-        for part in _parts(x[:, metrics], corner):
+        for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
             first, last = part.first, part.last
             if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
                 # With the moves beside it, corners at its ends are passed as they will be.
@@ -127,18 +129,20 @@ def _beside(corner: Flags, edge: int, way: int) -> int:
     return found[0] if found else edge + way
 
 
-def _parts(x: Floats, corner: Flags) -> Iterator[Part]:
+def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
     """Yield the parts of a chain that are timed.
 
     Args:
         x: (m, metric axes): vertices, mm.
         corner: (m,): its corners.
+        short: mm; see SHORT.
     """
     ends = np.unique(np.concatenate(([0], np.flatnonzero(corner), [len(x) - 1])))
     few = np.flatnonzero((np.diff(ends) > 1) & (np.diff(ends) <= MOST_MOVES))
     for first, last in zip(ends[few].tolist(), ends[few + 1].tolist(), strict=True):
         step = np.diff(x[first : last + 1], axis=0)
-        unit = step / np.maximum(np.linalg.norm(step, axis=1), 1e-300)[:, None]
-        cosine = np.concatenate(([1.0], (unit[1:] * unit[:-1]).sum(axis=1), [1.0]))
-        if cosine.min() < SHARP:
+        size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+        cosine = np.ones(last - first + 1)
+        cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
+        if (np.minimum(size[1:], size[:-1])[cosine[1:-1] < SHARP] < short).any():
             yield Part(first, last, cosine < SLIGHT)

@@ -71,6 +71,13 @@ def test_parts_with_small_turns_alone_are_curves(turn, timed):
     assert bool(seen) == timed
 
 
+@pytest.mark.parametrize(("tolerance", "timed"), [(0.045, False), (0.055, True)])
+def test_parts_with_long_moves_beside_sharp_turns_are_left_to_the_spline(tolerance, timed):
+    seen = []
+    pieces(ZIGZAG, lambda chunk: seen.append(chunk) or 1.0, tolerance)
+    assert bool(seen) == timed
+
+
 def test_a_part_is_timed_with_what_is_beside_it():
     """A stop at the corner between two parts would hide how fast it is passed."""
     sharp = (40.0, -20.0, 0.0)  # long legs beside a turn of more than 92 degrees: a corner
