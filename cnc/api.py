@@ -36,6 +36,7 @@ from cnc.model.operator_control import Control, HomingStopped
 from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.kernel_cache import ensure_compiled
@@ -113,6 +114,7 @@ def plan(
         start=start_position(known),
         tolerance=known.path.tolerance,
         passes=joints.passes_corners,
+        duration=motion_time(known),
     )
     yield from LookAhead(known).plan(joints.path(path, start_position(known)))
 

@@ -37,6 +37,7 @@ from cnc.path.block_pieces import Frame, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
 from cnc.path.fit import LEAST_TOLERANCE, Fitter
+from cnc.path.fit_choice import Duration
 from cnc.path.fit_curves import arc_of, nurbs_chords
 from cnc.path.fit_pieces import Pieces
 from cnc.path.gatherer import Gatherer
@@ -61,6 +62,7 @@ def build(
     tolerance: float = 0.0,
     due_times: DueTimes | None = None,
     passes: bool = False,
+    duration: Duration | None = None,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
 
@@ -73,11 +75,13 @@ def build(
         due_times: receives the times of the blocks under G93; None for no record.
         passes: whether the planner passes corners between straight moves within the tolerance
             (:class:`cnc.planner.joints.Joints`). Then they stay straight.
+        duration: times a motion (:func:`cnc.planner.motion_time.motion_time`) where the fit chooses
+            between spline and corners; None for the spline.
 
     Raises:
         GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    builder = _Builder(axes, start, accuracy, tolerance, due_times, passes)
+    builder = _Builder(axes, start, accuracy, tolerance, due_times, passes, duration)
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
@@ -94,8 +98,9 @@ class _Builder:
         tolerance: float,
         due_times: DueTimes | None,
         passes: bool,
+        duration: Duration | None,
     ) -> None:
-        self._passes = passes
+        self._passes, self._duration = passes, duration
         self._frame = Frame(axes, axis_classes(axes), accuracy)
         self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
@@ -179,7 +184,12 @@ class _Builder:
         here, frame = self._position, self._frame
         if self._fitter is None:
             self._fitter = Fitter(
-                frame, self._allowed, here, curved=self._curved, passes=self._passes
+                frame,
+                self._allowed,
+                here,
+                curved=self._curved,
+                passes=self._passes,
+                duration=self._duration,
             )
         fitter = self._fitter
         match block:

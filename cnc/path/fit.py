@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners, find_polygons
-from cnc.kernels.path.fit_pieces import Moves, Written, joint_tolerances, write_pieces
-from cnc.kernels.path.fit_records import new_writer
+from cnc.kernels.path.fit_pieces import Moves
 from cnc.kernels.path.fit_spline import DEGREE, Spline
 from cnc.kernels.path.fit_stretches import first_knots
 from cnc.path.block_pieces import Frame
+from cnc.path.fit_choice import Choice, Duration
 from cnc.path.fit_curves import LEFT, SPARE, Arc
 from cnc.path.fit_pieces import Pieces
 from cnc.path.fit_window import fitted, with_short_ends
+from cnc.path.fit_writing import spline_pieces
 from cnc.path.records import Floats, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
@@ -44,8 +45,6 @@ CARRIED = 8
 """Most knots behind those that are issued which the next window keeps: with them the spline of this
 one goes on within the tolerance.
 """
-NUMBERS = 1 << 18
-"""Numbers in an array of records to begin with."""
 
 
 class Fitter:
@@ -58,6 +57,7 @@ class Fitter:
         curved: whether chords stand for curves: the spline leaves them a part of the tolerance. A
             curve sets it.
         passes: whether the motion passes corners within the tolerance.
+        duration: times a motion where spline or corners may be faster; None for the spline.
     """
 
     def __init__(
@@ -68,8 +68,10 @@ class Fitter:
         *,
         curved: bool = False,
         passes: bool = False,
+        duration: Duration | None = None,
     ) -> None:
         self._passes = passes
+        self._choice = None if duration is None else Choice(frame, tolerance, duration)
         self._frame = frame
         self._classes = frame.classes
         self._tolerance = tolerance
@@ -238,6 +240,9 @@ class Fitter:
         if self._passes and not self.curved:
             find_polygons(x, chain.metric, tolerance, corner)
         corner[0] = self._at_corner
+        if self._choice is not None and not self.curved:
+            whole = math.isnan(self._state[0, 0]), not open_end and end is None
+            self._choice.mark(x, moves, metrics, corner, whole)
         knots = first_knots(chain, corner, tolerance, self._carried)
         states = np.stack(
             (self._state, np.full_like(self._state, math.nan) if end is None else end)
@@ -249,7 +254,9 @@ class Fitter:
         if end is not None:
             spline.knots["ends"][-1] = False
         last = self._final_spans(spline) if open_end else spans
-        yield from self._write(chain, spline, moves, last)
+        yield from spline_pieces(
+            chain, spline, moves, last, self._here(), self._frame.accuracy, self._tolerance
+        )
         if last == spans:
             self._begin(x[-1], self._class)
         elif last > 0:
@@ -285,44 +292,6 @@ class Fitter:
         reach = int(np.argmax(barred)) if barred.any() else len(behind) - 1
         on = np.flatnonzero(behind["on"][1 : reach + 1])
         return int(on[-1]) + 1 if len(on) else 0
-
-    def _write(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> Iterator[Pieces]:
-        """Yield the pieces of the first ``last`` spans."""
-        here = self._here()
-        joints = joint_tolerances(chain, spline, self._tolerance)
-        numbers = NUMBERS
-        span = 0
-        most = len(spline.knots) + len(chain.x)
-        while span < last:
-            writer = new_writer(np.empty(numbers), chain.metric, here, self._frame.accuracy)
-            out = Written(
-                np.empty(most, np.int64),
-                np.empty(most, np.int64),
-                np.empty(most),
-                np.empty(most),
-                np.empty(most, np.int64),
-                np.empty(most),
-            )
-            following, pieces, used = write_pieces(
-                chain, spline, moves, joints, span, last, writer, out
-            )
-            if following == span:
-                numbers *= 2
-                continue
-            before = joints[0] if span == 0 else math.inf
-            span = following
-            if pieces:
-                some = slice(pieces)
-                yield Pieces(
-                    out.kind[some],
-                    out.at[some],
-                    writer.data[:used].copy(),
-                    out.length[some],
-                    out.feed[some],
-                    out.line[some].astype(np.int32),
-                    out.joint[some].copy(),
-                    before,
-                )
 
     def _go_on(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> None:
         """Keep the moves behind span ``last``, and the state of the spline there."""

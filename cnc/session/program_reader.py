@@ -35,6 +35,7 @@ from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
 from cnc.planner.joints import Joints, ToolTipOf
+from cnc.planner.motion_time import motion_time
 from cnc.session.call_lines import line_of_call
 from cnc.session.resume import RestartPoint
 from cnc.session.saved_state import SavedState, subroutine_folders
@@ -229,6 +230,7 @@ class ProgramReader:
             tolerance=self.machine.path.tolerance,
             due_times=self.due_times,
             passes=joints.passes_corners,
+            duration=motion_time(self.machine),
         )
         return joints.path(path, self.start)
 

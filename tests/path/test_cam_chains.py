@@ -35,8 +35,17 @@ def test_the_motion_is_as_fast_as_along_the_smooth_curve(seed):
     assert duration(chunks) <= 1.08 * duration(curve)
 
 
-@pytest.mark.parametrize("seed", [777056])
+@pytest.mark.parametrize("seed", [777056, 30000280, 30000706, 30001081, 30001267])
 def test_a_hairpin_of_a_few_tolerances_is_as_fast_as_the_smooth_curve(seed):
+    test_the_motion_is_as_fast_as_along_the_smooth_curve(seed)
+
+
+@pytest.mark.parametrize("seed", [47000183, 91000038, 91000298])
+def test_the_ends_of_a_chain_are_not_cut_again_and_again(seed):
+    """Between the last vertices the first spline bulged by up to nine tolerances."""
+    case = chain(seed)
+    chunks = path(moves(case.points, case.tolerance), case.points[0])
+    assert sum(map(len, chunks)) <= len(case.points) - 1
     test_the_motion_is_as_fast_as_along_the_smooth_curve(seed)
 
 

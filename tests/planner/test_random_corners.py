@@ -15,6 +15,7 @@ from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.pulses.reference_pulse import ReferencePulse
 from tests.support.planner.corners import (
     assert_legal,
@@ -72,12 +73,10 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     points, mill = random_chain(rng), random_mill(rng)
     tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
     stops, _ = planned(points, 0.0, mill, feed)
-    chunks, ahead = planned(points, tolerance, mill, feed)
+    chunks, ahead = planned(points, tolerance, mill, feed, motion_time(mill))
     assert not ahead.audit.violations
-    # turns of less than 30 degrees are a smooth curve, which may take longer than a stop; more so
-    # where moves are as short as the tolerance
-    moves = np.linalg.norm(np.diff(points, axis=0, prepend=np.zeros((1, 3))), axis=1)
-    assert duration(chunks) <= duration(stops) * (1.1 if moves.min() > 10.0 * tolerance else 1.5)
+    # Where all turns are small the path is a smooth curve, which may take longer than stops.
+    assert duration(chunks) <= duration(stops) * 1.05
     assert_legal(chunks, mill, (1e-3,))
     corners = np.concatenate((np.zeros((1, 3)), points))
     fine = sampled(chunks, duration(chunks) / 20_000)

@@ -25,8 +25,10 @@ from cnc.kernels.path.fit_spline import (
 
 MISSES = 0.35
 """Part of the tolerance by which a span may miss a vertex."""
-STIFF = 1e-6
-"""Weight of the energy in the least-squares spline: where vertices are few it decides."""
+STIFF = 1e-3
+"""Weight of the energy in the least-squares spline: where vertices are few it decides. With
+1e-6 the spline bulged by several tolerances between the last vertices of some chains.
+"""
 
 
 @njit

@@ -15,11 +15,15 @@ USED = 0.999
 """The part of the jerk limit that the planner uses."""
 
 
-def planned(points, tolerance, mill=PER_AXIS, feed=300.0):
-    """Plans of straight moves from the origin, and the look-ahead that made them."""
+def planned(points, tolerance, mill=PER_AXIS, feed=300.0, times=None):
+    """Plans of straight moves from the origin, and the look-ahead that made them.
+
+    times: times a motion, for the choice between spline and corners.
+    """
     ahead = LookAhead(mill)
     mode = [PathMode("t.nc", 1, "blend", tolerance)] if tolerance else []
-    items = ahead.plan(build([*mode, lines(points, feed)], axes=AXES, start=np.zeros(3)))
+    blocks = [*mode, lines(points, feed)]
+    items = ahead.plan(build(blocks, axes=AXES, start=np.zeros(3), duration=times))
     return [item for item in items if isinstance(item, PlanChunk)], ahead
 
 

@@ -1,0 +1,89 @@
+"""Which parts of a chain are timed, and that the faster of spline and corners is kept."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cnc.kernels.path.curve import LINE
+from cnc.model.blocks import PathMode
+from cnc.path.build import build
+from cnc.path.chunk import PathChunk
+from cnc.path.fit_choice import MOST_MOVES
+from tests.support.planner.motions import AXES, lines
+
+ZIGZAG = np.array([(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)], float)
+
+
+def pieces(points, duration, tolerance=0.1, repeat=1):
+    path = build(
+        [PathMode("t.nc", 1, "blend", tolerance), *[lines(points, 20.0)] * repeat],
+        axes=AXES,
+        start=np.zeros(3),
+        duration=duration,
+    )
+    chunks = [chunk for chunk in path if isinstance(chunk, PathChunk)]
+    return np.concatenate([chunk.kind for chunk in chunks])
+
+
+def prefers(lines_alone):
+    """Return a duration that is shorter for paths of lines alone, or longer."""
+
+    def duration(chunk):
+        assert chunk.stop_after.tolist() == [False] * (len(chunk) - 1) + [True]
+        return 1.0 if (chunk.kind == LINE).all() == lines_alone else 2.0
+
+    return duration
+
+
+@pytest.mark.parametrize("corners", [True, False])
+def test_the_faster_of_spline_and_corners_is_kept(corners):
+    kinds = pieces(ZIGZAG, prefers(corners))
+    assert (kinds == LINE).all() == corners
+    assert not corners or len(kinds) == len(ZIGZAG)
+
+
+def test_the_spline_is_kept_without_times_and_where_corners_save_nothing():
+    assert (pieces(ZIGZAG, None) != LINE).any()
+    assert (pieces(ZIGZAG, lambda chunk: 1.0) != LINE).any()
+    assert (pieces(ZIGZAG, lambda chunk: math.inf) != LINE).any()
+
+
+def staircase(moves):
+    steps = np.zeros((moves, 3))
+    steps[np.arange(moves), np.arange(moves) % 2] = 1.0
+    return np.cumsum(steps, axis=0)
+
+
+@pytest.mark.parametrize(("moves", "timed"), [(MOST_MOVES, True), (MOST_MOVES + 1, False)])
+def test_parts_with_many_moves_are_curves(moves, timed):
+    seen = []
+    pieces(staircase(moves), lambda chunk: seen.append(chunk) or 1.0)
+    assert bool(seen) == timed
+
+
+@pytest.mark.parametrize(("turn", "timed"), [(35.0, False), (45.0, True)])
+def test_parts_with_small_turns_alone_are_curves(turn, timed):
+    seen = []
+    heading = np.radians(turn) * np.arange(6)
+    points = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), axis=0)
+    pieces(points, lambda chunk: seen.append(chunk) or 1.0)
+    assert bool(seen) == timed
+
+
+@pytest.mark.parametrize(("tolerance", "timed"), [(0.045, False), (0.055, True)])
+def test_parts_with_long_moves_beside_sharp_turns_are_left_to_the_spline(tolerance, timed):
+    seen = []
+    pieces(ZIGZAG, lambda chunk: seen.append(chunk) or 1.0, tolerance)
+    assert bool(seen) == timed
+
+
+def test_a_part_is_timed_with_what_is_beside_it():
+    """A stop at the corner between two parts would hide how fast it is passed."""
+    sharp = (40.0, -20.0, 0.0)  # long legs beside a turn of more than 92 degrees: a corner
+    points = np.concatenate((ZIGZAG, [sharp], sharp + [-1, 1, 0] * ZIGZAG))
+    ends = []
+    pieces(points, lambda chunk: ends.append(chunk.length.sum()) or 1.0)
+    whole = np.linalg.norm(np.diff(points, axis=0, prepend=np.zeros((1, 3))), axis=1).sum()
+    assert ends
+    assert np.array(ends) == pytest.approx(whole, rel=0.02)

@@ -1,0 +1,65 @@
+"""The faster of spline and corners, as the planner times them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.api import plan
+from cnc.machine.kinematics import Delta
+from cnc.machine.models import Axis, Machine
+from cnc.planner.motion_time import motion_time
+from cnc.planner.plan import PlanChunk
+from tests.planner.test_random_corners import random_chain, random_mill
+from tests.support.planner.corners import duration, planned
+from tests.support.soak import share
+
+
+def times(seed):
+    """Times of the spline wherever it can be, of the faster of both, and with stops at corners."""
+    rng = np.random.default_rng(seed)
+    points, mill = random_chain(rng), random_mill(rng)
+    tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
+    made = [
+        planned(points, tolerance, mill, feed)[0],
+        planned(points, tolerance, mill, feed, motion_time(mill))[0],
+        planned(points, 0.0, mill, feed)[0],
+    ]
+    return [duration(chunks) for chunks in made]
+
+
+@pytest.mark.parametrize("seed", [62000030, 83000058, 73000157])
+def test_a_polygon_takes_no_longer_than_with_stops(seed):
+    spline, faster, stops = times(seed)
+    assert spline > 1.1 * stops
+    assert faster <= stops
+
+
+@settings(max_examples=share(1000, 6), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_the_choice_makes_no_polygon_slower(seed):
+    spline, faster, stops = times(seed)
+    assert faster <= 1.01 * spline
+    assert faster <= 1.1 * stops
+
+
+def test_programs_are_planned_with_the_choice(tmp_path):
+    rng = np.random.default_rng(83000058)
+    points, mill = random_chain(rng), random_mill(rng)
+    tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
+    file = tmp_path / "t.nc"
+    moves = [f"G1 X{x:.9f} Y{y:.9f} Z{z:.9f}" for x, y, z in points]
+    file.write_text(f"G21 G90 G94 G64 P{tolerance:.9f} F{60 * feed:.9f}\n" + "\n".join(moves))
+    chunks = [item for item in plan(file, mill) if isinstance(item, PlanChunk)]
+    faster = duration(planned(points, tolerance, mill, feed, motion_time(mill))[0])
+    assert duration(chunks) == pytest.approx(faster, rel=1e-6)
+
+
+def test_no_choice_where_the_pose_sets_the_time():
+    delta = Delta(type="delta", radius=150.0, rod=310.0)
+    axis = Axis(steps_per_mm=100.0, max_velocity=100.0)
+    joint = axis.model_copy(update={"max_acceleration": 1000.0, "max_jerk": 2e4})
+    machine = Machine(
+        axes=dict.fromkeys("xyz", axis), joints=dict.fromkeys("abc", joint), kinematics=delta
+    )
+    assert motion_time(machine) is None
