@@ -37,10 +37,10 @@ LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
-REPORT, LONG_ANSWER = 40, 60
-"""Bytes of a status report, or of the answer to a mark: at least, and usually at most. Answers to
-lines wait behind it on the wire.
-"""
+BEHIND_REPORT = 0.8
+"""Share of the gathering while answers may wait behind a report or the answer to a mark."""
+REPORT = 40
+"""Fewest bytes of these."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
@@ -157,11 +157,9 @@ class LineStream:
         interval, now = self.monitor.liveness.interval, self.link.now()
         protocol, wire = self.link.protocol, self.link.wire
         arrived = protocol.waiting * (1.0 - wire.on_wire(now) / max(protocol.used, 1))
-        covered = (protocol.waiting - 1) * interval
-        pause = GATHERING * covered
         asked, self._asked = self._asked, self.link.asked or protocol.marked
-        if asked or self._asked:
-            pause = max(GATHERING * (covered - wire.time_of(LONG_ANSWER)), SHORTEST_GATHERING)
+        part = GATHERING * (BEHIND_REPORT if asked or self._asked else 1.0)
+        pause = part * (protocol.waiting - 1) * interval
         if arrived < FEW_ARRIVED:
             pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
         if protocol.partial[:1] in (b"<", b"["):

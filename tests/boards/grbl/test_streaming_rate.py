@@ -68,9 +68,8 @@ def test_answers_gather_while_the_wire_stays_busy(
     gathering = line_stream.GATHERING
     seconds, readings = streamed(monkeypatch, 0.0, lines, check_only=True)
     fewer = streamed(monkeypatch, gathering, lines, check_only=True)
-    assert fewer[0] < 1.002 * seconds
-    assert fewer[1] < 0.7 * len(lines)
-    assert fewer[1] < 0.9 * readings
+    assert fewer[0] < 1.004 * seconds
+    assert fewer[1] < 0.6 * readings
 
 
 @pytest.mark.parametrize("baud", [57600, 115200])
@@ -80,7 +79,7 @@ def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.Monk
     gathering, lines = line_stream.GATHERING, list(overscanned(12, 60))
     seconds, _ = streamed(monkeypatch, 0.0, lines, **hard)
     fewer, _ = streamed(monkeypatch, gathering, lines, **hard)
-    assert fewer < 1.006 * seconds
+    assert fewer < 1.01 * seconds
 
 
 def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
@@ -90,8 +89,8 @@ def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
     gathering = line_stream.GATHERING
     seconds, readings = streamed(monkeypatch, 0.0, TINY, **slow)
     fewer = streamed(monkeypatch, gathering, TINY, **slow)
-    assert fewer[0] < 1.001 * seconds
-    assert fewer[1] < 0.75 * readings
+    assert fewer[0] < 1.002 * seconds
+    assert fewer[1] < 0.6 * readings
 
 
 def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPatch) -> None:
