@@ -6,10 +6,15 @@ has to be quick.
 """
 
 import gc
+import sys
 
 gc.disable()  # nothing of what is imported here is garbage
 try:
     from cnc.cli.commands import exit_code, main
+except KeyboardInterrupt:
+    # No command has begun yet, which would print this.
+    print("stopped by the operator; nothing has moved", file=sys.stderr)
+    raise SystemExit(130) from None
 finally:
     gc.freeze()
     gc.enable()

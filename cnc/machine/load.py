@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cnc.machine.board import Board
+from cnc.machine.consistency import inconsistencies
 from cnc.machine.kinematics import KINEMATICS, OF_TIP
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.locate import locate
@@ -117,7 +118,7 @@ def load_machine(path: Path | str | None = None) -> Machine:
         )
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
-    for wrong in machine.inconsistencies():
+    for wrong in inconsistencies(machine):
         raise _error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
 

@@ -10,7 +10,6 @@ The descriptions of the fields are those in the JSON Schema of the machine file
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
@@ -18,11 +17,10 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.board import Board
-from cnc.machine.kinematics import Cartesian, FiveAxis, KinematicsTable, OfJoints
-from cnc.machine.motors import Motor, Motors, gantry_inconsistencies
+from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
+from cnc.machine.motors import Motor, Motors
 from cnc.machine.program import Program
 from cnc.machine.section import (
-    Inconsistency,
     MotionLimit,
     NonNegative,
     Positive,
@@ -30,11 +28,8 @@ from cnc.machine.section import (
     Span,
     as_tuple,
 )
-from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
+from cnc.model.blocks import AxisLetter
 from cnc.model.choices import MachineKind, WrapRule
-
-RATE_ROUNDING = 1e-12
-"""Relative rounding error that the product of a speed and a resolution may have."""
 
 
 class Header(Section):
@@ -296,109 +291,3 @@ class Machine(Section):
             return self
         update = {"axes": self.joint_tables, "kinematics": OfJoints(), "joints": {}}
         return self.model_copy(update=update)
-
-    def inconsistencies(self) -> Iterator[Inconsistency]:
-        """Yield the contradictions between keys; none for a machine that can run."""
-        yield from self._joint_names()
-        for table, name, joint in self._motors():
-            yield from self._axis_limits(table, name, joint)
-            pull_off = (joint.homing or Homing()).pull_off
-            towards = switch_end(name, joint.homing)
-            yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
-        for letter, axis in self.axes.items():
-            yield from self._homing_position(letter)
-            if axis.wrap is not None and letter not in ROTARY_LETTERS:
-                yield Inconsistency(
-                    ("axes", letter, "wrap"), f"{letter} is not a rotary axis", "remove the key"
-                )
-        for letter in (self.homing.order or ()) if self.homing is not None else ():
-            if letter not in self.axes:
-                yield Inconsistency(
-                    ("homing", "order"),
-                    f"the machine has no axis {letter}",
-                    f"its axes are {', '.join(self.axes)}",
-                )
-        if self.board.klipper is not None:
-            motors = {name: len(joint.motors) for name, joint in self.joint_tables.items()}
-            yield from self.board.klipper.inconsistencies(motors)
-        elif self.board.kind == "klipper":
-            yield Inconsistency(
-                ("board", "kind"),
-                "a Klipper board needs the pins of its motors",
-                "write the tables [board.klipper.x], ...; cncrun boards lists the pins of a board",
-            )
-        if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
-            yield Inconsistency(
-                ("stock",),
-                "the machine does not have the axes x, y and z",
-                "remove the table",
-            )
-
-    def _motors(self) -> Iterator[tuple[str, str, Axis]]:
-        """Yield table, name and limits of each joint."""
-        for name, joint in self.joint_tables.items():
-            yield "joints" if name in self.kinematics.joints else "axes", name, joint
-
-    def _joint_names(self) -> Iterator[Inconsistency]:
-        """Compare the tables of the joints, and the axes, with those of the kinematics."""
-        wanted, kind = self.kinematics.joints, self.kinematics.type
-        hint = f"the joints of {kind} are {', '.join(wanted)}" if wanted else f"{kind} has none"
-        moved = self.kinematics.axes
-        if isinstance(self.kinematics, FiveAxis):
-            moved = self.kinematics.tip_axes
-            for reversed_axis in self.kinematics.reverse:
-                if reversed_axis not in moved:
-                    message = f"{kind} has no axis {reversed_axis}"
-                    yield Inconsistency(("kinematics", "reverse"), message, "remove it")
-        for letter in moved:
-            if letter not in self.axes:
-                message = f"{kind} moves the axis {letter}, which the machine does not have"
-                yield Inconsistency(("kinematics", "type"), message, f"add [axes.{letter}]")
-        for name in self.joints:
-            if name not in wanted:
-                yield Inconsistency(("joints", name), "there is no such joint", hint)
-        for name in wanted:
-            if name not in self.joints:
-                yield Inconsistency(("kinematics", "type"), f"[joints.{name}] is missing", hint)
-            if name in self.axes and name not in self.kinematics.axes:
-                message = f"the kinematics has a joint {name}, too"
-                yield Inconsistency(("axes", name), message, "choose another kinematics or axis")
-
-    def _axis_limits(self, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:
-        most = self.board.max_step_rate
-        if axis.step_rate > most * (1 + RATE_ROUNDING):
-            yield Inconsistency(
-                (table, letter, "max_velocity"),
-                f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is "
-                f"{axis.step_rate:.7g} steps/s, but board.max_step_rate is {most:.7g}",
-                f"lower it to {most / axis.steps_per_mm:g}, "
-                "or raise board.max_step_rate if the board supports it",
-            )
-        path = self.path
-        if axis.max_acceleration is None and (
-            path.max_tangential_acceleration is None or path.max_normal_acceleration is None
-        ):
-            yield Inconsistency(
-                (table, letter, "max_acceleration"),
-                "nothing limits the acceleration of this axis",
-                f"set {table}.{letter}.max_acceleration, "
-                "or path.max_tangential_acceleration and path.max_normal_acceleration",
-            )
-        if axis.max_jerk is None and path.max_jerk is None:
-            yield Inconsistency(
-                (table, letter, "max_jerk"),
-                "nothing limits the jerk of this axis",
-                f"set {table}.{letter}.max_jerk, or path.max_jerk",
-            )
-
-    def _homing_position(self, letter: AxisLetter) -> Iterator[Inconsistency]:
-        axis = self.axes[letter]
-        position = None if axis.homing is None else axis.homing.position
-        if position is None or axis.travel is None:
-            return
-        if not axis.travel[0] <= position <= axis.travel[1]:
-            yield Inconsistency(
-                ("axes", letter, "homing", "position"),
-                f"{position:g} is outside the travel, {axis.travel[0]:g} to {axis.travel[1]:g} mm",
-                f"give a coordinate within axes.{letter}.travel",
-            )

@@ -38,7 +38,7 @@ def machine_schema() -> dict[str, Any]:
 
     The properties are the tables of the file. Every key has a description with its unit, and its
     default where it has one. The schema does not cover contradictions between keys
-    (:meth:`cnc.machine.models.Machine.inconsistencies`).
+    (:func:`cnc.machine.consistency.inconsistencies`).
     """
     tables = Machine.model_json_schema(schema_generator=_TomlSchema)
     header = Header.model_json_schema(schema_generator=_TomlSchema)

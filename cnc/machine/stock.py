@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from pydantic import ValidationError
 
+from cnc.machine.consistency import inconsistencies
 from cnc.machine.models import Machine, Stock
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -34,7 +35,7 @@ def with_stock(machine: Machine, text: str, zero: Mapping[str, float] | None = N
         }
         stock = stock.model_copy(update=moved)
     found = machine.model_copy(update={"stock": stock})
-    for wrong in found.inconsistencies():
+    for wrong in inconsistencies(found):
         raise UsageError(Diagnostic("stock-malformed", wrong.message, hint=wrong.hint))
     return found
 

@@ -10,8 +10,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cnc.boards.comparison import ComparesItself
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import empty_program, step_rate
@@ -36,6 +34,7 @@ from cnc.session.board_choices import (
 )
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
+from cnc.session.homing import home_line_board, home_pulse_board
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.observer import Callbacks, Observer, StoppedBeforeMotion
 from cnc.session.options import RunOptions
@@ -220,7 +219,7 @@ class Session:
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
         if isinstance(board, LineSink) and homes:
-            self._home_by_board(board)
+            home_line_board(context, board)
             record.check_position(board)
         control = context.observer.control
         overrides = control.feed_override, float(control.rapid_override)
@@ -334,40 +333,14 @@ class Session:
             )
         return timing
 
-    def _home_by_board(self, board: LineSink) -> None:
-        """Let a GRBL board home the machine; the program begins where it stands then.
-
-        Raises:
-            BoardError, HomingStopped: As :func:`cnc.session.position_check.home_by_board`.
-        """
-        from cnc.session.position_check import home_by_board
-
-        reader = self._context.reader
-        log.info("homing")
-        home_by_board(board, reader.machine, (), self._context.observer.control)
-        reader.start = np.array(board.position)
-        reader.begin_at(self._context.options.from_line)
-
     def _begin_motion(self, board: Board, record: RunRecord) -> None:
         """Home the machine on a pulse board if requested, and begin the records.
 
         Raises:
             BoardError, HomingStopped: As :func:`cnc.executor.homing.home`.
         """
-        context = self._context
-        if context.options.home and isinstance(board, PulseSink):
-            from cnc.executor.homing import home
-
-            log.info("homing")
-            home(
-                board,
-                context.reader.machine,
-                (),
-                context.reader.start,
-                control=context.observer.control,
-                on_progress=context.observer.sent,
-                on_squared=lambda found: log.info("%s", found.description),
-            )
+        if self._context.options.home and isinstance(board, PulseSink):
+            home_pulse_board(self._context, board)
         record.begin(board)
         log.info("motion begins")
 

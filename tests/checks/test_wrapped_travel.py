@@ -8,6 +8,7 @@ import pytest
 
 from cnc.api import RunOptions, check
 from cnc.machine.board import Board
+from cnc.machine.consistency import inconsistencies
 from cnc.machine.models import Axis, Machine, PathLimits
 from tests.support.five_axis import five_axis_machine
 
@@ -43,4 +44,4 @@ def test_only_rotary_axes_may_repeat() -> None:
     found = five_axis_machine("xyzac")
     x = found.axes["x"].model_copy(update={"wrap": "sign"})
     wrong = found.model_copy(update={"axes": found.axes | {"x": x}})
-    assert [each.key for each in wrong.inconsistencies()] == [("axes", "x", "wrap")]
+    assert [each.key for each in inconsistencies(wrong)] == [("axes", "x", "wrap")]

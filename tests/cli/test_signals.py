@@ -136,3 +136,20 @@ def test_a_second_hang_up_does_not_end_the_program_at_once() -> None:
 def test_a_hang_up_before_any_motion_ends_the_program() -> None:
     with pytest.raises(KeyboardInterrupt), OperatorSignals(Control()):
         signal.raise_signal(signal.SIGHUP)
+
+
+def test_control_c_while_the_program_is_loaded_prints_no_traceback() -> None:
+    code = """
+import sys
+
+class Interrupted:
+    def find_spec(self, name, path, target=None):
+        if name == "cnc.cli.options":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupted())
+import cnc.cli
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 130
+    assert done.stderr == "stopped by the operator; nothing has moved\n"

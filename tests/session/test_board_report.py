@@ -128,11 +128,6 @@ def grbl(machine: Machine) -> Machine:
     )
 
 
-@pytest.fixture
-def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-
-
 @pytest.mark.usefixtures("nothing_kept")
 def test_a_check_uses_the_offsets_of_the_last_run(tmp_path: Path) -> None:
     board_of_file = MACHINE.board.model_copy(update={"kind": "grbl", "port": "COM77"})

@@ -7,78 +7,50 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Control, HomingStopped, Report, home
-from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session.last_position import LastPosition
 from tests.support.session.position_runs import (
+    BELOW_ZERO,
     FAST,
     MACHINE,
     SQUARE,
     SWITCHES,
+    connected,
     ran,
     refused,
+    run_on,
 )
-from tests.support.session.runs import run_with
+
+pytestmark = pytest.mark.usefixtures("nothing_kept")
 
 
-@pytest.fixture(autouse=True)
-def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-
-
-@pytest.fixture
-def program(tmp_path: Path) -> Path:
-    (tmp_path / "p.ngc").write_text(SQUARE)
-    return tmp_path / "p.ngc"
-
-
-def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
+def test_homing_restores_the_position(square: Path, tmp_path: Path) -> None:
     simulator = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
-    program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
-    machine = MACHINE.model_copy(
-        update={
-            "axes": {
-                letter: axis.model_copy(update={"travel": (-200.0, 0.0)})
-                for letter, axis in MACHINE.axes.items()
-            }
-        }
-    )
+    square.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
 
-    def go(name: Path, **arguments: object) -> Report:
-        port = GrblSimulatorPort(simulator, hang_up=False)
-        board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
-        board.connect()
-        try:
-            return run_with(name, machine, board=board, dialect="grbl", **arguments)
-        finally:
-            board.close()
+    def go(name: Path) -> Report:
+        return run_on(simulator, name, BELOW_ZERO, dialect="grbl")
 
     for _ in range(2):
         assert not go(homing).faults
-        assert not go(program).faults, "a board that has homed is not locked"
+        assert not go(square).faults, "a board that has homed is not locked"
         assert simulator.position == pytest.approx((-50.0, -50.0, -20.0))
         simulator.power_up()
-        said = refused(go(program))
+        said = refused(go(square))
         assert "home the machine with cncrun home" in said
     simulator.core.environment.broken.add("Z")
     assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
-    assert refused(go(program)), "a homing that fails finds nothing"
+    assert refused(go(square)), "a homing that fails finds nothing"
 
 
 def home_alone(
     simulator: GrblSimulator, *axes: str, control: Control | None = None
 ) -> dict[str, float | None]:
-    port = GrblSimulatorPort(simulator, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
-    board.connect()
-    try:
+    with connected(simulator) as board:
         return home(MACHINE, axes, board=board, control=control)
-    finally:
-        board.close()
 
 
 def test_cncrun_home_homes_a_grbl_board() -> None:
@@ -114,18 +86,18 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     assert not stopped.moves
 
 
-def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
+def test_a_board_that_refuses_to_home_keeps_its_position(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     for _ in range(2):
         with pytest.raises(BoardError) as caught:
             home_alone(simulator)
         assert caught.value.diagnostic.code == "board-error"
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     simulator.power_up()
-    program.write_text("$H\n" + SQUARE)
-    assert [fault.diagnostic.code for fault in ran(simulator, program, dialect="grbl").faults] == [
+    square.write_text("$H\n" + SQUARE)
+    assert [fault.diagnostic.code for fault in ran(simulator, square, dialect="grbl").faults] == [
         "board-error"
     ]
-    program.write_text(SQUARE)
-    refused(ran(simulator, program))
+    square.write_text(SQUARE)
+    refused(ran(simulator, square))

@@ -9,17 +9,14 @@ import pytest
 from cnc.api import Callbacks, Control, HomingStopped, Report
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from tests.support.session.position_runs import MACHINE as GRBL_UNO
-from tests.support.session.position_runs import SWITCHES, refused, run_on
+from tests.support.session.position_runs import BELOW_ZERO, SWITCHES, refused, run_on
 
 PROGRAM = "G21 G90\nG0 X-20 Y-30\nG1 Z-5 F600\nG1 X-40 F1500\nG1 Y-50\nM2\n"
 END = (-40.0, -50.0, -5.0)
 HOMED = (-1.0, -1.0, -1.0)
 
 
-@pytest.fixture(autouse=True)
-def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+pytestmark = pytest.mark.usefixtures("nothing_kept")
 
 
 @pytest.fixture
@@ -28,18 +25,8 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "p.nc"
 
 
-MACHINE = GRBL_UNO.model_copy(
-    update={
-        "axes": {
-            letter: axis.model_copy(update={"travel": (-200.0, 0.0)})
-            for letter, axis in GRBL_UNO.axes.items()
-        }
-    }
-)
-
-
 def ran(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:
-    return run_on(simulator, program, MACHINE, **arguments)
+    return run_on(simulator, program, BELOW_ZERO, **arguments)
 
 
 def homed_run(simulator: GrblSimulator, program: Path, **arguments: object) -> Report:

@@ -21,7 +21,7 @@ from tests.support.session.position_runs import (
     END,
     FAST,
     MACHINE,
-    SQUARE,
+    connected,
     ran,
     refused,
     stopping,
@@ -30,23 +30,14 @@ from tests.support.session.position_runs import (
 from tests.support.session.runs import run_with
 from tests.support.waiting import wait_until
 
-
-@pytest.fixture(autouse=True)
-def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+pytestmark = pytest.mark.usefixtures("nothing_kept")
 
 
-@pytest.fixture
-def program(tmp_path: Path) -> Path:
-    (tmp_path / "p.ngc").write_text(SQUARE)
-    return tmp_path / "p.ngc"
-
-
-def stopped(program: Path, server: PtyServer) -> Report:
+def stopped(square: Path, server: PtyServer) -> Report:
     """Return the report of a run that the operator stops at X6.5."""
     control = Control()
     return run(
-        program,
+        square,
         MACHINE,
         board="grbl",
         port=server.name,
@@ -56,9 +47,9 @@ def stopped(program: Path, server: PtyServer) -> Report:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_runs_in_a_row_do_not_shift(square: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
+        command = [str(square), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
         wait_until(lambda: not server.is_open)
@@ -73,10 +64,10 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_a_stopped_run_continues_at_its_position(
-    program: Path, capsys: pytest.CaptureFixture[str]
+    square: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        first = stopped(program, server)
+        first = stopped(square, server)
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
         wait_until(lambda: not server.is_open)
@@ -90,20 +81,20 @@ def test_a_stopped_run_continues_at_its_position(
             "--yes",
             "--quiet",
         ]
-        assert exit_code([str(program), *more]) == 0, capsys.readouterr().err
+        assert exit_code([str(square), *more]) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
-    program: Path, capsys: pytest.CaptureFixture[str]
+    square: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        first = stopped(program, server)
+        first = stopped(square, server)
         stands = tool(server.simulator)
         server.simulator.drop_dtr()
         command = [
-            str(program),
+            str(square),
             "--machine",
             "grbl-uno",
             "--port",
@@ -128,18 +119,18 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
         )
 
 
-def test_a_board_without_a_record_is_accepted(program: Path) -> None:
+def test_a_board_without_a_record_is_accepted(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     kept = LastPosition.read("the simulator")
     assert kept is not None
     assert (kept.position, kept.ended, kept.lost) == ({"x": 4.0, "y": 3.0, "z": -1.0}, "end", False)
 
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
-def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
+def test_another_position_is_refused_until_it_is_confirmed(square: Path, how: str) -> None:
     simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     if how == "power":
         simulator.power_up()
     else:
@@ -149,40 +140,40 @@ def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: s
         port.clock.sleep(2.0)
         port.close()
     before = len(simulator.moves)
-    said = refused(ran(simulator, program))
+    said = refused(ran(simulator, square))
     assert ("X0.000 Y0.000 Z0.000" if how == "power" else "X4.100 Y3.000 Z-1.000") in said
     assert "ended at X4.000 Y3.000 Z-1.000" in said
     assert ("has restarted" in said) == (how == "power")
     assert "does not home ($22=0)" in said
-    assert "has restarted" not in refused(ran(simulator, program)), "once is enough to forget it"
+    assert "has restarted" not in refused(ran(simulator, square)), "once is enough to forget it"
     assert len(simulator.moves) == before
-    assert ran(simulator, program, trust_position=True).ok
-    assert ran(simulator, program).ok
+    assert ran(simulator, square, trust_position=True).ok
+    assert ran(simulator, square).ok
 
 
-def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
+def test_a_difference_below_one_step_is_accepted(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     step = 1.0 / 250.0
     LastPosition("the simulator", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     LastPosition("the simulator", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
-    assert "Y2.992" in refused(ran(simulator, program))
+    assert "Y2.992" in refused(ran(simulator, square))
 
 
-def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
+def test_a_restart_at_zero_is_refused_too(square: Path) -> None:
     """The tool may have moved while the board was off, and a second opening shows no restart."""
     simulator = GrblSimulator(settings=FAST)
-    program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
-    assert ran(simulator, program).ok
+    square.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
+    assert ran(simulator, square).ok
     simulator.power_up()
-    assert "has restarted" in refused(ran(simulator, program))
-    refused(ran(simulator, program))
-    assert ran(simulator, program, trust_position=True).ok
+    assert "has restarted" in refused(ran(simulator, square))
+    refused(ran(simulator, square))
+    assert ran(simulator, square, trust_position=True).ok
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
-def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
+def test_a_run_without_a_final_report_leaves_a_lost_position(square: Path, code: str) -> None:
     simulator = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
@@ -192,59 +183,56 @@ def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code
             else:
                 simulator.power_up()
 
-    report = ran(simulator, program, callbacks=Callbacks(on_sent=on_sent))
+    report = ran(simulator, square, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost and kept.ended == code
     assert kept.position["x"] > 8.0
-    assert f"ended ({code}) at X" in refused(ran(simulator, program))
-    assert ran(simulator, program, trust_position=True).ok
+    assert f"ended ({code}) at X" in refused(ran(simulator, square))
+    assert ran(simulator, square, trust_position=True).ok
 
 
-def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(program: Path) -> None:
+def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
     simulator.inject(Error(20), line=14)
-    report = ran(simulator, program)
+    report = ran(simulator, square)
     assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
     kept = LastPosition.read("the simulator")
     assert kept is not None and (kept.ended, kept.lost) == ("board-error", False)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
 
 
-def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) -> None:
+def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(square: Path) -> None:
     """The record of the board is missing, or the computer crashed during the run."""
     simulator, control = GrblSimulator(settings=FAST), Control()
-    first = ran(simulator, program, control=control, callbacks=stopping(control, 10.0))
+    first = ran(simulator, square, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
     for file in state_folder.folder().iterdir():
         file.unlink()
     simulator.power_up()
-    assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
+    assert "was stopped at X1" in refused(ran(simulator, square, from_line=5))
     for file in state_folder.folder().iterdir():
         file.unlink()
     LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
-    assert "was stopped at X1" in refused(ran(simulator, program, from_line=5))
+    assert "was stopped at X1" in refused(ran(simulator, square, from_line=5))
 
 
-def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
+def test_a_check_on_the_board_ignores_and_keeps_the_record(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
-    assert ran(simulator, program).ok
+    assert ran(simulator, square).ok
     kept = LastPosition.read("the simulator")
     simulator.power_up()
-    port = GrblSimulatorPort(simulator, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
-    board.connect()
-    board.check_only = True
-    assert run(program, MACHINE, board=board).ok
-    board.close()
+    with connected(simulator) as board:
+        board.check_only = True
+        assert run(square, MACHINE, board=board).ok
     assert LastPosition.read("the simulator") == kept
-    refused(ran(simulator, program))
+    refused(ran(simulator, square))
 
 
 def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(
-    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    square: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
     (file,) = state_folder.folder().iterdir()
@@ -260,14 +248,14 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     blocked = tmp_path / "file"
     blocked.touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
-    assert ran(GrblSimulator(settings=FAST), program).ok
+    assert ran(GrblSimulator(settings=FAST), square).ok
     assert LastPosition.read("the simulator") is None
 
 
-def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:
+def test_a_stop_names_the_line_of_the_motion(square: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
     control = Control()
-    report = ran(simulator, program, control=control, callbacks=stopping(control, 11.0))
+    report = ran(simulator, square, control=control, callbacks=stopping(control, 11.0))
     # Line 6 was sent 1.5 s ahead, at X9.5: line 5 has 100 mm/min.
     assert 11.0 < report.end_position["x"] < 12.0
     assert report.stopped_at_line == 5
@@ -275,7 +263,7 @@ def test_a_stop_names_the_line_of_the_motion(program: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [b"ALARM", b"ALRM"])
-def test_after_an_abrupt_stop_an_unlocked_board_is_not_trusted(program: Path, text: bytes) -> None:
+def test_after_an_abrupt_stop_an_unlocked_board_is_not_trusted(square: Path, text: bytes) -> None:
     simulator = GrblSimulator(settings=FAST)
     port = GrblSimulatorPort(simulator, hang_up=False)
     # An alarm with a damaged message may be any, even if it is a 4.
@@ -284,7 +272,7 @@ def test_after_an_abrupt_stop_an_unlocked_board_is_not_trusted(program: Path, te
     read = port.read
     port.read = lambda timeout: read(timeout).replace(b"ALARM", text)  # type: ignore[method-assign]
     board.connect()
-    (fault,) = run_with(program, MACHINE, board=board).faults
+    (fault,) = run_with(square, MACHINE, board=board).faults
     board.close()
     assert fault.diagnostic.code == "board-alarm"
     for _ in range(2):
@@ -294,9 +282,9 @@ def test_after_an_abrupt_stop_an_unlocked_board_is_not_trusted(program: Path, te
         board.connect()
         board.link.ask("$X")
         board.close()
-        assert "may have lost steps" in refused(ran(simulator, program))
-    assert ran(simulator, program, trust_position=True).ok
-    assert ran(simulator, program).ok
+        assert "may have lost steps" in refused(ran(simulator, square))
+    assert ran(simulator, square, trust_position=True).ok
+    assert ran(simulator, square).ok
 
 
 def test_an_alarm_without_an_abrupt_stop_keeps_the_position(tmp_path: Path) -> None:

@@ -37,6 +37,10 @@ LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
+BEHIND_REPORT = 0.8
+"""Share of the gathering while answers may wait behind a report or the answer to a mark."""
+REPORT = 40
+"""Fewest bytes of these."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
@@ -67,6 +71,7 @@ class LineStream:
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
+        self._asked = False
         self.wait = WAIT
 
     @property
@@ -146,15 +151,21 @@ class LineStream:
         """Receive; where answers come fast, let some gather, which saves most of the CPU time.
 
         The board meanwhile reads the lines that wait in its buffer. A wire that brings lines more
-        slowly than the board reads them is not left idle.
+        slowly than the board reads them is not left idle. A report makes answers late: behind it,
+        more lines are answered than is known.
         """
         interval, now = self.monitor.liveness.interval, self.link.now()
         protocol, wire = self.link.protocol, self.link.wire
         arrived = protocol.waiting * (1.0 - wire.on_wire(now) / max(protocol.used, 1))
-        pause = GATHERING * (protocol.waiting - 1) * interval
+        asked, self._asked = self._asked, self.link.asked or protocol.marked
+        part = GATHERING * (BEHIND_REPORT if asked or self._asked else 1.0)
+        pause = part * (protocol.waiting - 1) * interval
         if arrived < FEW_ARRIVED:
             pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
-        if pause > SHORTEST_GATHERING and interval < LONGEST_GATHERING:
+        if protocol.partial[:1] in (b"<", b"["):
+            # No answer comes before the end of the message.
+            pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
+        if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
             self.link.pause(min(pause, LONGEST_GATHERING))
         self.serve(self.wait)
 

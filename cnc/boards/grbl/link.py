@@ -1,9 +1,6 @@
 """The link to a GRBL board at a port: connection, questions, status polling, and stop.
 
-No wait is without a bound. Opening a port for the first time resets most boards, and a boot loader
-then takes up to two seconds before the firmware greets. Such a welcome without a request is noted.
-A board that was not reset answers ``?``. Once it is at rest it gets a soft reset, which keeps its
-position. So every connection begins with a welcome.
+No wait is without a bound. Each connection begins with a welcome; see the module of that name.
 """
 
 from __future__ import annotations
@@ -66,7 +63,7 @@ class _ReconnectError(BoardError):
 
 
 class GrblLink:
-    """Port, clock and protocol together.
+    """Port, clock and protocol.
 
     Attributes:
         info: Firmware, settings and offsets of the board.
@@ -161,6 +158,11 @@ class GrblLink:
         ):
             raise faults.silent(self.name)
         return events
+
+    @property
+    def asked(self) -> bool:
+        """Whether a ``?`` is unanswered."""
+        return self._unanswered_since is not None
 
     def due(self) -> bool:
         """Return whether it is time for the next ``?``."""
@@ -336,8 +338,7 @@ class GrblLink:
                     return
 
     def _received(self, data: bytes) -> list[Event]:
-        events = self.protocol.receive(data)
-        for event in events:
+        for event in (events := self.protocol.receive(data)):
             if isinstance(event, Reported):
                 # An alarm whose message was lost may be any.
                 self.position_lost |= self._moved and event.status.locked

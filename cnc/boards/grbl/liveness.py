@@ -39,6 +39,12 @@ INTERVAL_WEIGHT = 0.3
 """Weight of the last answer in the average time between answers."""
 LASTING_WEIGHT = 0.03
 """The same for the average over a longer time."""
+STALL = 2.0
+"""A longer time without an answer counts as this multiple of that average. A board whose planner
+is full answers nothing during a long move, then reads the next lines as fast as before.
+"""
+FASTEST = 1e-3
+"""Shortest time between answers that is expected, s."""
 QUIET_STATES = ("Idle", "Check", "Alarm")
 
 
@@ -64,7 +70,10 @@ class LivenessMonitor:
 
     @property
     def interval(self) -> float:
-        """Average time between two answers, s: lately, or over a longer time if that is less."""
+        """Average time between two answers, s: lately, or over a longer time if that is less.
+
+        A long move does not raise it by much.
+        """
         return min(self._interval, self._lasting)
 
     def begin(self, now: float) -> None:
@@ -80,6 +89,7 @@ class LivenessMonitor:
         self._read += count
         each, (short, long) = self._gap / self._read, self._before
         self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
+        each = min(each, STALL * max(long, FASTEST))
         self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read
         self.max_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._interval, 1e-6)))
         self._answered_at = self._quiet_since = self._moved_at = now

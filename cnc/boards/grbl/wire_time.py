@@ -25,6 +25,10 @@ class WireTime:
         """Note that ``count`` bytes were written at a time, s."""
         self._idle_from = max(self._idle_from, now) + count * self._byte_time
 
+    def time_of(self, count: int) -> float:
+        """Return the time of ``count`` bytes, s."""
+        return count * self._byte_time
+
     def busy(self, now: float) -> float:
         """Return the time for which the wire is busy from a time on, s."""
         return max(self._idle_from - now, 0.0)

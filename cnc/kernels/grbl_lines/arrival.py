@@ -1,4 +1,4 @@
-"""Times of the moves of a GRBL board that plans each move when its line has arrived.
+r"""Times of the moves of a GRBL board that plans each move when its line has arrived.
 
 A line takes its time on the wire, and the board takes some for each byte and each move. The wire
 waits while the buffer of the board is full, and the board while its planner is.
@@ -7,9 +7,15 @@ waits while the buffer of the board is full, and the board while its planner is.
     planner              |read|plan 1|    |read|plan 2| a move is planned when the planner has space
     motion                           |--move 1--~~|--move 2--    ~~: rest, for lack of a move
 
-A move brakes in time to stop behind the last planned move. It is approximated: the moves that count
-are those that are planned in the first quarter of its time. A later one comes too late to keep the
-speed at its end.
+A move brakes in time to stop behind the last planned move. Each further move that is planned
+meanwhile raises the speed at its end:
+
+    v |     ,---.       ,--  the end of move k + 2 was in sight from the begin on;
+      |  ,-'     \   ,-'     at x, move k + 3 is planned, and the board speeds up again
+      +-----------x---------> t
+
+A board at rest begins the next move when it has read all that has arrived, or when its planner is
+full (gnea/grbl, protocol.c and motion_control.c: the automatic cycle start).
 """
 
 from __future__ import annotations
@@ -40,16 +46,19 @@ STATE = np.dtype(
         ("filled", np.int64),
         ("moves", np.int64),
         ("known", np.int64),
+        ("started", np.int64),
         ("read_at", np.float64, (RING,)),
         ("sizes", np.int64, (RING,)),
         ("planned_at", np.float64, (RING,)),
+        ("started_at", np.float64, (RING,)),
         ("ended_at", np.float64, (RING,)),
     ]
 )
 """State between two calls. When the wire is free, the board has read and planned, and the motion
 has ended, s; speed at that end, mm/s; whether a move has begun; numbers of lines sent and read;
-bytes in the buffer; numbers of moves that have ended, and that are planned. Rings by number of line
-(time when it was read, bytes) and by number of move (times of plan and end).
+bytes in the buffer; numbers of moves that have ended, that are planned, and that a board at rest
+would have begun. Rings by number of line (time when it was read, bytes) and by number of move
+(times of plan, of a start from rest, and of the end).
 """
 
 
@@ -110,6 +119,40 @@ def move_time(
 
 
 @njit
+def _part_of_move(
+    length: float, acceleration: float, feed: float, begin: float, end: float, time: float
+) -> tuple[float, float]:
+    """Return the length (mm) and the speed (mm/s) after the first part of a move.
+
+    Args:
+        length: Of the move, mm.
+        acceleration: mm/s^2.
+        feed: Highest speed, mm/s.
+        begin: Speed at its begin, mm/s.
+        end: Speed at its end, mm/s.
+        time: Of the part, less than that of the move, s.
+    """
+    seconds, end = move_time(length, acceleration, feed, begin, end)
+    peak = math.sqrt(0.5 * (begin * begin + end * end) + acceleration * length)
+    peak = max(min(feed, peak), begin, end)
+    up, down = (peak - begin) / acceleration, (peak - end) / acceleration
+    if time < up:
+        return (begin + 0.5 * acceleration * time) * time, begin + acceleration * time
+    left = seconds - time
+    if left < down:
+        return length - (end + 0.5 * acceleration * left) * left, end + acceleration * left
+    return 0.5 * (begin + peak) * up + peak * (time - up), peak
+
+
+@njit
+def _start(now: Any, at: float) -> None:
+    """Let a board at rest begin the moves that are planned."""
+    for number in range(now["started"], now["known"]):
+        now["started_at"][number % RING] = at
+    now["started"] = now["known"]
+
+
+@njit
 def _read_line(now: Any, size: int, link: Link) -> None:
     """Send and read the next line."""
     free = now["wire"]
@@ -120,6 +163,8 @@ def _read_line(now: Any, size: int, link: Link) -> None:
         now["read"] += 1
     now["filled"] += size
     now["wire"] = free + (size + link.check_bytes) * link.byte_time
+    if now["wire"] > now["board"]:
+        _start(now, now["board"])
     now["board"] = max(now["board"], now["wire"]) + size * link.read_time
     k = now["sent"] % RING
     now["sizes"][k] = size
@@ -131,47 +176,76 @@ def _read_line(now: Any, size: int, link: Link) -> None:
 def _plan(now: Any, link: Link) -> None:
     """Plan the next move, when the planner has space."""
     number = int(now["known"])
-    at = now["board"] + link.plan_time
     if number >= link.planner:
-        at = max(at, now["ended_at"][(number - link.planner) % RING])
-    now["board"] = at
+        free = now["ended_at"][(number - link.planner) % RING]
+        if free > now["board"]:
+            _start(now, now["board"])
+            now["board"] = free
+    at = now["board"]
     now["planned_at"][number % RING] = at
     now["read_at"][(now["sent"] - 1) % RING] = at
     now["known"] += 1
 
 
 @njit
-def _carry_out(now: Any, moves: Moves, k: int, case: int, link: Link) -> None:
-    """Carry out move ``k``: bring the end of the motion and the speed there up to date."""
+def _carry_out(now: Any, moves: Moves, first: int, case: int, link: Link, times: Floats) -> None:
+    """Carry out the next move: bring the end of the motion and the speed there up to date.
+
+    Args:
+        now: The state.
+        moves: The moves.
+        first: Number of the first of them.
+        case: Column of ``moves`` and ``times``.
+        link: Times of wire and board.
+        times: The time from the end of the move before is filled in, s.
+    """
     number = int(now["moves"])
-    planned = now["planned_at"][number % RING]
+    k, before = number - first, now["end"]
+    if number >= now["started"] and now["planned_at"][number % RING] > before:
+        # The planner is full, or the line that is read waits for rest.
+        _start(now, now["board"])
+    start = now["started_at"][number % RING]
     if not now["begun"]:
-        # The time begins with the first move: the lines before it have taken none.
-        late = planned - now["end"]
-        now["wire"] -= late
-        now["board"] -= late
-        for i in range(RING):
-            now["read_at"][i] -= late
-            now["planned_at"][i] -= late
-        planned, now["begun"] = now["end"], 1
-    begin, speed = now["end"], now["speed"]
-    if planned > begin:
-        begin, speed = planned, 0.0
+        _begin_time(now, start - now["end"])
+        start, now["begun"] = now["end"], 1
+    time, speed = now["end"], now["speed"]
+    if now["planned_at"][number % RING] > time:
+        time, speed = max(start, time), 0.0
     speed = min(speed, moves.begin[k, case])
-    length, acceleration = moves.length[k], moves.acceleration[k]
+    left, acceleration = moves.length[k], moves.acceleration[k]
     feed, end = moves.feed[k, case], moves.end[k, case]
-    seconds, end = move_time(length, acceleration, feed, speed, end)
-    last = begin + 0.25 * seconds
     square, ahead = 0.0, 1
-    while square < end * end and ahead < link.planner and k + ahead < len(moves.length):
-        if number + ahead >= now["known"] or now["planned_at"][(number + ahead) % RING] > last:
-            seconds, end = move_time(length, acceleration, feed, speed, math.sqrt(square))
+    while True:
+        planned = -math.inf
+        while square < end * end and ahead < link.planner and k + ahead < len(moves.length):
+            known = number + ahead < now["known"]
+            planned = now["planned_at"][(number + ahead) % RING] if known else math.inf
+            if planned > time:
+                break
+            square += 2.0 * moves.acceleration[k + ahead] * moves.length[k + ahead]
+            ahead += 1
+        leave = math.sqrt(square) if planned > time else end
+        seconds, reached = move_time(left, acceleration, feed, speed, leave)
+        if planned <= time or planned >= time + seconds:
             break
-        square += 2.0 * moves.acceleration[k + ahead] * moves.length[k + ahead]
-        ahead += 1
-    now["end"], now["speed"] = begin + seconds, end
+        # A move is planned meanwhile.
+        gone, speed = _part_of_move(left, acceleration, feed, speed, leave, planned - time)
+        left, time = max(left - gone, 0.0), planned
+    now["end"], now["speed"] = time + seconds, reached
     now["ended_at"][number % RING] = now["end"]
     now["moves"] += 1
+    times[k, case] = now["end"] - before
+
+
+@njit
+def _begin_time(now: Any, late: float) -> None:
+    """Let the time begin with the first move: the lines before it have taken none."""
+    now["wire"] -= late
+    now["board"] -= late
+    for i in range(RING):
+        now["read_at"][i] -= late
+        now["planned_at"][i] -= late
+        now["started_at"][i] -= late
 
 
 @njit
@@ -194,22 +268,18 @@ def times_of(
         first = int(now["moves"])
         line = 0
         for k in range(len(moves.length)):
+            if now["known"] > first + k:
+                continue
+            while line <= moves.line[k]:
+                _read_line(now, sizes[line], link)
+                line += 1
+            now["board"] += link.plan_time
             # The moves that must have ended before this one has space in the planner.
             while now["moves"] < first + done and now["moves"] + link.planner <= first + k:
-                before = now["end"]
-                j = int(now["moves"]) - first
-                _carry_out(now, moves, j, case, link)
-                times[j, case] = now["end"] - before
-            if now["known"] <= first + k:
-                while line <= moves.line[k]:
-                    _read_line(now, sizes[line], link)
-                    line += 1
-                _plan(now, link)
-        while now["moves"] < first + done:
-            before = now["end"]
-            j = int(now["moves"]) - first
-            _carry_out(now, moves, j, case, link)
-            times[j, case] = now["end"] - before
+                _carry_out(now, moves, first, case, link, times)
+            _plan(now, link)
         while line < len(sizes):
             _read_line(now, sizes[line], link)
             line += 1
+        while now["moves"] < first + done:
+            _carry_out(now, moves, first, case, link, times)

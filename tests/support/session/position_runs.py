@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from cnc.api import Callbacks, Control, Report
@@ -14,6 +16,15 @@ from cnc.machine.models import Machine
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
+BELOW_ZERO = MACHINE.model_copy(
+    update={
+        "axes": {
+            letter: axis.model_copy(update={"travel": (-200.0, 0.0)})
+            for letter, axis in MACHINE.axes.items()
+        }
+    }
+)
+"""The machine whose zero is at its switches, where the cycle of GRBL puts it."""
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
 SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
 SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
@@ -40,12 +51,19 @@ def run_on(
     simulator: GrblSimulator, program: Path, machine: Machine, **arguments: object
 ) -> Report:
     """Do the same with another machine."""
+    with connected(simulator, machine) as board:
+        board.check_only = bool(arguments.get("check_on_board"))
+        return run_with(program, machine, board=board, **arguments)
+
+
+@contextmanager
+def connected(simulator: GrblSimulator, machine: Machine = MACHINE) -> Iterator[GrblBoard]:
+    """Connect to the simulator, and close the port afterwards."""
     port = GrblSimulatorPort(simulator, hang_up=False)
     board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
-        board.check_only = bool(arguments.get("check_on_board"))
-        return run_with(program, machine, board=board, **arguments)
+        yield board
     finally:
         board.close()
 
