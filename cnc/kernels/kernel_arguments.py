@@ -102,7 +102,9 @@ class KernelPacker:
 
 
 class _Part:
-    """One argument, with the places of arrays and other values inside of tuples.
+    """One argument: the places of arrays and other values inside of tuples.
+
+    Arrays are passed in short. What else there is, numba takes apart.
 
     Attributes:
         types: LLVM's types of what is passed.
@@ -110,42 +112,42 @@ class _Part:
 
     def __init__(self, context: Any, type: Any) -> None:
         self._context = context
-        self._places = list(_places(type))
         self._start = _constant(context, type)
-        self.types = [each for _, inner in self._places for each in self._passed(inner)]
+        models = context.data_model_manager
+        self._places = [
+            (path, inner, None if _is_short(inner) else ArgPacker(models, [inner]))
+            for path, inner in _places(type)
+        ]
+        self.types = [
+            each
+            for _, inner, numbas in self._places
+            for each in (self._passed(inner) if numbas is None else numbas.argument_types)
+        ]
 
     def _passed(self, type: Any) -> tuple[Any, ...]:
-        """Return LLVM's types of what is passed for a value of some type."""
-        if not _is_short(type):
-            packed: tuple[Any, ...] = self._numbas(type).argument_types
-            return packed
-        array = self._context.get_value_type(type).elements
-        return array[META], array[DATA], *[array[SHAPE].element] * type.ndim
-
-    def _numbas(self, type: Any) -> Any:
-        return ArgPacker(self._context.data_model_manager, [type])
+        """Return LLVM's types of what is passed for an array."""
+        fields = self._context.get_value_type(type).elements
+        return fields[META], fields[DATA], *[fields[SHAPE].element] * type.ndim
 
     def taken_apart(self, builder: Any, value: Any) -> Iterator[Any]:
         """Yield what is passed for a value."""
-        for path, type in self._places:
-            if _is_short(type):
+        for path, type, numbas in self._places:
+            if numbas is None:
                 for field in (META,), (DATA,), *((SHAPE, axis) for axis in range(type.ndim)):
                     yield builder.extract_value(value, path + field)
             else:
                 inner = builder.extract_value(value, path) if path else value
-                yield from self._numbas(type).as_arguments(builder, [inner])
+                yield from numbas.as_arguments(builder, [inner])
 
     def together(self, builder: Any, passed: Iterator[Any]) -> Any:
         """Return the value for which the next arguments were passed."""
         value = self._start
-        for path, type in self._places:
-            if _is_short(type):
+        for path, type, numbas in self._places:
+            if numbas is None:
                 value = self._array(builder, type, value, path, passed)
             else:
-                count = len(self._passed(type))
-                inner = self._numbas(type).from_arguments(
-                    builder, [next(passed) for _ in range(count)]
-                )
+                parts = [next(passed) for _ in numbas.argument_types]
+                inner = numbas.from_arguments(builder, parts)
                 value = builder.insert_value(value, inner[0], path) if path else inner[0]
         return value
 
