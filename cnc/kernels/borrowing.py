@@ -1,12 +1,12 @@
-"""Kernels that make no arrays: their callers hold all arrays that they use.
+"""Arrays that kernels borrow: their callers hold them, so that their references need no count.
 
-numba counts the references to an array wherever one is passed, indexed or forgotten. Where all
-arrays belong to the callers, no count changes anything: the callers hold them until the kernel
-returns. Without counting, there is less code to generate, to read and to optimise.
+numba counts the references to an array wherever one is passed, indexed or forgotten. Where an array
+belongs to the caller, no count changes anything: the caller holds it until the kernel returns. So
+references are counted in variables that own what they hold: new arrays, parts of them, and what is
+returned. Without the other counts, there is less code to generate, to read and to optimise.
 
-Whether a kernel makes arrays shows in the types of its instructions. Where that is wrong, its code
-calls numba's functions for new arrays, and it is compiled again, with counting
-(:mod:`cnc.kernels.compiler`).
+Whether a variable owns arrays shows in the instructions. A kernel whose code makes no array, not
+even inside of numba's functions, contains no counts (:mod:`cnc.kernels.code_library`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ HANDED_ON = {
     "iternext",
     "pair_first",
     "pair_second",
+    "phi",
     "static_getitem",
 }
 """Operations whose value contains arrays of their operands only."""
@@ -42,42 +43,53 @@ class ArrayRewrites(NopythonRewrites):  # type: ignore[misc]
     _name = "array_rewrites"
 
     def run_pass(self, state: Any) -> bool:
-        """Run the pass where a kernel makes arrays; let the others be compiled without counting."""
-        library = state.library
-        library.counts_references = library.counts_references or makes_arrays(state)
-        return bool(super().run_pass(state)) if library.counts_references else False
+        """Run the pass where a kernel makes arrays."""
+        models = state.targetctx.data_model_manager
+        owned = owned_variables(state.func_ir.blocks, state.typemap, models)
+        return bool(super().run_pass(state)) if owned else False
 
 
-def makes_arrays(state: Any) -> bool:
-    """Return whether a function makes an array, or receives one from a function that it calls.
+def owned_variables(blocks: Any, types: Any, models: Any) -> set[str]:
+    """Return the variables that own references to arrays: what they hold has to be let go.
+
+    A variable owns them if one of its values is a new array, or a part of what another such
+    variable owns, or is returned. All others borrow: what they hold comes from arguments.
 
     Args:
-        state: numba's state of its compilation, after the inference of types.
+        blocks: the instructions of a function.
+        types: the types of its variables.
+        models: numba's models of types.
     """
-    models = state.targetctx.data_model_manager
+    owned: set[str] = set()
+    sources: list[tuple[str, set[str]]] = []
+    for each in (each for block in blocks.values() for each in block.body):
+        if isinstance(each, ir.Return):
+            owned.add(each.value.name)
+        elif isinstance(each, ir.Assign) and isinstance(each.value, ir.Expr | ir.Var):
+            if _is_handed_on(each.value, types):
+                sources.append((each.target.name, _variables(each.value)))
+            else:
+                owned.add(each.target.name)
+    holds = {name: bool(models[types[name]].contains_nrt_meminfo()) for name, _ in sources}
+    owned = {name for name in owned if models[types[name]].contains_nrt_meminfo()}
+    size = -1
+    while owned and len(owned) > size:
+        size = len(owned)
+        owned |= {name for name, parts in sources if holds[name] and not parts.isdisjoint(owned)}
+    return owned
 
-    def has_arrays(type: Any) -> bool:
-        return bool(models[type].contains_nrt_meminfo())
 
-    return has_arrays(state.return_type) or any(
-        has_arrays(state.typemap[target.name]) and not _is_borrowed(value, state.typemap)
-        for target, value in _assignments(state.func_ir)
-    )
+def _variables(value: Any) -> set[str]:
+    return {value.name} if isinstance(value, ir.Var) else {each.name for each in value.list_vars()}
 
 
-def _assignments(function: Any) -> Any:
-    """Yield targets and values of all assignments of expressions."""
-    for block in function.blocks.values():
-        for each in block.body:
-            if isinstance(each, ir.Assign) and isinstance(each.value, ir.Expr):
-                yield each.target, each.value
-
-
-def _is_borrowed(value: Any, types: Any) -> bool:
-    """Return whether the arrays in the value of an expression belong to its operands.
+def _is_handed_on(value: Any, types: Any) -> bool:
+    """Return whether the arrays in a value belong to its operands.
 
     An index that is an array, or contains one, selects elements into a new array.
     """
+    if isinstance(value, ir.Var):
+        return True
     if value.op == "getitem":
         index = types[value.index.name]
         parts = index.types if isinstance(index, BaseTuple) else (index,)

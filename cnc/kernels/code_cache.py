@@ -40,7 +40,15 @@ from pathlib import Path
 _IMPORT = re.compile(r"^from cnc\.kernels\.([\w.]+) import", re.MULTILINE)
 _SOURCES = Path(__file__).parent
 _COMPILER = {
-    _SOURCES / f"{name}.py" for name in ("borrowing", "code_library", "compiler", "compiler_work")
+    _SOURCES / f"{name}.py"
+    for name in (
+        "borrowing",
+        "code_library",
+        "compiler",
+        "compiler_work",
+        "kernel_arguments",
+        "lean_code",
+    )
 }
 _TAG = sys.implementation.cache_tag or sys.implementation.name
 _KEPT_S = 3600.0

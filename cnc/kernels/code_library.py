@@ -32,10 +32,6 @@ COUNTING = {"NRT_incref", "NRT_decref", "NRT_MemInfo_call_dtor", "NRT_Free"}
 Types = tuple[Any, ...]
 
 
-class CountsMissingError(Exception):
-    """Code that makes arrays does not count the references to them."""
-
-
 class Callee(NamedTuple):
     """A kernel for one set of argument types, to which compiled code refers."""
 
@@ -70,12 +66,13 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
         callees: kernels to which the code refers, in the order of their calls.
         code: the machine code, an object file.
         returns_arrays: whether its caller takes over references to arrays.
-        counts_references: whether the code counts references to arrays.
+        counts_references: whether references to arrays are counted: in what is generated, and
+            afterwards in the whole code.
     """
 
-    def __init__(self, codegen: Any, kernel: Callee, *, counts_references: bool = True) -> None:
+    def __init__(self, codegen: Any, kernel: Callee) -> None:
         super().__init__(codegen, kernel.name)
-        self.counts_references = counts_references
+        self.counts_references = True
         self.kernel = kernel
         self.symbol, self.code = "", b""
         self.returns_arrays = False
@@ -96,11 +93,10 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
                     continue
             linked.append(library)
         self._linking_libraries = linked
-        if self._only_borrows():
+        self.counts_references = not self._only_borrows()
+        if not self.counts_references:
             # The first definition of a function counts.
             self._final_module.link_in(binding.parse_assembly(NO_COUNT), preserve=True)
-        elif not self.counts_references:
-            raise CountsMissingError
         super().finalize()
 
     def _only_borrows(self) -> bool:

@@ -14,9 +14,12 @@ into them, is left out.
 A kernel that Python calls needs a function that converts the arguments. It is made, and kept,
 apart, and only for kernels that are called so.
 
-numba counts the references to arrays wherever one is passed or indexed. A kernel that neither makes
-an array nor returns one needs no count: its caller holds all arrays until it returns. There the
+numba counts the references to arrays wherever one is passed or indexed. An array that comes from
+the arguments of a kernel needs no count, unless it is returned: the caller holds it. There the
 counting is left out (:mod:`cnc.kernels.borrowing`).
+
+Most of the code that numba generates moves values about. Arguments are passed in a shorter way
+(:mod:`cnc.kernels.kernel_arguments`), and detours are left out (:mod:`cnc.kernels.lean_code`).
 
 Nothing that is compiled here runs before it has been loaded from its file. numba would also
 generate machine code for each of its own functions that a kernel contains, and a function by which
@@ -44,16 +47,18 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 from numba.core.runtime.context import NRTContext
 from numba.core.serialize import dumps
-from numba.core.typed_passes import InlineOverloads, NopythonRewrites
+from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
 from numba.core.types import unliteral  # type: ignore[attr-defined]
 from numba.core.untyped_passes import InlineClosureLikes
 
 from cnc.kernels import code_cache, loader
 from cnc.kernels.borrowing import ArrayRewrites, count_where_needed
-from cnc.kernels.code_library import Callee, CountsMissingError, InnerLibrary, KernelLibrary, Types
+from cnc.kernels.code_library import Callee, InnerLibrary, KernelLibrary, Types
 from cnc.kernels.compiler_work import repeated_work_left_out
 from cnc.kernels.frames import with_room
 from cnc.kernels.jit import Kernel, kernels
+from cnc.kernels.kernel_arguments import passed_briefly
+from cnc.kernels.lean_code import KernelLowering, detours_left_out
 
 OPTIONS = {
     "nopython": True,
@@ -64,9 +69,9 @@ OPTIONS = {
 
 LEFT_OUT = InlineClosureLikes, InlineOverloads
 """Passes of numba that kernels do not need: they have no functions or comprehensions inside."""
+REPLACED = {NopythonRewrites: ArrayRewrites, NativeLowering: KernelLowering}
+"""Passes of numba, and those that take their place."""
 
-counting: set[Callee] = set()
-"""Kernels that make arrays though the types of their instructions do not show it."""
 watchers: list[Callable[[Kernel], None]] = []
 """Functions that are called before a kernel is compiled."""
 
@@ -81,13 +86,10 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         function = state.func_id
         function.unique_id, function.unique_name = 0, function.func_qualname
         kernel = Callee(function.modname, function.func_qualname, tuple(state.args))
-        counts = kernel in counting
-        state.library = KernelLibrary(state.targetctx.codegen(), kernel, counts_references=counts)
+        state.library = KernelLibrary(state.targetctx.codegen(), kernel)
         passes = DefaultPassBuilder.define_nopython_pipeline(state)
         passes.passes = [
-            (ArrayRewrites if each is NopythonRewrites else each, text)
-            for each, text in passes.passes
-            if each not in LEFT_OUT
+            (REPLACED.get(each, each), text) for each, text in passes.passes if each not in LEFT_OUT
         ]
         passes.finalize()
         return [passes]
@@ -142,30 +144,22 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             watcher(self._kernel)
         rtsys.initialize(self.targetctx)
         codegen = self.targetctx.codegen()
-        with _no_inner_code(codegen), repeated_work_left_out():
-            try:
-                result = self._compiled(arguments)
-            except CountsMissingError:
-                counting.add(self.overloads.pop(arguments).library.kernel)
-                result = self._compiled(arguments)
+        with (
+            _no_inner_code(codegen),
+            repeated_work_left_out(),
+            detours_left_out(),
+            passed_briefly(),
+        ):
+            super().compile(arguments)
+            result = self.overloads[arguments]
+            result.library.returns_arrays = self.returns_arrays(arguments)
+            result.library.finalize()
         library, descriptor = result.library, result.fndesc
         descriptor.typemap = descriptor.calltypes = None
         needs = [_file(callee) for callee in library.callees]
         state = library.kernel, list(library.callees), library.bitcode(), descriptor
         code = loader.Code(library.symbol, needs, library.code, dumps((*state, result.signature)))
         loader.keep(self._kept(arguments), code)
-
-    def _compiled(self, arguments: Types) -> Any:
-        """Return numba's result for these types.
-
-        Raises:
-            CountsMissingError: If the code has to count references, and does not.
-        """
-        super().compile(arguments)
-        result = self.overloads[arguments]
-        result.library.returns_arrays = self.returns_arrays(arguments)
-        result.library.finalize()
-        return result
 
     def _paths(self, arguments: Types) -> list[str]:
         """Return the files in which code for these types may be."""
@@ -266,7 +260,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         descriptor = copy(result.fndesc)
         descriptor.env_name += ".wrapper"
         environment = Environment.from_fndesc(descriptor)
-        with context.push_code_library(library):
+        with context.push_code_library(library), passed_briefly():
             context.create_cpython_wrapper(
                 library, descriptor, environment, None, release_gil=self._releases_gil
             )

@@ -126,26 +126,17 @@ print(json.dumps({
 """
 
 
-BLIND = """
-from cnc.kernels import borrowing
-borrowing.makes_arrays = lambda state: False
-"""
-"""Hides the arrays that show in the types of instructions. The code alone tells of them."""
-
-
-@pytest.fixture(scope="module", params=["", BLIND], ids=["types", "code"])
-def called(
-    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> tuple[dict[str, Any], Path]:
+@pytest.fixture(scope="module")
+def called(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """What the calls gave, and the folder of the compiled code."""
     folder = tmp_path_factory.mktemp("counts")
     (folder / "example.py").write_text(KERNELS)
 
-    def run(before: str = "", **variables: str) -> dict[str, Any]:
+    def run(**variables: str) -> dict[str, Any]:
         path = os.pathsep.join((str(ROOT), str(folder)))
         environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "cache")}
         done = subprocess.run(
-            [sys.executable, "-c", before + CALL],
+            [sys.executable, "-c", CALL],
             capture_output=True,
             text=True,
             env=environment | variables,
@@ -154,7 +145,7 @@ def called(
         answer: dict[str, Any] = json.loads(done.stdout)
         return answer
 
-    answer = run(request.param)
+    answer = run()
     answer["expected"] = run(NUMBA_DISABLE_JIT="1")["found"]
     return answer, folder / "cache"
 
