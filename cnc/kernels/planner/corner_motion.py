@@ -13,7 +13,9 @@ exact. By the durations, those of x are left out. They count less and less, beca
 motion has nearly as many bounds as unknowns. The matrix is a band, and one column for each group.
 
 The method begins inside all bounds. To get there, (1 + s) b takes the place of each bound, and s is
-lowered in the same way until it is negative.
+lowered in the same way until it is negative. The jerk along the path
+(:mod:`cnc.kernels.planner.corner_along`) is left out at first: near a stop it is large without
+bound. Then s is lowered for it alone, while all other bounds hold.
 """
 
 from __future__ import annotations

@@ -12,9 +12,6 @@ the plan.
 The path gets a timed piece (:mod:`cnc.kernels.planner.timed`) for each step of that motion, the
 lines beside it become shorter, those between its corners are left out, and all later phases begin
 earlier.
-
-Where the machine limits the jerk along the path, every stop stays: the direction of a slow motion
-turns fast, and takes more jerk than its axes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The treatment of each corner between two straight moves that has a tolerance.
 
-- Where the machine does not limit the jerk along the path, the plan stops, and a fastest motion
-  replaces the stops (:mod:`cnc.kernels.planner.corner_stops`): at turns from 5 to 179 degrees.
-- Elsewhere the corner as it is and a blend are compared by their time. A blend is the Bezier curve
-  of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the directions. Its curvature is
+- Where the machine limits the jerk of an axis, the plan stops, and a fastest motion replaces the
+  stops (:mod:`cnc.kernels.planner.corner_stops`): at turns from 5 to 179 degrees.
+- Elsewhere the corner as it is and a blend are compared by their time. Where the blend is slower,
+  the plan stops, and a motion replaces the stop if one is found. A blend is the Bezier curve of
+  C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the directions. Its curvature is
   0 at both ends, and its distance from the corner is d/4 sin(theta/2) for a turn by theta. It is
   planned as any curve is. Beyond 135 degrees there is none.
 
