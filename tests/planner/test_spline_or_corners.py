@@ -52,7 +52,8 @@ def test_programs_are_planned_with_the_choice(tmp_path):
     file.write_text(f"G21 G90 G94 G64 P{tolerance:.9f} F{60 * feed:.9f}\n" + "\n".join(moves))
     chunks = [item for item in plan(file, mill) if isinstance(item, PlanChunk)]
     faster = duration(planned(points, tolerance, mill, feed, motion_time(mill))[0])
-    assert duration(chunks) == pytest.approx(faster, rel=1e-6)
+    # coordinates are rounded in the file, and the search past corners ends within 1e-3
+    assert duration(chunks) == pytest.approx(faster, rel=1e-3)
 
 
 def test_no_choice_where_the_pose_sets_the_time():

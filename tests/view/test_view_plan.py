@@ -26,6 +26,10 @@ PROGRAMS = {
     ),
 }
 CASES = [(name, sizes) for name in PROGRAMS for sizes in (EVERYTHING, SMALL)]
+BESIDE_ROWS = np.array([1e-4, 1e-2, 0.5])
+"""Feed, acceleration and jerk past a corner, where the jerk changes between the rows; relative to the
+largest value. The jerk has peaks where the motion is slow.
+"""
 NEAR = 1e-7
 """mm, and relative to the largest value: rounding of two computations."""
 
@@ -70,15 +74,16 @@ def test_the_curves_equal_or_contain_those_of_the_plan(name, sizes):
     if curves.within:
         assert sizes is SMALL
         low, high = curves.low[:, row] - made.values, made.values - curves.high[:, row]
-        assert (np.maximum(low, high)[:, clear].max(axis=1) <= 1e-6 * scale).all()
+        off = np.maximum(low, high) / scale[:, None]
+        assert off[:, clear & ~made.timed].max() <= 1e-6
+        assert (off[:, clear & made.timed].max(axis=1, initial=0.0) <= BESIDE_ROWS).all()
         return
     v, a, j = curves.start[:, row]
     h = made.t - curves.t[row]
     shown = np.stack((v + h * (a + 0.5 * h * j), a + h * j, j))
-    # At corner blends of overlapping moves the jerk is not constant; rows are dense there.
-    off = np.abs(shown - made.values)[:, clear] / scale[:, None]
-    assert np.quantile(off, 0.99, axis=1).max() <= 1e-6
-    assert off[0].max() <= 1e-3
+    off = np.abs(shown - made.values) / scale[:, None]
+    assert off[:, clear & ~made.timed].max() <= 1e-6
+    assert (off[:, clear & made.timed].max(axis=1, initial=0.0) <= BESIDE_ROWS).all()
 
 
 @pytest.mark.parametrize(("name", "sizes"), CASES)

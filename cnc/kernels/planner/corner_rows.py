@@ -48,9 +48,9 @@ from cnc.kernels.planner.corner_tube import (
     write_stencil,
 )
 
-FREE = 0.5
-"""The first and the last control point of the velocity have a row where the motion beside takes
-less than this part of its bound. Faster motion does not rise at the start, nor fall at the end.
+EDGE = 2e-4
+"""Relative: where the motion beside takes all of the bound of its velocity, the first and the last
+control point of the velocity may take so much more. They need some room.
 """
 
 AXIS, TRAVEL, LENGTH, LEG = range(4)
@@ -178,14 +178,14 @@ def _add_edge(rows: Rows, tube: Tube, kind: int, step: int, v: Floats) -> None:
     for q in range(d):
         square += v[q] * v[q]
     feed = tube.feed[tube.leg[step]]
-    if math.sqrt(square) < FREE * feed < math.inf:
-        _add_row(rows, LENGTH, feed)
+    if feed < math.inf:
+        _add_row(rows, LENGTH, max(feed, (1.0 + EDGE) * math.sqrt(square)))
     for i in range(n):
         along = 0.0
         for q in range(d):
             along += tube.axes[i, q] * v[q]
-        if abs(along) < FREE * tube.velocity[i] < math.inf:
-            m = _add_row(rows, AXIS, tube.velocity[i])
+        if tube.velocity[i] < math.inf:
+            m = _add_row(rows, AXIS, max(tube.velocity[i], (1.0 + EDGE) * abs(along)))
             for q in range(d):
                 rows.gradient[m, q] = tube.axes[i, q]
 

@@ -144,14 +144,15 @@ def _motion_from(
 ) -> tuple[Chain, Motion]:
     """Return the chain that begins behind piece ``b``, and the motion past it.
 
-    Where no motion past all its corners is found, it is the first one alone.
+    Where no motion past all its corners is found, it is the first half of them, and so on.
     """
-    chain = chain_from(path, plan, b, shared, bound, limits, MOST_CORNERS)
-    motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
-    if chain.last > b and motion.saved == 0.0:
-        chain = chain_from(path, plan, b, shared, bound, limits, 1)
+    most = MOST_CORNERS
+    while True:
+        chain = chain_from(path, plan, b, shared, bound, limits, most)
         motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
-    return chain, motion
+        most = (chain.last - b + 1) // 2
+        if motion.saved > 0.0 or most == 0:
+            return chain, motion
 
 
 @njit

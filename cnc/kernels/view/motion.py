@@ -153,7 +153,8 @@ def _first_step(
         parts = math.ceil(step * math.sqrt(most / (8.0 * route.tolerance)) - 1e-6)
         return step / max(parts, 1)
     if is_timed(kind, pieces.data, int(pieces.at[piece])):
-        return step / (2 * MIN_PARTS)
+        # Parts of the whole piece, which is one phase: points may be asked for in small portions.
+        return (plan.t[phase + 1] - plan.t[phase]) / (2 * MIN_PARTS)
     return step / MIN_PARTS
 
 

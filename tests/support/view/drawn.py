@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.api import load_machine, plan, start_position
+from cnc.kernels.planner.timed import is_timed
 from cnc.model.blocks import Dwell
 from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk
@@ -30,6 +31,7 @@ class Drawn:
         position: (n, 3) positions, mm.
         values: (3, n) feed mm/s, acceleration mm/s^2 and jerk mm/s^3.
         line: (n,) source lines.
+        timed: (n,) whether the sample lies in a motion past a corner, where the jerk changes.
     """
 
     picture: Picture
@@ -37,6 +39,7 @@ class Drawn:
     position: NDArray[np.float64]
     values: NDArray[np.float64]
     line: NDArray[np.int32]
+    timed: NDArray[np.bool_]
 
 
 def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHING) -> Drawn:
@@ -45,10 +48,12 @@ def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHIN
     collector = Collector(machine, sizes, str(program), start)
     sampler = Sampled(PERIOD, Joints(machine).columns(start))
     samples, clock = [], 0.0
+    spans: list[tuple[float, float]] = []
     for item in plan(program, machine):
         collector.add(item)
         if isinstance(item, PlanChunk):
             samples += sampler.samples(item)
+            spans += timed_spans(item)
             clock = item.t0 + item.duration
         elif isinstance(item, Dwell):
             clock += item.seconds
@@ -65,7 +70,29 @@ def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHIN
         columns[0][inside, :3],
         np.stack(columns[1:4])[:, inside],
         columns[4][inside],
+        in_spans(t[inside], spans),
     )
+
+
+def timed_spans(chunk: PlanChunk) -> list[tuple[float, float]]:
+    """Return first and last time of each timed piece: one phase, which begins with it."""
+    path, found = chunk.path, []
+    for k in range(len(path)):
+        if is_timed(int(path.kind[k]), path.data, int(path.at[k])):
+            phase = int(np.argmin(np.abs(chunk.phase_s - chunk.piece_s[k])))
+            times = chunk.t0 + chunk.phase_t[phase : phase + 2]
+            found.append((float(times[0]), float(times[1])))
+    return found
+
+
+def in_spans(t: NDArray[np.float64], spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Return whether each time lies in one of the spans, which follow each other."""
+    if not spans:
+        return np.zeros(len(t), np.bool_)
+    first, last = np.array(spans).T
+    k = np.searchsorted(first, t, side="right") - 1
+    inside: NDArray[np.bool_] = (k >= 0) & (t <= last[k])
+    return inside
 
 
 def write(folder: Path, text: str, name: str = "p.nc") -> Path:
