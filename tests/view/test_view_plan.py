@@ -27,8 +27,8 @@ PROGRAMS = {
 }
 CASES = [(name, sizes) for name in PROGRAMS for sizes in (EVERYTHING, SMALL)]
 BESIDE_ROWS = np.array([1e-4, 1e-2, 0.5])
-"""Feed, acceleration and jerk past a corner, where the jerk changes between the rows; relative to the
-largest value. The jerk has peaks where the motion is slow.
+"""Feed, acceleration and jerk past a corner, relative to the largest value. There the jerk changes
+between the rows, and has peaks where the motion is slow.
 """
 NEAR = 1e-7
 """mm, and relative to the largest value: rounding of two computations."""
