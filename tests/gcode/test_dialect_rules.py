@@ -307,9 +307,19 @@ def test_the_error_of_an_m_code_says_where_its_effect_is_given(code: str) -> Non
     assert f'[program.codes] {code} = ".."' in error_of(code, dialect="linuxcnc").hint
 
 
-@pytest.mark.parametrize("code", ["G47 P0", "G68.2 I0 J45 K0", "G254", "G150 P1"])
-def test_the_error_of_a_code_of_the_control_says_what_to_do_instead(code: str) -> None:
-    found = error_of(f"O00010\n{code}", dialect="haas")
+@pytest.mark.parametrize(
+    ("code", "dialect"),
+    [
+        ("G47 P0", "haas"),
+        ("G68.2 I0 J45. K0", "fanuc"),
+        ("G254", "haas"),
+        ("G150 P1", "haas"),
+    ],
+)
+def test_the_error_of_a_code_of_the_control_says_what_to_do_instead(
+    code: str, dialect: str
+) -> None:
+    found = error_of(f"O00010\n{code}", dialect=dialect)
     assert found.code == "code-not-supported"
     assert "let the CAM system write" in found.hint
 
