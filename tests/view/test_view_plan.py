@@ -76,7 +76,7 @@ def test_the_curves_equal_or_contain_those_of_the_plan(name, sizes):
         low, high = curves.low[:, row] - made.values, made.values - curves.high[:, row]
         off = np.maximum(low, high) / scale[:, None]
         assert off[:, clear & ~made.timed].max() <= 1e-6
-        assert (off[:, clear & made.timed].max(axis=1, initial=0.0) <= BESIDE_ROWS).all()
+        assert (off[:, clear & made.timed].max(axis=1, initial=0.0) <= 0.1 * BESIDE_ROWS).all()
         return
     v, a, j = curves.start[:, row]
     h = made.t - curves.t[row]

@@ -8,8 +8,8 @@ It depends on all four control points of a step. So each of its rows has a gradi
 is not convex; its second derivatives are left out, as those by the durations are
 (:mod:`cnc.kernels.planner.corner_motion`).
 
-In a step r''' is constant, r'' changes linearly and r' is a parabola. A row stands at the start,
-the middle and the end of each step.
+In a step r''' is constant, r'' changes linearly and r' is a parabola. A row stands at the start
+and the end of each step, and one between them where v'' is largest.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from cnc.kernels.planner.corner_tube import (
 )
 
 SHARES = (0.0, 0.5, 1.0)
-"""Places in a step, as parts of its duration."""
+"""Places of the rows of a step, as parts of its duration. The middle one moves."""
 
 MOST_GROUPS = 2
 """Groups whose durations change a place: it depends on five steps, and no group is shorter than 4.
@@ -110,6 +110,7 @@ def new_along(steps: int, directions: int) -> AlongRows:
 
 @njit
 def _rests(tube: Tube, end: int) -> bool:
+    """Return whether the motion rests at its start (0) or its end (1)."""
     square = 0.0
     for q in range(tube.ends.shape[2]):
         square += tube.ends[end, 1, q] ** 2
