@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.path.curve import LINE, SPAN
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corner_known import new_known
 from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path, state_at
@@ -41,8 +42,8 @@ SAME = 1e-9
 class CornerMotions:
     """Replaces stops on corners by faster motions, in plans in the order in which they run.
 
-    All plans behind a corner begin earlier. Every plan is audited. Where the audit refuses a plan
-    with such motions, the plan with stops counts.
+    All plans behind a corner begin earlier. Every plan is audited. Corners at which the audit
+    refuses such a motion stay stops.
     """
 
     def __init__(self, limits: Limits, audit: Audit) -> None:
@@ -130,16 +131,51 @@ class CornerMotions:
         return _cut(plan, time)
 
     def _past_corners(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan with motions past its corners, if that is legal, or with stops."""
-        cut = self._without_stops(plan)
-        if cut is None or self._audit.broken(cut):
-            return self._audited(self._moved(plan))
-        self._earlier += plan.duration - cut.duration
-        self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-        return cut
+        """Return the plan with motions past its corners, or with stops where those are illegal."""
+        while (found := self._without_stops(plan)) is not None:
+            cut, origin = found
+            if not self._audit.broken(cut):
+                self._earlier += plan.duration - cut.duration
+                self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
+                return cut
+            stops = self._refused(plan, cut, origin)
+            plan = replace(
+                plan, path=replace(plan.path, tolerance=np.where(stops, 0.0, plan.path.tolerance))
+            )
+        return self._audited(self._moved(plan))
 
-    def _without_stops(self, plan: PlanChunk) -> PlanChunk | None:
-        """Return the plan with motions past its corners; None if there are none."""
+    def _refused(
+        self, plan: PlanChunk, cut: PlanChunk, origin: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """Return whether the corner behind each piece of a plan shall stay a stop.
+
+        They are those of the first motion past corners that the audit refuses.
+
+        Args:
+            plan: with stops.
+            cut: with motions past them, which the audit refuses.
+            origin: the piece of ``plan`` of which each piece of ``cut`` was made.
+        """
+        audit = self._audit.copy()
+        timed = (cut.path.kind == SPAN) & (plan.path.kind[origin] == LINE)
+        ends = np.flatnonzero(timed & ~np.append(timed[1:], False)) + 1
+        stops = np.zeros(len(plan.path), np.bool_)
+        first_piece = first_phase = 0
+        for end in ends.tolist():
+            phase = int(np.searchsorted(cut.phase_s, cut.piece_s[end] - REST)) + 1
+            legs = origin[first_piece:end][timed[first_piece:end]]
+            if audit.broken(_with_end(_part(cut, first_phase, phase))):
+                stops[legs.min() : legs.max()] = True
+                return stops
+            first_piece, first_phase = end, phase
+        stops[:] = True
+        return stops
+
+    def _without_stops(self, plan: PlanChunk) -> tuple[PlanChunk, NDArray[np.int32]] | None:
+        """Return the plan with motions past its corners, and the piece of which each was made.
+
+        It is None if there are no such motions.
+        """
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
         corners = count_corners(path, plan.arrays) if self._searches else 0
@@ -165,7 +201,7 @@ class CornerMotions:
         if not passed:
             return None
         moved = self._moved(plan)
-        return PlanChunk(
+        cut = PlanChunk(
             path=new_chunk(plan.path, out, count, numbers),
             piece_s=out_plan.piece_s[: count + 1],
             t0=moved.t0,
@@ -176,6 +212,7 @@ class CornerMotions:
             phase_a=out_plan.a[: spans + 1],
             phase_j=out_plan.j[:spans],
         )
+        return cut, out.line[:count]
 
 
 def _empty_plan(pieces: int, phases: int) -> PlanArrays:
@@ -232,6 +269,18 @@ def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
         phase_v=plan.phase_v[span],
         phase_a=plan.phase_a[span],
         phase_j=plan.phase_j[first:end],
+    )
+
+
+def _with_end(plan: PlanChunk) -> PlanChunk:
+    """Return a part of a plan that ends with the speed of its own last phase.
+
+    Where a timed piece follows, the coordinate of the plan has another speed there.
+    """
+    last = len(plan.phase_j) - 1
+    _, v, a = state_at(float(plan.phase_t[-1]), last, plan.arrays)
+    return replace(
+        plan, phase_v=np.append(plan.phase_v[:-1], v), phase_a=np.append(plan.phase_a[:-1], a)
     )
 
 

@@ -1,16 +1,15 @@
 """Plans that the audit refuses are made again more slowly, or with stops on corners."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import cnc.planner.window as window_module
+from cnc.kernels.path.curve import SPAN, START
 from cnc.model.blocks import Dwell, Held, PathMode
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.planner.acceptance import accepted_plan
-from cnc.planner.corner_motions import CornerMotions
+from cnc.planner.audit import Audit
 from cnc.planner.lookahead import MOST_CAUTION, LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import MORE_SLOWLY
@@ -86,18 +85,35 @@ def test_a_plan_that_is_illegal_at_any_speed_is_an_error(too_fast):
 
 
 def test_a_refused_motion_past_a_corner_is_left_out(monkeypatch):
+    """Its corner stays a stop; other corners of the same plan are passed."""
     mill = machine(axis=(2400.0, 48000.0), tangential=None, normal=None, jerk=None)
-    blocks = [PathMode("t.nc", 1, "blend", 0.1), lines([(20, 0, 0), (20, 20, 0)], 80.0)]
+    ends = [(60, 0, 0), (60, 60, 0), (0, 60, 0), (0, 120, 0)]
+    blocks = [PathMode("t.nc", 1, "blend", 0.1), lines(ends, 80.0)]
     passed, stopped = duration(run(mill, blocks)), duration(run(mill, blocks[1:]))
-    assert passed < stopped - 1e-3
-    made = CornerMotions._without_stops
+    broken = Audit.broken
 
-    def illegal(self, plan):
-        cut = made(self, plan)
-        return None if cut is None else replace(cut, phase_j=cut.phase_j * 1.5)
+    def past(chunk, corner):
+        place = np.array(ends[corner][:2])
+        timed = np.flatnonzero(chunk.path.kind == SPAN)
+        start = chunk.path.data[chunk.path.at[timed, None] + START + np.arange(2)]
+        return (np.abs(start - place).max(axis=1) < 5.0).any()
 
-    monkeypatch.setattr(CornerMotions, "_without_stops", illegal)
-    assert duration(run(mill, blocks)) == pytest.approx(stopped, abs=1e-12)
+    for refused in ((0,), (1,), (2,), (0, 2), (0, 1, 2)):
+        monkeypatch.setattr(
+            Audit,
+            "broken",
+            lambda audit, chunk, refused=refused: (
+                [("jerk", "")]
+                if any(past(chunk, corner) for corner in refused)
+                else broken(audit, chunk)
+            ),
+        )
+        plans = run(mill, blocks)
+        assert_legal_by_positions(plans, mill)
+        for corner in range(3):
+            assert any(past(plan, corner) for plan in plans) == (corner not in refused)
+        each = (stopped - passed) / 3
+        assert duration(plans) == pytest.approx(passed + len(refused) * each, rel=1e-3)
 
 
 def test_a_request_whose_plan_is_refused_waits(monkeypatch):
