@@ -196,6 +196,7 @@ JOBS = {
             "planner.corner_stops",
             "planner.corner_places",
             "planner.corner_legs",
+            "planner.corner_guess",
             "planner.corner_known",
             "planner.corner_search",
         ),
@@ -205,6 +206,7 @@ JOBS = {
         _kernels(
             "planner.corner_motion",
             "planner.corner_newton",
+            "planner.corner_step",
             "planner.corner_rows",
             "planner.corner_tube",
         ),

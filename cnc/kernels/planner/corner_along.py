@@ -49,10 +49,13 @@ FINE = 64
 COARSE = 16
 """Parts of a step, at one of whose ends its middle row stands: where v'' is largest."""
 
+BETWEEN = 5e-4
+"""Part of the limit that is left for places between the rows of a step."""
+
 INSIDE = 1e-3
 """Parts of a step at its ends that are not searched: the motion may rest there."""
 
-SLOWEST_STEPS = 3
+SLOWEST_STEPS = 6
 """Newton steps to the place of the least speed."""
 
 REST = 1e-9
@@ -134,15 +137,16 @@ def write_along(tube: Tube, along: AlongRows) -> None:
             m = along.number[0]
             along.step[m] = k
             along.share[m] = share
-            along.scale[m] = 1.0 / tube.along_jerk
+            along.scale[m] = (1.0 + BETWEEN) / tube.along_jerk
             along.number[0] += 1
 
 
 @njit
-def _read_step(k: int, t: Floats, c: Floats, weights: Floats, r: Floats) -> float:
+def _read_step(k: int, t: Floats, c: Floats, weights: Floats, r: Floats, square: Floats) -> float:
     """Write the derivatives of r of order 1 to 3 (3, d) at the start of step k.
 
-    ``weights`` (3, 4) receives those of the control points in them.
+    ``weights`` (3, 4) receives those of the control points in them; ``square`` (5,) the
+    coefficients of the polynomial r'.r' of the time from the start of the step.
 
     Returns:
         The duration of the step, s.
@@ -154,91 +158,117 @@ def _read_step(k: int, t: Floats, c: Floats, weights: Floats, r: Floats) -> floa
     for m in range(4):
         weights[0, m] = 3.0 * (weights[0, m] - weights[1, m]) / h
     write_stencil(ACCELERATION, k, t, weights[1])
-    for order in range(3):
-        for q in range(c.shape[1]):
+    square[:] = 0.0
+    for q in range(c.shape[1]):
+        for order in range(3):
             r[order, q] = 0.0
             for m in range(4):
                 r[order, q] += weights[order, m] * c[k + m, q]
+        v, a, j = r[0, q], r[1, q], r[2, q]
+        square[0] += v * v
+        square[1] += 2.0 * v * a
+        square[2] += a * a + v * j
+        square[3] += a * j
+        square[4] += 0.25 * j * j
     return h
 
 
 @njit
-def _products(r: Floats, passed: float) -> tuple[float, float, float, float]:
-    """Return r'.r', r''.r'', r'.r'' and r'.r''' so many seconds behind the start of a step."""
-    vv, aa, va, vj = 0.0, 0.0, 0.0, 0.0
-    for q in range(r.shape[1]):
-        v = r[0, q] + passed * (r[1, q] + 0.5 * passed * r[2, q])
-        a = r[1, q] + passed * r[2, q]
-        vv += v * v
-        aa += a * a
-        va += v * a
-        vj += v * r[2, q]
-    return vv, aa, va, vj
+def _along(square: Floats, passed: float) -> tuple[float, float, float]:
+    """Return f = r'.r', f'/2 and f''/2 so many seconds behind the start of a step."""
+    f0, f1, f2, f3, f4 = square[0], square[1], square[2], square[3], square[4]
+    x = passed
+    f = f0 + x * (f1 + x * (f2 + x * (f3 + x * f4)))
+    first = 0.5 * f1 + x * (f2 + x * (1.5 * f3 + 2.0 * x * f4))
+    return f, first, f2 + x * (3.0 * f3 + 6.0 * x * f4)
 
 
 @njit
-def _jerk_at(r: Floats, passed: float) -> float:
+def _jerk_at(square: Floats, passed: float) -> float:
     """Return v'' there; infinity where the motion rests."""
-    vv, aa, va, vj = _products(r, passed)
-    if vv <= REST * REST:
+    f, first, second = _along(square, passed)
+    if f <= REST * REST:
         return math.inf
-    return (aa + vj - va * va / vv) / math.sqrt(vv)
+    return (second - first * first / f) / math.sqrt(f)
 
 
 @njit
-def _largest_at(r: Floats, h: float, parts: int) -> float:
+def _largest_at(square: Floats, h: float, parts: int) -> float:
     """Return the end of one of so many parts of a step at which v'' is largest, as its part."""
     largest, place = -1.0, 0.5
     for i in range(1, parts):
-        value = abs(_jerk_at(r, i * h / parts))
+        f, first, second = _along(square, i * h / parts)
+        if f <= REST * REST:
+            return i / parts
+        # v'' squared, with one division.
+        excess = f * second - first * first
+        value = excess * excess / (f * f * f)
         if value > largest:
             largest, place = value, i / parts
     return place
 
 
 @njit
-def _slowest_at(r: Floats, h: float) -> float:
-    """Return the place in a step at which the speed is least, as a part of its duration.
+def _slowest_at(square: Floats, h: float) -> float:
+    """Return the place in a step at which the speed is least, as a part of its duration; or -1.
 
-    There v'' may have a peak that is too narrow for places at equal distances.
+    There v'' may have a peak that is too narrow for places at equal distances. It is -1 where the
+    speed only falls, or only rises.
     """
-    slowest, least = 0.0, math.inf
-    for i in range(FINE + 1):
-        square = _products(r, i * h / FINE)[0]
-        if square < least:
-            slowest, least = i * h / FINE, square
+    low, high = 0.0, h
+    if not _along(square, low)[1] < 0.0 < _along(square, high)[1]:
+        return -1.0
+    at = 0.5 * h
     for _ in range(SLOWEST_STEPS):
-        # The root of r'.r'' by Newton's method; its derivative is r''.r'' + r'.r'''.
-        _, aa, va, vj = _products(r, slowest)
-        if aa + vj > 0.0:
-            slowest = min(max(slowest - va / (aa + vj), 0.0), h)
-    return slowest / h
+        # The root of f' by Newton's method.
+        _, first, second = _along(square, at)
+        if first < 0.0:
+            low = at
+        else:
+            high = at
+        at = at - first / second if second > 0.0 else high
+        if not low < at < high:
+            at = 0.5 * (low + high)
+    return at / h
+
+
+@njit
+def _peak_in(square: Floats, h: float, parts: int) -> float:
+    """Return the place in a step at which v'' is about largest, as a part of its duration."""
+    place = _largest_at(square, h, parts)
+    slowest = _slowest_at(square, h)
+    if INSIDE < slowest < 1.0 - INSIDE and (
+        abs(_jerk_at(square, slowest * h)) > abs(_jerk_at(square, place * h))
+    ):
+        return slowest
+    return place
 
 
 @njit
 def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
     """Write values and gradients for control points ``c`` (steps + 3, d)."""
     d = c.shape[1]
-    weights, r = np.empty((3, 4)), np.empty((3, d))
+    weights, r, square = np.empty((3, 4)), np.empty((3, d)), np.empty(5)
     read, h = -1, 0.0
     for m in range(along.number[0]):
         k = along.step[m]
         if k != read:
-            read, h = k, _read_step(k, t, c, weights, r)
+            read, h = k, _read_step(k, t, c, weights, r, square)
         if 0.0 < along.share[m] < 1.0:
-            along.share[m] = _largest_at(r, h, COARSE)
+            along.share[m] = _peak_in(square, h, COARSE)
         passed = along.share[m] * h
-        along.value[m] = _jerk_at(r, passed)
-        if not along.value[m] < math.inf:
+        f, half, bent = _along(square, passed)
+        if f <= REST * REST:
+            along.value[m] = math.inf
             continue
-        vv, aa, va, vj = _products(r, passed)
-        v = math.sqrt(vv)
+        v = math.sqrt(f)
+        along.value[m] = (bent - half * half / f) / v
         for q in range(d):
             first = r[0, q] + passed * (r[1, q] + 0.5 * passed * r[2, q])
             second = r[1, q] + passed * r[2, q]
-            by_v = r[2, q] / v - first * (aa + vj) / (v * vv)
-            by_v += (3.0 * va * first / vv - 2.0 * second) * va / (v * vv)
-            by_a = 2.0 * (second - va / vv * first) / v
+            by_v = r[2, q] / v - first * bent / (v * f)
+            by_v += (3.0 * half * first / f - 2.0 * second) * half / (v * f)
+            by_a = 2.0 * (second - half / f * first) / v
             by_j = first / v
             # By the derivatives at the start of the step.
             by_j += passed * (by_a + 0.5 * passed * by_v)
@@ -253,7 +283,7 @@ def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
 def derive_along(tube: Tube, along: AlongRows, spans: Floats, t: Floats, c: Floats) -> None:
     """Write the derivatives by the logarithms ``spans`` of the durations; ``t`` is overwritten."""
     other, moved = spans.copy(), c.copy()
-    weights, r = np.empty((3, 4)), np.empty((3, c.shape[1]))
+    weights, r, square = np.empty((3, 4)), np.empty((3, c.shape[1])), np.empty(5)
     along.group[:] = -1
     first, steps = 0, len(tube.leg)
     while first < steps:
@@ -269,10 +299,10 @@ def derive_along(tube: Tube, along: AlongRows, spans: Floats, t: Floats, c: Floa
             k = along.step[m]
             if first - 2 <= k <= last + 2:
                 if k != read:
-                    read, h = k, _read_step(k, t, moved, weights, r)
+                    read, h = k, _read_step(k, t, moved, weights, r, square)
                 slot = 0 if along.group[m, 0] < 0 else 1
                 along.group[m, slot] = group
-                changed = _jerk_at(r, along.share[m] * h) - along.value[m]
+                changed = _jerk_at(square, along.share[m] * h) - along.value[m]
                 along.by_group[m, slot] = changed / SMALL
         other[group] = spans[group]
         first = last + 1
@@ -286,22 +316,20 @@ def tighten(tube: Tube, along: AlongRows, t: Floats, c: Floats) -> float:
     Returns:
         The largest part of the limit that v'' takes.
     """
-    weights, r = np.empty((3, 4)), np.empty((3, c.shape[1]))
+    weights, r, square = np.empty((3, 4)), np.empty((3, c.shape[1])), np.empty(5)
     most, m = 0.0, 0
     while m < along.number[0]:
         k, first = along.step[m], m
-        h = _read_step(k, t, c, weights, r)
-        between, at_rows = abs(_jerk_at(r, _largest_at(r, h, FINE) * h)), 0.0
-        slowest = _slowest_at(r, h)
-        if INSIDE < slowest < 1.0 - INSIDE:
-            between = max(between, abs(_jerk_at(r, slowest * h)))
+        h = _read_step(k, t, c, weights, r, square)
+        between, at_rows = abs(_jerk_at(square, _peak_in(square, h, FINE) * h)), 0.0
         while m < along.number[0] and along.step[m] == k:
             at_rows = max(at_rows, abs(along.value[m]))
             m += 1
         most = max(most, between / tube.along_jerk)
-        if between > at_rows > 0.0:
+        if between > tube.along_jerk and between > at_rows > 0.0:
             for row in range(first, m):
-                along.scale[row] = max(along.scale[row], between / at_rows / tube.along_jerk)
+                tightened = (1.0 + BETWEEN) * between / at_rows / tube.along_jerk
+                along.scale[row] = max(along.scale[row], tightened)
     return most
 
 

@@ -130,7 +130,7 @@ def tube_of(
         space,
         bound[chain.first : chain.last + 2].copy(),
         pull * (1.0 - UNSEEN),
-        limits.tangential_jerk * (1.0 - 2.0 * UNSEEN),
+        limits.tangential_jerk * (1.0 - UNSEEN),
         WITHIN * eps / widest,
         start,
         along[:legs, :d].copy(),

@@ -13,9 +13,8 @@ exact. By the durations, those of x are left out. They count less and less, beca
 motion has nearly as many bounds as unknowns. The matrix is a band, and one column for each group.
 
 The method begins inside all bounds. To get there, (1 + s) b takes the place of each bound, and s is
-lowered in the same way until it is negative. The jerk along the path
-(:mod:`cnc.kernels.planner.corner_along`) is left out at first: near a stop it is large without
-bound. Then s is lowered for it alone, while all other bounds hold.
+lowered in the same way until it is negative. The first motion is slow
+(:mod:`cnc.kernels.planner.corner_guess`) and often inside already.
 """
 
 from __future__ import annotations
@@ -29,49 +28,47 @@ from cnc.kernels.planner.corner_newton import (
     Newton,
     assemble,
     barrier,
-    correct,
     duration,
-    furthest,
-    look_ahead,
     most_used,
     new_newton,
-    newton_step,
 )
-from cnc.kernels.planner.corner_rows import Rows, derive_by_groups, evaluate, set_stencils
+from cnc.kernels.planner.corner_rows import EDGE, Rows, derive_by_groups, evaluate, set_stencils
+from cnc.kernels.planner.corner_step import correct, furthest, look_ahead, newton_step
 from cnc.kernels.planner.corner_tube import FIXED, Tube, place_ends, set_knots
 
-GAP = 2e-3
+GAP = 1e-3
 """The last (number of rows) / t."""
 
 FIRST = 10.0
 """The first t, by the number of rows."""
 
-RAISE = 50.0
+RAISE = 8.0
 """Factor from one t to the next."""
 
 CLOSE = 3.0
 """Newton's decrement at which a search ends."""
+
+STALLED = 1e-4
+"""A search ends at a step that gains less than what this part of the duration counts."""
 
 NEWTON_STEPS = 40
 """Largest number of steps for one t."""
 
 LEAST_STEP = 1e-4
 
-BEFORE_BOUND = 0.95
+BEFORE_BOUND = 0.8
 """Part of the way to the first bound that a step takes at most."""
 
 LONGEST = 0.15
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
 INSIDE = 0.02
-"""The search for a first motion begins with bounds that are raised by so much more than it needs.
+"""The search for a motion inside all bounds begins with bounds that are raised by so much more than
+it needs.
 """
 
-LEGAL = -0.01
-"""It ends at this s."""
-
-ENOUGH = -0.001
-"""The motion is legal enough with this s where no lower one was found."""
+LEGAL = -0.25 * EDGE
+"""It ends at this s. The rows at both ends may have no more room than EDGE."""
 
 TIGHTENED = 3
 """Number of times that bounds of the jerk along the path are lowered at the end of a search."""
@@ -171,28 +168,33 @@ def _lowered(
         n.c[:] = n.tried
         n.spans[:] = n.tried_spans
         s += part * step_s
-        value = new
+        gained, value = value - new, new
+        if gained < STALLED * weights[0] * duration(n.share, n.spans):
+            break
     return s
 
 
 @njit
-def _held_along(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
-    """Bring the jerk along the path within its limit; return whether it is.
-
-    The other limits are kept.
-    """
-    rows.raised[0] = 0.0
+def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
+    """Bring a motion inside all limits; return whether it is."""
     _place(tube, rows, n.c, n.spans)
-    s = (1.0 + INSIDE) * most_along(rows.along) - 1.0 + INSIDE
-    if not s < math.inf:
-        return False
     count = float(rows.number[1] + rows.along.number[0])
-    t = FIRST * count / (1.0 + max(s, 0.0))
-    while s > LEGAL and t <= count / GAP:
-        s = _lowered(tube, rows, n, (WEIGHT * unit * t, t), s, LEGAL)
-        t *= RAISE
-    if not s < 0.0:
+    for trial in range(TRIALS + 1):
+        s = (1.0 + INSIDE) * max(most_used(rows), most_along(rows.along)) - 1.0 + INSIDE
+        # With given durations the problem is convex. If slower motion does not help, they change.
+        weight = WEIGHT * unit if trial == TRIALS else 0.0
+        t = FIRST * count / (1.0 + max(s, 0.0))
+        while s > LEGAL and t <= count / GAP:
+            s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
+            t *= RAISE
+        if s <= LEGAL:
+            break
+        if trial + 1 < TRIALS:
+            n.spans[:] += SLOWER
+            _place(tube, rows, n.c, n.spans)
+    if s > LEGAL:
         return False
+    # Far from all bounds the durations change more freely.
     _lowered(tube, rows, n, (0.0, 0.0), 0.0, -math.inf)
     return True
 
@@ -211,37 +213,13 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
         Whether a motion inside all limits was found.
     """
     n = new_newton(tube, rows, c, spans)
-    rows.along.number[0] = 0
-    rows.raised[:] = 1.0
-    _place(tube, rows, n.c, n.spans)
-    count = float(rows.number[1])
-    unit = 1.0 / duration(n.share, n.spans)
-    s = (1.0 + INSIDE) * most_used(rows) - 1.0 + INSIDE
-    last = count / GAP
+    write_along(tube, rows.along)
     rows.group[:] = -1
-    for trial in range(TRIALS + 1):
-        # With given durations the problem is convex. If slower motion does not help, they change.
-        weight = WEIGHT * unit if trial == TRIALS else 0.0
-        t = FIRST * count
-        while s > LEGAL and t <= last:
-            s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
-            t *= RAISE
-        if s < ENOUGH:
-            break
-        if trial + 1 < TRIALS:
-            n.spans[:] += SLOWER
-            _place(tube, rows, n.c, n.spans)
-            s = (1.0 + INSIDE) * most_used(rows) - 1.0 + INSIDE
-    if not s < 0.0:
+    unit = 1.0 / duration(n.share, n.spans)
+    if not _inside(tube, rows, n, unit):
         return False
-    # Far from all bounds the durations change more freely.
-    _lowered(tube, rows, n, (0.0, 0.0), 0.0, -math.inf)
-    if tube.along_jerk < math.inf:
-        write_along(tube, rows.along)
-        if not _held_along(tube, rows, n, unit):
-            return False
-        count += float(rows.along.number[0])
-        last = count / GAP
+    count = float(rows.number[1] + rows.along.number[0])
+    last = count / GAP
     tightened = 0
     t = FIRST * count
     while True:
@@ -255,7 +233,9 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
                 if tightened > TIGHTENED:
                     return False
                 t /= RAISE
-            if most_along(rows.along) >= 1.0 and not _held_along(tube, rows, n, unit):
+            if most_along(rows.along) >= 1.0:
+                n.spans[:] += SLOWER
+            if most_along(rows.along) >= 1.0 and not _inside(tube, rows, n, unit):
                 return False
         if t == last:
             break

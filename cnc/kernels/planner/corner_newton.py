@@ -1,4 +1,4 @@
-"""Newton's method for a motion past corners: the barrier, its derivatives, and a step.
+"""The barrier of a motion past corners, and its derivatives.
 
 See :mod:`cnc.kernels.planner.corner_motion`. The second derivatives by the control points are a
 band, and there is a column for the duration of each group and for s.
@@ -13,9 +13,8 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
-from cnc.kernels.path.fit_band import factorise, solve
-from cnc.kernels.planner.corner_along import MOST_GROUPS, add_along, along_ahead
-from cnc.kernels.planner.corner_rows import TRAVEL, Rows, evaluate
+from cnc.kernels.planner.corner_along import MOST_GROUPS, add_along
+from cnc.kernels.planner.corner_rows import TRAVEL, Rows
 from cnc.kernels.planner.corner_tube import FIXED, Tube
 
 SHORTEST = math.log(0.1)
@@ -115,8 +114,8 @@ def barrier(rows: Rows, s: float, spans: Floats, least: Floats) -> float:
         total += math.log(spans[g] - least[g])
     for m in range(rows.number[1]):
         used = rows.value[m] * rows.scale[m]
-        room = 1.0 + rows.raised[0] * s - used
-        other = 1.0 if rows.row[m] == TRAVEL else 1.0 + rows.raised[0] * s + used
+        room = 1.0 + s - used
+        other = 1.0 if rows.row[m] == TRAVEL else 1.0 + s + used
         if not (room > 0.0 and other > 0.0):
             return math.inf
         product *= room * other
@@ -127,7 +126,7 @@ def barrier(rows: Rows, s: float, spans: Floats, least: Floats) -> float:
     along = rows.along
     for m in range(along.number[0]):
         used = along.value[m] * along.scale[m]
-        bound = 1.0 + rows.raised[1] * s
+        bound = 1.0 + s
         if not abs(used) < bound:
             return math.inf
         total += math.log((bound - used) * (bound + used))
@@ -154,7 +153,7 @@ def assemble(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
     n.other[:] = 0.0
     # Each call passes dozens of arrays, so one call does the work of all rows.
     _add_up_rows(tube, rows, s, n)
-    _add_to_band(rows, n.weight, n.band)
+    add_to_band(rows, n.weight, n.band)
     _add_slopes(rows, n)
     _add_along(rows, s, n)
 
@@ -166,7 +165,6 @@ def _add_up_rows(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
     The derivatives by s alone go into their place.
     """
     last, d = len(n.spans), n.c.shape[1]
-    raised = rows.raised[0]
     for i in range(rows.number[0]):
         leg = tube.leg[rows.step[i]]
         for q in range(d):
@@ -176,13 +174,13 @@ def _add_up_rows(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
         for m in range(rows.first[i], rows.first[i + 1]):
             raw = rows.scale[m]
             x = rows.value[m] * raw
-            up = 1.0 / (1.0 + raised * s - x)
-            down = 0.0 if rows.row[m] == TRAVEL else 1.0 / (1.0 + raised * s + x)
+            up = 1.0 / (1.0 + s - x)
+            down = 0.0 if rows.row[m] == TRAVEL else 1.0 / (1.0 + s + x)
             by_x = (up - down) * raw
             xx = (up * up + down * down) * raw * raw
-            xs = raised * (down * down - up * up) * raw
-            n.other[last] -= raised * (up + down)
-            n.block[last, last] += raised * raised * (up * up + down * down)
+            xs = (down * down - up * up) * raw
+            n.other[last] -= up + down
+            n.block[last, last] += up * up + down * down
             across = 0.0 if rows.row[m] <= TRAVEL else max(by_x, 0.0) * rows.bend[m]
             along = across * rows.beside[m]
             if rows.row[m] > TRAVEL and rows.bend[m] == 0.0:
@@ -200,7 +198,7 @@ def _add_up_rows(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
 
 
 @njit
-def _add_to_band(rows: Rows, weight: Floats, band: Floats) -> None:
+def add_to_band(rows: Rows, weight: Floats, band: Floats) -> None:
     """Add second derivatives by x (places, d, d) to those by the coordinates."""
     free, d = len(band), weight.shape[1]
     for i in range(rows.number[0]):
@@ -258,18 +256,18 @@ def _add_slopes(rows: Rows, n: Newton) -> None:
 @njit
 def _add_along(rows: Rows, s: float, n: Newton) -> None:
     """Add the derivatives of the rows of the jerk along the path."""
-    along, raised = rows.along, rows.raised[1]
+    along = rows.along
     free, d, last = len(n.slope), n.c.shape[1], len(n.spans)
     for m in range(along.number[0]):
         raw = along.scale[m]
         x = along.value[m] * raw
-        up, down = 1.0 / (1.0 + raised * s - x), 1.0 / (1.0 + raised * s + x)
+        up, down = 1.0 / (1.0 + s - x), 1.0 / (1.0 + s + x)
         by_x = (up - down) * raw
         xx = (up * up + down * down) * raw * raw
-        xs = raised * (down * down - up * up) * raw
+        xs = (down * down - up * up) * raw
         along.weight[m] = xx
-        n.other[last] -= raised * (up + down)
-        n.block[last, last] += raised * raised * (up * up + down * down)
+        n.other[last] -= up + down
+        n.block[last, last] += up * up + down * down
         first = d * (along.step[m] - FIXED)
         for i in range(4):
             at = first + d * i
@@ -294,135 +292,3 @@ def _add_along(rows: Rows, s: float, n: Newton) -> None:
                     for q in range(d):
                         n.side[g, at + q] += xx * moved * along.gradient[m, i, q]
     add_along(along, d, n.band)
-
-
-@njit
-def newton_step(n: Newton, first: int, end: int) -> float:
-    """Return the decrement; ``n.slope`` and ``n.other`` become the step.
-
-    The columns are eliminated last: the band alone is factorised. Those before ``first`` and from
-    ``end`` on stay as they are.
-    """
-    free, columns = len(n.slope), end - first
-    factorise(n.band)
-    rest = n.slope.copy()
-    solve(n.band, rest)
-    reduced, right = np.zeros((columns, columns)), np.empty(columns)
-    solved = np.empty((columns, free))
-    for a in range(columns):
-        solved[a] = n.side[first + a]
-        solve(n.band, solved[a])
-        right[a] = -n.other[first + a]
-        for i in range(free):
-            right[a] += n.side[first + a, i] * rest[i]
-    for a in range(columns):
-        for b in range(a, columns):
-            value = n.block[first + a, first + b]
-            for i in range(free):
-                value -= n.side[first + a, i] * solved[b, i]
-            reduced[a, b - a] = value
-    factorise(reduced)
-    solve(reduced, right)
-    decrement = 0.0
-    for i in range(free):
-        step = -rest[i]
-        for a in range(columns):
-            step -= solved[a, i] * right[a]
-        decrement -= n.slope[i] * step
-        n.slope[i] = step
-    for a in range(columns):
-        decrement -= n.other[first + a] * right[a]
-    n.other[:] = 0.0
-    n.other[first:end] = right
-    return decrement
-
-
-@njit
-def look_ahead(rows: Rows, n: Newton) -> None:
-    """Write the places, and their change in the step ``n.slope`` and ``n.other``."""
-    free, d = len(n.slope), n.c.shape[1]
-    for i in range(rows.number[0]):
-        first = d * (rows.step[i] - FIXED)
-        for q in range(d):
-            n.x[i, q] = rows.x[i, q]
-            ahead = 0.0
-            for j in range(4):
-                at = first + d * j
-                if 0 <= at < free:
-                    ahead += rows.stencil[i, j] * n.slope[at + q]
-            for a in range(MOST_GROUPS):
-                if rows.group[i, a] >= 0:
-                    ahead += rows.by_group[i, a, q] * n.other[rows.group[i, a]]
-            n.ahead[i, q] = ahead
-    along_ahead(rows.along, d, n.slope, n.other)
-
-
-@njit
-def furthest(rows: Rows, n: Newton, s: float, step_s: float) -> float:
-    """Return the part of the step at which, to first order, the first bound is reached."""
-    d = n.c.shape[1]
-    part = math.inf
-    for i in range(rows.number[0]):
-        for m in range(rows.first[i], rows.first[i + 1]):
-            if rows.row[m] > TRAVEL:
-                continue
-            change = 0.0
-            for q in range(d):
-                change += rows.gradient[m, q] * n.ahead[i, q]
-            change *= rows.scale[m]
-            used = rows.value[m] * rows.scale[m]
-            bound, widens = 1.0 + rows.raised[0] * s, rows.raised[0] * step_s
-            if change > widens:
-                part = min(part, (bound - used) / (change - widens))
-            elif -change > widens and rows.row[m] != TRAVEL:
-                part = min(part, (bound + used) / (-change - widens))
-    along = rows.along
-    bound, widens = 1.0 + rows.raised[1] * s, rows.raised[1] * step_s
-    for m in range(along.number[0]):
-        change, used = along.ahead[m] * along.scale[m], along.value[m] * along.scale[m]
-        if change > widens:
-            part = min(part, (bound - used) / (change - widens))
-        elif -change > widens:
-            part = min(part, (bound + used) / (-change - widens))
-    return part
-
-
-@njit
-def correct(tube: Tube, rows: Rows, n: Newton, part: float) -> None:
-    """Move the tried points so that the places change as the step foresees.
-
-    The places are far from linear in the durations. The difference is least in the sum of squares
-    in which the step was the best.
-    """
-    free, d = len(n.slope), n.c.shape[1]
-    band = np.zeros_like(n.band)
-    right = np.zeros(free)
-    for i in range(rows.number[0]):
-        first = d * (rows.step[i] - FIXED)
-        for j in range(4):
-            weight = rows.stencil[i, j]
-            at = first + d * j
-            if weight == 0.0 or at < 0 or at >= free:
-                continue
-            for q in range(d):
-                for r in range(d):
-                    off = n.x[i, r] + part * n.ahead[i, r] - rows.x[i, r]
-                    right[at + q] += weight * n.weight[i, q, r] * off
-    along = rows.along
-    for m in range(along.number[0]):
-        off = along.before[m] + part * along.ahead[m] - along.value[m]
-        if not abs(off) < math.inf:
-            continue
-        first = d * (along.step[m] - FIXED)
-        for i in range(4):
-            at = first + d * i
-            if 0 <= at < free:
-                for q in range(d):
-                    right[at + q] += along.weight[m] * off * along.gradient[m, i, q]
-    _add_to_band(rows, n.weight, band)
-    add_along(along, d, band)
-    factorise(band)
-    solve(band, right)
-    for i in range(free):
-        n.tried[FIXED + i // d, i % d] += right[i]
-    evaluate(tube, rows, n.tried)

@@ -84,7 +84,6 @@ class Rows(NamedTuple):
         beside: (rows,): 1 where the nearest point of the leg is none of its ends.
         t: (steps + 5,): t_-2 ... t_steps+2.
         along: the rows of the jerk along the path.
-        raised: (2,): parts of s by which the bounds of rows, and of those along the path, rise.
     """
 
     number: Ints
@@ -104,7 +103,6 @@ class Rows(NamedTuple):
     beside: Floats
     t: Floats
     along: AlongRows
-    raised: Floats
 
 
 @njit
@@ -129,7 +127,6 @@ def new_rows(steps: int, axes: int, directions: int) -> Rows:
         np.zeros(rows),
         np.zeros(steps + 5),
         new_along(steps, directions),
-        np.ones(2),
     )
 
 

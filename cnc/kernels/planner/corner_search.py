@@ -14,6 +14,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
+from cnc.kernels.planner.corner_guess import Slow, slow_motion, slow_state
 from cnc.kernels.planner.corner_known import Known, solved
 from cnc.kernels.planner.corner_legs import GROUPS, MOST_DIRECTIONS, basis_of, tube_of
 from cnc.kernels.planner.corner_places import (
@@ -37,9 +38,6 @@ CLOSEST = 3.0
 """The outer groups of a leg take this part of its time, but no more than so many times
 :func:`corner_time` of the corner beside.
 """
-
-SLOWED = 1.02
-"""The search begins with a motion that takes so many times as long as the plan."""
 
 SLOW = 0.1
 """Part of the feed; motion that is slower may begin or end anywhere."""
@@ -104,37 +102,30 @@ def _times_of(
 
 
 @njit
-def _first_points(
-    plan: PlanArrays, corners: Floats, t: Floats, tube: Tube, rows: Rows, spans: Floats
-) -> Floats:
-    """Return control points of a motion near the plan's, and write its durations.
+def _first_points(tube: Tube, slow: Slow, rows: Rows, spans: Floats) -> Floats:
+    """Return control points of a motion near the slow one.
 
     Args:
-        plan: its phases.
-        corners: (corners,): arc lengths of the stops, mm.
-        t: (corners + 2,): the times of start, stops and end, s.
-        tube: the legs; receives the states at both ends.
+        tube: the legs, and the states at both ends.
+        slow: the motion.
         rows: receives the knots.
-        spans: (groups,): logarithms of the plan's durations.
+        spans: (groups,): logarithms of its durations.
     """
     steps, d = len(tube.leg), tube.axes.shape[1]
-    legs = len(corners) + 1
+    legs = len(tube.feed)
     c = np.empty((steps + 3, d))
     set_knots(tube, spans, rows.t)
-    length = corners[legs - 2] - corners[0] + 1.0
+    length = 1.0
+    for leg in range(1, legs - 1):
+        length += tube.reach[leg, 1]
+    r, a = np.empty(d), np.empty(d)
     for k in range(steps + 3):
         # The polar form of a parabola at three parameters, from their mean.
         mean = (rows.t[k] + rows.t[k + 1] + rows.t[k + 2]) / 3.0
         x, y, z = rows.t[k] - mean, rows.t[k + 1] - mean, rows.t[k + 2] - mean
-        now = min(max(t[0] + mean, plan.t[0]), plan.t[-1])
-        s, _, a = state_at(now, phase_of_time(now, plan), plan)
-        leg = 0
-        while leg + 1 < legs and now > t[leg + 1]:
-            leg += 1
-        on = s - corners[max(leg - 1, 0)] + a * (x * y + y * z + z * x) / 6.0
-        on = _rounded(on, length)
+        slow_state(tube, slow, min(max(mean, 0.0), slow.passes[legs]), r, a)
         for q in range(d):
-            c[k, q] = tube.start[leg, q] + on * tube.along[leg, q]
+            c[k, q] = _rounded(r[q] + a[q] * (x * y + y * z + z * x) / 6.0, length)
     return c
 
 
@@ -192,19 +183,19 @@ def motion_between(
     )
     if not (-ends[0, 0] > REST and ends[1, 0] > REST):
         return none
+    scales = (corners[legs - 2] - corners[0] - ends[0, 0] + ends[1, 0], t[legs] - t[0])
+    _write_ends(tube, ends, scales, False)
+    slow = slow_motion(tube)
     spans = np.empty(GROUPS * legs)
     for leg in range(legs):
-        whole = t[leg + 1] - t[leg]
+        whole = slow.passes[leg + 1] - slow.passes[leg]
         if not whole > SHORTEST:
             return none
         first, second = _sides(path, chain, leg, whole, limits)
-        spans[GROUPS * leg] = math.log(SLOWED * _rounded(first, whole))
-        spans[GROUPS * leg + 1] = math.log(SLOWED * _rounded(whole - first - second, whole))
-        spans[GROUPS * leg + 2] = math.log(SLOWED * _rounded(second, whole))
-    scales = (corners[legs - 2] - corners[0] - ends[0, 0] + ends[1, 0], t[legs] - t[0])
-    plan_spans = spans - math.log(SLOWED)
-    c = _first_points(plan, corners, t, tube, rows, plan_spans)
-    _write_ends(tube, ends, scales, False)
+        spans[GROUPS * leg] = math.log(_rounded(first, whole))
+        spans[GROUPS * leg + 1] = math.log(_rounded(whole - first - second, whole))
+        spans[GROUPS * leg + 2] = math.log(_rounded(second, whole))
+    c = _first_points(tube, slow, rows, spans)
     if not solved(tube, rows, c, spans, known):
         return none
     set_knots(tube, spans, rows.t)
