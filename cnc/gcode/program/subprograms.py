@@ -15,11 +15,12 @@ from pathlib import Path
 from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
 from cnc.gcode.program.control_flow import Jump, shown
 from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.missing_programs import skips_missing
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Control, Value
-from cnc.gcode.syntax.words import fault
+from cnc.gcode.syntax.words import Word, fault
 from cnc.model.diagnostics import CncError, UsageError
 
 MAX_LABEL = 999_999_999
@@ -185,10 +186,12 @@ class Call:
         if subroutine is None:
             label = self.label
             if isinstance(label, str):
-                subroutine = self.subroutine = self._look_up(flow, label)
+                subroutine = self.subroutine = self._look_up(flow, label, line)
             else:
-                subroutine = self._look_up(flow, self._computed_label(label, parameters))
+                subroutine = self._look_up(flow, self._computed_label(label, parameters), line)
         flow.value = None
+        if subroutine is None:
+            return line + 1
         frame = Frame(
             "sub",
             subroutine.name,
@@ -210,8 +213,12 @@ class Call:
             )
         return str(int(number))
 
-    def _look_up(self, flow: Flow, label: str) -> Subroutine:
-        """Find a subroutine in this text, in the main program, or in a file of its own."""
+    def _look_up(self, flow: Flow, label: str, line: int) -> Subroutine | None:
+        """Find a subroutine in this text, in the main program, or in a file of its own.
+
+        Returns:
+            The subroutine; None if a check continues without it.
+        """
         texts = (flow.listing, flow.main)
         # Definitions that were passed already come first.
         for listing in texts:
@@ -222,7 +229,8 @@ class Call:
                 return found
         file = flow.library.find(label, self.at)
         if file is None:
-            raise self._unknown(flow, label)
+            self._skip(flow, label, line)
+            return None
         if found := self._in(file, label):
             return found
         raise self._fault(
@@ -243,23 +251,30 @@ class Call:
             define(listing, repeated, listing.control(repeated))
         return subroutine
 
-    def _unknown(self, flow: Flow, label: str) -> CncError:
+    def _skip(self, flow: Flow, label: str, line: int) -> None:
+        """Skip the call of a subroutine that is missing.
+
+        Raises:
+            CncError: ``sub-unknown``, ``call-style-mixed``.
+        """
         texts = (flow.listing, flow.main)
         if label.isdigit() and any(int(label) in text.definitions().programs for text in texts):
-            return self._fault(
+            raise self._fault(
                 "call-style-mixed",
                 f"O{label} is a program, not a subroutine",
                 f"call it with M98 P{label}",
             )
         known = {known for text in texts for known in text.definitions().subs}
         near = difflib.get_close_matches(label, known, 1)
-        file_name = _file_names(label.strip("<>"))[0]
-        hint = (
-            f"did you mean o{near[0]}?"
-            if near
-            else f"there is no o{label} sub in this file, and no {file_name} in the folders"
-        )
-        return self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
+        if near:
+            hint = f"did you mean o{near[0]}?"
+        else:
+            word = Word("O", 0.0, f"o{label}", self.at.column, self.at.length)
+            if skips_missing(flow, f"o{label}", word, line):
+                return
+            file_name = _file_names(label.strip("<>"))[0]
+            hint = f"there is no o{label} sub in this file, and no {file_name} in the folders"
+        raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _fault(self, code: str, message: str, hint: str) -> CncError:
         return fault(code, message, column=self.at.column, length=self.at.length, hint=hint)
