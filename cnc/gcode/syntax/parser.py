@@ -177,15 +177,32 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     )
 
 
+@lru_cache(maxsize=8)
+def _translated(syntax: Syntax) -> Syntax:
+    """Return the syntax of a translated line of SINUMERIK."""
+    return replace(syntax, flavour="ngc", siemens=True, variables=())
+
+
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
-    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
+    from cnc.gcode.syntax import siemens_templates  # most programs are in another language
+    from cnc.gcode.syntax.siemens import translate
 
     if text.lstrip(" \t").startswith("%"):
         return Statement(percent=True)
-    found = translate(text, syntax.variables)
-    ngc = replace(syntax, flavour="ngc", siemens=True, variables=())
+    ngc = _translated(syntax)
     begin = len(text) - len(text.lstrip())
+
+    def parse(translation: str, open_numbers: dict[int, int] | None) -> Statement:
+        # Places in the translation serve to fill in numbers; errors name the place of the line.
+        return _parse(translation, ngc, open_numbers, begin if open_numbers is None else None)
+
+    from_template = siemens_templates.statement(
+        text, syntax, lambda line: translate(line, syntax.variables), parse
+    )
+    if from_template is not None:
+        return from_template
+    found = translate(text, syntax.variables)
     length = len(text.split(";", maxsplit=1)[0].strip())
     try:
         statement = _parse(found.text, ngc, None, begin) if found.text.strip() else Statement()
@@ -194,11 +211,16 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
         known = error.diagnostic
         message = f"{known.message} (read as {found.text})"
         raise fault(known.code, message, column=begin + 1, length=length, hint=known.hint) from None
-    words = tuple(replace(word, column=begin + 1, length=length) for word in statement.words)
+    column = begin + 1
     return replace(
         statement,
-        words=() if control else words,
+        words=()
+        if control
+        else tuple(replace(word, column=column, length=length) for word in statement.words),
         computed=() if control else statement.computed,
+        assignments=tuple(
+            replace(each, column=column, length=length) for each in statement.assignments
+        ),
         remarks=found.remarks,
         control=control,
         deletable=found.deletable,
