@@ -56,6 +56,8 @@ EVIDENCE = [
     ("%_N_A_MPF\nG0 X1", "siemens"),
     ("G0 X=IC(5)", "siemens"),
     ("R1=5", "siemens"),
+    ("WHILE 1==1\nG1 X1\nENDWHILE", "siemens"),
+    ("N5 IF X_POS<>3 GOTOF_A", "siemens"),
     ("G0 X1\nWARMUP(3600, 5) ; run in", "siemens"),
     ("N10 L_GROOVE(R1,2.5)", "siemens"),
     ("M6(1)\n(POS(3,4))\nG0 X1", "auto"),
