@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.statement import Statement
@@ -32,6 +32,9 @@ _OPEN = re.compile(
 )
 """Names and codes, which are part of the template, and open numbers."""
 _FIRST_MARK = 71_000_001
+_POSITION = re.compile(r"#<_(?:[a-z]|absolute|incremental)>")
+"""A parameter that shows the state of the interpreter, which compiled code does not have."""
+_ASSIGNMENT = re.compile(r"(?:N[0-9]+ )?#<[^<>]*>=\[.*\]")
 
 Translate = Callable[[str], "Translation"]
 Parse = Callable[[str, dict[int, int] | None], Statement]
@@ -47,12 +50,15 @@ class _Template:
         order: Index in the line of each number of the translation.
         statement: The template of the translation.
         deletable: Whether the line begins with ``/``.
+        is_ngc: Whether compiled code for RS274/NGC can execute the translation. Assignments of
+            SINUMERIK take effect one by one, those of RS274/NGC behind the other words.
     """
 
     pieces: tuple[str, ...]
     order: tuple[int, ...]
     statement: line_templates.Template
     deletable: bool
+    is_ngc: bool
 
     def text(self, numbers: list[str]) -> tuple[str, list[line_templates.Span]]:
         """Return the translation of a line with these numbers, and the places of its numbers."""
@@ -80,6 +86,39 @@ def statement(text: str, key: object, translate: Translate, parse: Parse) -> Sta
         translate: Translates a line.
         parse: Parses a translation.
     """
+    found = _found(text, key, translate, parse)
+    return None if found is None or found.is_new else _filled(found, parse)
+
+
+def ngc_line(text: str, key: object, translate: Translate, parse: Parse) -> str | None:
+    """Return the line of RS274/NGC with the effect of a line; None without such a template.
+
+    The arguments are those of :func:`statement`.
+    """
+    found = _found(text, key, translate, parse)
+    if found is None or not found.template.is_ngc:
+        return None
+    return found.template.text(found.numbers)[0]
+
+
+class _Found(NamedTuple):
+    """A line with its template.
+
+    Attributes:
+        template: The template.
+        code: The line in capitals, without its comment.
+        numbers: Its open numbers.
+        is_new: Whether this line made the template.
+    """
+
+    template: _Template
+    code: str
+    numbers: list[str]
+    is_new: bool
+
+
+def _found(text: str, key: object, translate: Translate, parse: Parse) -> _Found | None:
+    """Return a line with its template, which the second line of its kind makes."""
     if '"' in text or "'" in text:
         return None
     code = text.split(";", maxsplit=1)[0].upper()
@@ -97,7 +136,7 @@ def statement(text: str, key: object, translate: Translate, parse: Parse) -> Sta
     shape = "".join(pieces) + code[at:], key
     template = _templates.get(shape)
     if isinstance(template, _Template):
-        return _filled(template, code, numbers, parse)
+        return _Found(template, code, numbers, is_new=False)
     if template is None:
         if len(_templates) >= MOST_TEMPLATES:
             _templates.clear()
@@ -107,6 +146,8 @@ def statement(text: str, key: object, translate: Translate, parse: Parse) -> Sta
         if made is not None and made.text(numbers)[0] != translate(text).text:
             made = None
         _templates[shape] = made or "unfit"
+        if made is not None:
+            return _Found(made, code, numbers, is_new=True)
     return None
 
 
@@ -135,12 +176,16 @@ def _make_template(shape: str, translate: Translate, parse: Parse) -> _Template 
     made = line_templates.make_template(spans, spans, lambda open_: parse(found.text, open_))
     if made is None:
         return None
-    return _Template(pieces, tuple(index for _, index in places), made, found.deletable)
+    order = tuple(index for _, index in places)
+    one = found.text.count("=") == 1 and _ASSIGNMENT.fullmatch(found.text) is not None
+    is_ngc = (one or "=" not in found.text) and not _POSITION.search(found.text)
+    return _Template(pieces, order, made, found.deletable, is_ngc and not found.deletable)
 
 
-def _filled(template: _Template, code: str, numbers: list[str], parse: Parse) -> Statement | None:
-    """Return the statement of another line of the template; None if it has to be read in full."""
-    text, spans = template.text(numbers)
+def _filled(line: _Found, parse: Parse) -> Statement | None:
+    """Return the statement of a line of a template; None if it has to be read in full."""
+    template, code = line.template, line.code
+    text, spans = template.text(line.numbers)
     place = len(code) - len(code.lstrip()) + 1, len(code.strip())
     found = line_templates.filled(
         template.statement, text, spans, spans, lambda open_: parse(text, open_), place
