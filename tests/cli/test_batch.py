@@ -49,7 +49,7 @@ BROKEN = [
     ("spindle-stopped", "G33.1 Z5 K1"), ("spindle-stopped", "G95\nG1 X5 F1"),
     ("spline-tangent-missing", "G5 X1 Y1"), ("state-not-saved", "M72"),
     ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"),
-    ("sub-unknown", "o<there> sub\no<there> endsub\no<where> call"),
+    ("sub-unknown", "o<nowhere> call"),
     ("thread-plane", "G76"), ("tool-not-chosen", "M6"),
     ("value-out-of-range", "S-5"),
     ("value-out-of-range", "G10 L2 P99 X5"), ("value-out-of-range", "G4 P-1"),

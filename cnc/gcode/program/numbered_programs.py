@@ -199,7 +199,9 @@ class ProgramCall:
         if repeats and any(self._in(listing, short) for listing in (flow.listing, flow.main)):
             hint = f"FANUC reads it as O{short}, {repeats} times: write P{short} L{repeats}"
         if not hint:
-            if skips_missing(flow, f"O{number}", word, line):
+            # A file with subprograms has all of them: the number is mistyped.
+            alone = len(flow.main.definitions().programs) <= 1
+            if alone and skips_missing(flow, f"O{number}", word, line):
                 return None
             hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
         raise fault("program-unknown", f"there is no program O{number}", word, hint)

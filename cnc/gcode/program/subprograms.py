@@ -15,12 +15,11 @@ from pathlib import Path
 from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
 from cnc.gcode.program.control_flow import Jump, shown
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.program.missing_programs import skips_missing
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Control, Value
-from cnc.gcode.syntax.words import Word, fault
+from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import CncError, UsageError
 
 MAX_LABEL = 999_999_999
@@ -186,12 +185,10 @@ class Call:
         if subroutine is None:
             label = self.label
             if isinstance(label, str):
-                subroutine = self.subroutine = self._look_up(flow, label, line)
+                subroutine = self.subroutine = self._look_up(flow, label)
             else:
-                subroutine = self._look_up(flow, self._computed_label(label, parameters), line)
+                subroutine = self._look_up(flow, self._computed_label(label, parameters))
         flow.value = None
-        if subroutine is None:
-            return line + 1
         frame = Frame(
             "sub",
             subroutine.name,
@@ -213,12 +210,8 @@ class Call:
             )
         return str(int(number))
 
-    def _look_up(self, flow: Flow, label: str, line: int) -> Subroutine | None:
-        """Find a subroutine in this text, in the main program, or in a file of its own.
-
-        Returns:
-            The subroutine; None if a check continues without it.
-        """
+    def _look_up(self, flow: Flow, label: str) -> Subroutine:
+        """Find a subroutine in this text, in the main program, or in a file of its own."""
         texts = (flow.listing, flow.main)
         # Definitions that were passed already come first.
         for listing in texts:
@@ -229,8 +222,7 @@ class Call:
                 return found
         file = flow.library.find(label, self.at)
         if file is None:
-            self._skip(flow, label, line)
-            return None
+            raise self._unknown(flow, label)
         if found := self._in(file, label):
             return found
         raise self._fault(
@@ -251,30 +243,23 @@ class Call:
             define(listing, repeated, listing.control(repeated))
         return subroutine
 
-    def _skip(self, flow: Flow, label: str, line: int) -> None:
-        """Skip the call of a subroutine that is missing.
-
-        Raises:
-            CncError: ``sub-unknown``, ``call-style-mixed``.
-        """
+    def _unknown(self, flow: Flow, label: str) -> CncError:
         texts = (flow.listing, flow.main)
         if label.isdigit() and any(int(label) in text.definitions().programs for text in texts):
-            raise self._fault(
+            return self._fault(
                 "call-style-mixed",
                 f"O{label} is a program, not a subroutine",
                 f"call it with M98 P{label}",
             )
         known = {known for text in texts for known in text.definitions().subs}
         near = difflib.get_close_matches(label, known, 1)
-        if near:
-            hint = f"did you mean o{near[0]}?"
-        else:
-            word = Word("O", 0.0, f"o{label}", self.at.column, self.at.length)
-            if skips_missing(flow, f"o{label}", word, line):
-                return
-            file_name = _file_names(label.strip("<>"))[0]
-            hint = f"there is no o{label} sub in this file, and no {file_name} in the folders"
-        raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
+        file_name = _file_names(label.strip("<>"))[0]
+        hint = (
+            f"did you mean o{near[0]}?"
+            if near
+            else f"there is no o{label} sub in this file, and no {file_name} in the folders"
+        )
+        return self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _fault(self, code: str, message: str, hint: str) -> CncError:
         return fault(code, message, column=self.at.column, length=self.at.length, hint=hint)

@@ -11,7 +11,6 @@ from cnc.api import check, run
 from cnc.session.options import Outputs, RunOptions
 
 CALLS = {
-    "linuxcnc": ("o<drill> call [1] [2]", "sub-unknown", 1),
     "fanuc": ("G65 P9810 Z5. F100.", "program-unknown", 5),
     "haas": ("M98 P9004", "program-unknown", 5),
     "mach3": ("M98 P9004", "program-unknown", 5),
@@ -61,16 +60,28 @@ def test_a_missing_modal_macro_is_not_called(tmp_path: Path) -> None:
     [
         ("o<drill> sub\no<drill> endsub\no<dril> call", "linuxcnc", "sub-unknown"),
         ("o5 sub\no5 endsub\nM98 P5", "linuxcnc", "call-style-mixed"),
-        ("M98 P20100\nM30\nO20\nM99", "linuxcnc", None),
+        ("o<drill> call [1] [2]", "linuxcnc", "sub-unknown"),
+        ("o<drill> call [1] [2]", "auto", "sub-unknown"),
+        ("O1\nM98 P3\nM30\nO2\nM99", "fanuc", "program-unknown"),
+        ("O1\nM98 P3\nM30\nO2\nM99", "auto", "program-unknown"),
         ("%\nM98 P2\nM30\n%\nO2\nM99", "fanuc", "program-unknown"),
         ("NOSUCH", "siemens", "sub-unknown"),
     ],
-    ids=["near name", "other style", "far number", "behind the percent sign", "name alone"],
+    ids=[
+        "near name",
+        "other style",
+        "no file",
+        "auto",
+        "other programs",
+        "auto too",
+        "behind the percent sign",
+        "name alone",
+    ],
 )
 def test_what_may_be_a_mistake_stays_an_error(
-    tmp_path: Path, source: str, dialect: Any, code: str | None
+    tmp_path: Path, source: str, dialect: Any, code: str
 ) -> None:
     path = tmp_path / "part.nc"
     path.write_text(f"{source}\nM2\n")
     report = check(path, options=RunOptions(dialect=dialect))
-    assert [fault.diagnostic.code for fault in report.faults] == ([code] if code else [])
+    assert [fault.diagnostic.code for fault in report.faults] == [code]
