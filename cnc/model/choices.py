@@ -16,6 +16,8 @@ ToolLengths = Literal["table", "zero"]
 """Lengths and radii of tools without a tool table: refused, or 0 with a warning."""
 UnknownCodes = Literal["error", "warn"]
 """M- and G-codes that no dialect knows: refused, or skipped with a warning."""
+MissingPrograms = Literal["error", "warn"]
+"""Programs that are called and not at hand: refused, or skipped with a warning."""
 Interpolator = Literal["reference-pulse", "sampled"]
 """``reference-pulse`` makes grid moves. ``sampled`` also samples positions at a fixed period."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]

@@ -21,15 +21,22 @@ Board = PulseSink | LineSink
 
 
 def reading_policy(options: RunOptions, machine: Machine, board: Board | None) -> ReadingPolicy:
-    """Return the user's choices. A machine never moves by lengths that nobody gave."""
+    """Return the user's choices.
+
+    A machine never moves by lengths that nobody gave, and a program that lacks a part of its moves
+    is checked, but neither sent nor written as pulses or lines.
+    """
+    outputs = options.outputs
+    is_check = board is None and outputs.lines is None and outputs.pulses is None
     lengths = options.tool_lengths
     if lengths is None:
         traits = getattr(board, "traits", BoardTraits())
         moves = board is not None and not traits.simulated
-        lengths = "table" if moves or options.outputs.lines is not None else "zero"
+        lengths = "table" if moves or outputs.lines is not None else "zero"
     return ReadingPolicy(
         lengths,
         options.unknown_codes,
+        "warn" if is_check else "error",
         machine.program.codes,
         options.default_feed,
         options.optional_stop,

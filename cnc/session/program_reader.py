@@ -202,8 +202,8 @@ class ProgramReader:
                 "revolution; offsets of T words act with the next move; threads without a chamfer"
             )
         if self.dialect_in_use == "auto" and self.functions:
-            names = ", ".join(self.functions)
-            assumed.append(f"{names} of negative numbers as LinuxCNC computes them, not FANUC")
+            names = " and ".join(self.functions)
+            assumed.append(f"{names} as LinuxCNC computes them, not FANUC")
         if self.units is False:
             assumed.append("millimetres, as no G20 or G21 is in the first lines")
         if self.policy.default_feed is not None:

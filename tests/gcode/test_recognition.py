@@ -7,7 +7,7 @@ import random
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.recognition import recognise, refuse
+from cnc.gcode.dialects.recognition import differing_functions, recognise, refuse
 from cnc.gcode.program.program import ProgramOptions
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.model.diagnostics import GcodeError
@@ -56,6 +56,8 @@ EVIDENCE = [
     ("%_N_A_MPF\nG0 X1", "siemens"),
     ("G0 X=IC(5)", "siemens"),
     ("R1=5", "siemens"),
+    ("WHILE 1==1\nG1 X1\nENDWHILE", "siemens"),
+    ("N5 IF X_POS<>3 GOTOF_A", "siemens"),
     ("G0 X1\nWARMUP(3600, 5) ; run in", "siemens"),
     ("N10 L_GROOVE(R1,2.5)", "siemens"),
     ("M6(1)\n(POS(3,4))\nG0 X1", "auto"),
@@ -227,3 +229,13 @@ def test_commands_of_the_user_are_named(code: str) -> None:
 @pytest.mark.parametrize("code", ["G17.1", "G18.1", "G19.1", "G87 X1 Z-1 R1"])
 def test_codes_of_linuxcnc_that_are_not_read_are_named(code: str) -> None:
     assert error_of(f"{code}\nM2", dialect="linuxcnc").code == "code-not-supported"
+
+
+def test_functions_that_controllers_compute_differently_are_named() -> None:
+    """FANUC joins the bits of numbers, LinuxCNC their truth; of comparisons both are the same."""
+    assert differing_functions(["#1=[6 XOR 3 OR 1]", "#2=FIX[#1]"]) == (
+        "FIX of negative numbers",
+        "OR, XOR of other numbers than 0 and 1",
+    )
+    for same in ("o1 if [[#1 GT 2] AND [#2 LT 3]]", "(THIS AND THAT)", "#<_land> = 1", "G1 X[1+2]"):
+        assert differing_functions([same]) == ()

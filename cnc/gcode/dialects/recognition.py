@@ -31,6 +31,8 @@ _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
 _UNITS = re.compile(r"G\s*0?(?:2[01]|7[01]0?)(?![0-9.])")
 _FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
+_LOGIC = re.compile(r"(?<![A-Z_<])(?:AND|OR|XOR)(?![A-Z_>])")
+_COMPARISON = re.compile(r"(?<![A-Z_<])(?:EQ|NE|GT|GE|LT|LE)(?![A-Z_>])")
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -162,9 +164,17 @@ def names_units(lines: Iterable[str]) -> bool:
 
 
 def differing_functions(lines: Iterable[str]) -> tuple[str, ...]:
-    """Return the functions in the first lines that FANUC and LinuxCNC compute differently."""
-    found = {name for _, line in _first(lines) for name in _FUNCTIONS.findall(_code_of(line))}
-    return tuple(sorted(found))
+    """Return the functions in the first lines that FANUC and LinuxCNC compute differently.
+
+    They are named with the arguments for which they differ.
+    """
+    codes = [_code_of(line) for _, line in _first(lines)]
+    functions = {name for code in codes for name in _FUNCTIONS.findall(code)}
+    # Of comparisons, which are 0 or 1, the bits and the truth are the same.
+    plain = [code for code in codes if not _COMPARISON.search(code)]
+    logic = {name for code in plain for name in _LOGIC.findall(code)}
+    groups = (functions, "negative numbers"), (logic, "other numbers than 0 and 1")
+    return tuple(f"{', '.join(sorted(names))} of {of}" for names, of in groups if names)
 
 
 def _code_of(line: str) -> str:

@@ -16,12 +16,9 @@ from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
 from cnc.gcode.program.repeated_sections import Sections
-from cnc.gcode.state.modal_groups import Code
-from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Statement
-from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
@@ -217,6 +214,7 @@ class Flow:
         percent: Whether a ``%`` was read.
         main_border: Line of the O number of the main program; 0 for none.
         modal: Calls the macro of G66 after a line; None if there is none.
+        missing: Names of programs that a check has skipped.
         program_frame: SINUMERIK's programmable frame.
         sections: SINUMERIK's repeated sections.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
@@ -245,6 +243,7 @@ class Flow:
         self.percent = False
         self.main_border = 0
         self.modal: Callable[[int], int] | None = None
+        self.missing: set[str] = set()
         self.program_frame = ProgramFrame()
         self.sections = Sections()
         self.has_modal = False
@@ -325,20 +324,6 @@ class Flow:
         self._mark(left, inside=False)
         self._set_listing(left.caller)
         return left.return_line
-
-    def end_once(self, code: Word, line: int) -> None:
-        """End a main program that its M99 would repeat for ever.
-
-        Raises:
-            GcodeError: ``program-endless``.
-        """
-        message, interpreter = f"{code.written} repeats the main program for ever", self.interpreter
-        if not interpreter.dialect.lenient:
-            raise fault("program-endless", message, code, "end it with M30")
-        interpreter.here.line = line
-        message += " on its controller; here it ends"
-        interpreter.here.report_warning("program-ends-once", message, code, "write M30")
-        interpreter.stop(Code(M.M30, code))
 
     def unwind(self) -> None:
         """Restore the parameters of the main program when the program ends inside a call."""

@@ -42,7 +42,9 @@ class CommentCommands:
             return None
         if remark.kind == MENDED:
             at = Word("(", 0.0, "(", remark.column, remark.length)
-            here.report_warning("comment-mended", remark.text, at, "correct the brackets")
+            here.report_warning(
+                "comment-mended", remark.text, at, "write comments in ( ), without brackets inside"
+            )
             return None
         if remark.kind == NOTED:
             if remark.text not in self._noted:

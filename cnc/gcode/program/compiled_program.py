@@ -238,6 +238,7 @@ class CompiledProgram:
         key = self._flow.listing.name, window.first
         table = self._tables.get(key)
         if table is None:
+            window = self._flow.listing.for_compiled_code(window)
             coded = window.code()
             table = table_of(window, coded, self._mirror.slots(window, coded))
             self._tables[key] = table

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.syntax.mending import inner_slash
-from cnc.gcode.syntax.parser import MAX_LINE, Syntax, parse_line
+from cnc.gcode.syntax.parser import MAX_LINE, Syntax, line_in_ngc, parse_line
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
@@ -24,6 +24,9 @@ from cnc.model.diagnostics import CncError, GcodeError
 
 _CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
+_FOREIGN_LINE = "!"
+SHORTEST_RUN = 20
+"""Mean number of lines in one run of compiled code from which on it is worth its start."""
 _END_OF_TEXT = 1 << 62
 """A line number beyond that of any line."""
 _ALL_SWITCHES = frozenset(range(1, 10))
@@ -128,6 +131,24 @@ class LineIndex:
             return window.statement(index, self._syntax)
         except GcodeError as error:
             raise self.placed(error, window.first + index) from None
+
+    def for_compiled_code(self, window: Window) -> Window:
+        """Return a window in the language of compiled code, which is RS274/NGC.
+
+        A line that has no counterpart there is one that compiled code leaves to the interpreter.
+        """
+        if self._syntax.flavour != "siemens":
+            return window
+        found: list[str] = []
+        most_left = window.count // SHORTEST_RUN
+        for index in range(window.count):
+            line = line_in_ngc(window.text(index), self._syntax)
+            found.append(_FOREIGN_LINE if line is None else line)
+            most_left -= line is None
+            if most_left < 0:
+                found = [_FOREIGN_LINE] * window.count
+                break
+        return window.with_lines(found)
 
     def placed(self, error: GcodeError, line: int) -> CncError:
         """Return the error with file, line and text added where it lacks them."""

@@ -61,7 +61,8 @@ class StepMaker:
         self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
         machine = LineMachine(flow.interpreter)
         self._runs = PlainLines(flow.interpreter, machine)
-        self._compiled = CompiledProgram(flow, machine) if dialect.flavour == "ngc" else None
+        is_compiled = dialect.flavour in ("ngc", "siemens")
+        self._compiled = CompiledProgram(flow, machine) if is_compiled else None
         self._is_long = False
 
     def compile_from_here(self, executed: int) -> bool:

@@ -8,46 +8,23 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
+from cnc.gcode.program.call_arguments import Argument, repeated, split_arguments
 from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step
 from cnc.gcode.program.control_flow import BackwardJump, jump_target
 from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.missing_programs import skips_missing
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import LOCAL_MACRO, Parameters
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import Word, fault
-from cnc.model.diagnostics import GcodeError
 
 MAX_PROGRAM = 99_999_999
 MAX_REPEATS = 999_999_999
 LONGEST_NUMBER = 9999
 """FANUC's M98 reads a larger P as repeats followed by four digits of program number."""
-
-_ARGUMENTS = dict(
-    zip(
-        "ABCDEFHIJKMQRSTUVWXYZ",
-        (1, 2, 3, 7, 8, 9, 11, 4, 5, 6, 13, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26),
-        strict=True,
-    )
-)
-"""FANUC's argument list I: the variable of each letter of G65. I, J and K given several times are
-list II: #4 to #33 in threes.
-"""
-_MAX_THREES = 10
-_ARGUMENT_LETTERS = "arguments have the letters A to F, H to K, M and Q to Z"
-
-
-class Argument(NamedTuple):
-    """An argument of G65: the number of its variable, its word, and its value if computed."""
-
-    number: int
-    word: Word
-    value: Value | None
-
-    def result(self, parameters: Parameters) -> float:
-        """Return the number of the argument."""
-        return self.word.number if self.value is None else self.value(parameters)
 
 
 class _CallWords:
@@ -63,7 +40,7 @@ class _CallWords:
                 continue
             if word.letter in letters:
                 if word.letter in self.values:
-                    raise _repeated(word)
+                    raise repeated(word)
                 self.values[word.letter] = word, computed.get(index)
                 continue
             if index in computed:
@@ -116,7 +93,7 @@ class ProgramCall:
         self.code, self.packed = code, packed
         self.arguments: list[Argument] | None = None
         if code.letter == "G":
-            statement, self.arguments = _split_arguments(statement, code)
+            statement, self.arguments = split_arguments(statement, code)
         self.words = _CallWords(statement, "PL", code)
 
     def run(self, flow: Flow, line: int) -> int:
@@ -146,7 +123,10 @@ class ProgramCall:
         """
         number, repeats = called
         local = self.code.letter == "M" and self.code.number == M.M97
-        listing, scope = self._look_up_line(flow, number) if local else self._look_up(flow, number)
+        found = self._look_up_line(flow, number) if local else self._look_up(flow, number, line)
+        if found is None:
+            return line + 1
+        listing, scope = found
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
         frame = Frame(
             kind,
@@ -191,11 +171,12 @@ class ProgramCall:
             raise fault("block-unknown", f"there is no line N{number}", word, hint)
         return listing, line - 1
 
-    def _look_up(self, flow: Flow, number: int) -> tuple[Listing, int]:
+    def _look_up(self, flow: Flow, number: int, line: int) -> tuple[Listing, int] | None:
         """Find a program in this text, in the main program, or in a file of its own.
 
         Returns:
-            The text and the line of the O number; 0 for a file without O lines.
+            The text and the line of the O number; 0 for a file without O lines. None if a check
+            continues without the program.
         """
         for listing in (flow.listing, flow.main):
             if found := self._in(listing, number):
@@ -211,12 +192,18 @@ class ProgramCall:
             if str(number) in listing.definitions().subs:
                 message = f"o{number} is a subroutine, not a program"
                 raise fault("call-style-mixed", message, word, f"call it with o{number} call")
-        hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
+        hint = ""
         if end := flow.main.definitions().behind.get(number):
             hint = f"O{number} stands behind the % in line {end}, which ends the text: remove it"
         repeats, short = divmod(number, LONGEST_NUMBER + 1)
         if repeats and any(self._in(listing, short) for listing in (flow.listing, flow.main)):
             hint = f"FANUC reads it as O{short}, {repeats} times: write P{short} L{repeats}"
+        if not hint:
+            # A file with subprograms has all of them: the number is mistyped.
+            alone = len(flow.main.definitions().programs) <= 1
+            if alone and skips_missing(flow, f"O{number}", word, line):
+                return None
+            hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
         raise fault("program-unknown", f"there is no program O{number}", word, hint)
 
     def _in(self, listing: Listing, number: int) -> int | None:
@@ -227,68 +214,6 @@ class ProgramCall:
             hint = "use another number"
             raise listing.control_fault(repeated, control, "program-repeated", message, hint)
         return definitions.programs.get(number)
-
-
-class _ArgumentNumbers:
-    """Assigns the words of G65 to variables, in the order written."""
-
-    def __init__(self) -> None:
-        self._threes, self._last = 0, "K"
-        self._given: set[str] = set()
-
-    def number(self, word: Word) -> int:
-        """Return the variable of a word.
-
-        Raises:
-            GcodeError: ``argument-bad``, ``word-repeated``.
-        """
-        letter = word.letter
-        if letter not in _ARGUMENTS:
-            message = f"{word.written} is not an argument of G65"
-            raise fault("argument-bad", message, word, _ARGUMENT_LETTERS)
-        number = _ARGUMENTS[letter]
-        if letter in "IJK":
-            # A letter that does not come after the one before it begins another three.
-            self._threes += letter <= self._last
-            self._last = letter
-            number += 3 * (self._threes - 1)
-            if self._threes > _MAX_THREES:
-                message = f"{word.written}: G65 takes I, J and K at most {_MAX_THREES} times"
-                raise fault("argument-bad", message, word)
-        elif letter in self._given:
-            raise _repeated(word)
-        self._given.add(letter)
-        return number
-
-
-def _split_arguments(statement: Statement, code: Word) -> tuple[Statement, list[Argument]]:
-    """Split the statement of G65 into its other words and its arguments.
-
-    A later argument of the same variable replaces an earlier one.
-    """
-    computed = dict(statement.computed)
-    kept: list[Word] = []
-    left: list[tuple[int, Value]] = []
-    arguments: list[Argument] = []
-    numbers = _ArgumentNumbers()
-    behind = False
-    for index, word in enumerate(statement.words):
-        behind = behind or word is code
-        if word is code or word.letter in "PLN":
-            if index in computed:
-                left.append((len(kept), computed[index]))
-            kept.append(word)
-            continue
-        if word.letter in _ARGUMENTS and not behind:
-            message = f"{word.written} stands before G65"
-            raise fault("argument-bad", message, word, "write arguments after G65")
-        arguments.append(Argument(numbers.number(word), word, computed.get(index)))
-    rest = Statement(tuple(kept), tuple(left), statement.assignments, statement.remarks)
-    return rest, arguments
-
-
-def _repeated(word: Word) -> GcodeError:
-    return fault("word-repeated", f"{word.letter} is given twice in this line", word)
 
 
 class ProgramReturn:
@@ -315,7 +240,7 @@ class ProgramReturn:
             raise fault("call-style-mixed", message, self.code, hint)
         if frame.kind == "main":
             if block is None:
-                flow.end_once(self.code, line)
+                _end_once(flow, self.code, line)
                 return line + 1
             jump = BackwardJump("this M99", self.at)
             return self._jump(flow, flow.listing, block, line, jump)
@@ -337,6 +262,21 @@ class ProgramReturn:
         return to
 
 
+def _end_once(flow: Flow, code: Word, line: int) -> None:
+    """End a main program that its M99 would repeat for ever.
+
+    Raises:
+        GcodeError: ``program-endless``.
+    """
+    message, interpreter = f"{code.written} repeats the main program for ever", flow.interpreter
+    if not interpreter.dialect.lenient:
+        raise fault("program-endless", message, code, "end it with M30")
+    interpreter.here.line = line
+    message += " on its controller; here it ends"
+    interpreter.here.report_warning("program-ends-once", message, code, "write M30")
+    interpreter.stop(Code(M.M30, code))
+
+
 class ModalCall(ProgramCall):
     """``G66 P L`` with arguments: the macro is executed after each move, until ``G67``."""
 
@@ -350,8 +290,8 @@ class ModalCall(ProgramCall):
         assert self.arguments is not None
         arguments = self._locals(self.arguments, parameters)
         self.words.execute_rest(flow, line)
-        self._look_up(flow, called[0])
-        flow.begin_modal(lambda after: self.enter(flow, after, called, arguments.copy()))
+        if self._look_up(flow, called[0], line) is not None:
+            flow.begin_modal(lambda after: self.enter(flow, after, called, arguments.copy()))
         return line + 1
 
 

@@ -13,8 +13,11 @@ import re
 
 from cnc.gcode.program.call_stack import NOTHING, Flow, Frame, Listing, Step
 from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.missing_programs import skips_missing
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word
+
+_NUMBERED = re.compile("L[0-9]+")
 
 
 class Call:
@@ -34,7 +37,10 @@ class Call:
         if not count:
             return line + 1
         flow.interpreter.begun = True
-        listing, scope = self._found(flow, name)
+        found = self._found(flow, name)
+        if found is None:
+            return line + 1
+        listing, scope = found
         given = self._values(flow, listing, scope, name)
         first = flow.enter(
             Frame(
@@ -73,14 +79,22 @@ class Call:
             for (parameter, kind), value in zip(declared, values, strict=True)
         }
 
-    def _found(self, flow: Flow, name: str) -> tuple[Listing, int]:
-        """Return the text of a subprogram and the line of its head; 0 for a file without one."""
+    def _found(self, flow: Flow, name: str) -> tuple[Listing, int] | None:
+        """Return the text of a subprogram and the line of its head; 0 for a file without one.
+
+        None if a check continues without the subprogram: one of a number, or one with values. A
+        name alone may be a mistyped word of another function.
+        """
         for listing in (flow.listing, flow.main):
             if line := _head(listing, name):
                 return listing, line
         file = flow.library.find(f"<{name.lower()}>", self.at)
         if file is not None:
             return file, _head(file, name)
+        is_call = _NUMBERED.fullmatch(name) or self.control.values
+        word = Word("L", 0.0, name, self.at.column, self.at.length)
+        if is_call and skips_missing(flow, name, word, self.at.line):
+            return None
         message = f"there is no subprogram {name}, and {name} is no word that is known"
         hint = f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
         raise flow.listing.fault(self.at, "sub-unknown", message, hint)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from cnc.gcode.state.tool_tip import ToolTip
 from cnc.machine.program_codes import CodeAction
-from cnc.model.choices import ToolLengths, UnknownCodes, WrapRule
+from cnc.model.choices import MissingPrograms, ToolLengths, UnknownCodes, WrapRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +17,7 @@ class ReadingPolicy:
     Attributes:
         tool_lengths: Without a tool table: refuse lengths and radii of tools, or take them as 0.
         unknown_codes: Refuse M-codes without a known meaning, or skip them with a warning.
+        missing_programs: Refuse calls of missing programs, or skip them with a warning.
         codes: Effects of a builder's M-codes by number.
         default_feed: Feed before the first F word, mm/min; None for none.
         optional_stop: M1 stops like M0.
@@ -27,6 +28,7 @@ class ReadingPolicy:
 
     tool_lengths: ToolLengths = "table"
     unknown_codes: UnknownCodes = "error"
+    missing_programs: MissingPrograms = "error"
     codes: Mapping[int, CodeAction] = field(default_factory=dict)
     default_feed: float | None = None
     optional_stop: bool = False

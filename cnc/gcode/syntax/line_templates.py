@@ -59,7 +59,7 @@ class _Place:
 
 
 @dataclass(frozen=True, slots=True)
-class _Template:
+class Template:
     """A statement with open numbers.
 
     Attributes:
@@ -75,7 +75,7 @@ class _Template:
     assignments: tuple[_Place, ...]
 
 
-_templates: dict[str, _Template | Literal["met", "unfit"]] = {}
+_templates: dict[str, Template | Literal["met", "unfit"]] = {}
 """Templates by their text. ``met``: one line was parsed. ``unfit``: such lines have no template."""
 
 
@@ -109,20 +109,18 @@ def statement(text: str, flavour: str, parse: Parse) -> Statement:
         return parse(None)
     key = f"{flavour}\n{''.join(pieces)}{text[at:]}"
     template = _templates.get(key)
-    if isinstance(template, _Template):
-        return _filled(template, text, spans, numbers, parse) or parse(None)
+    if isinstance(template, Template):
+        return filled(template, text, spans, numbers, parse) or parse(None)
     if template is None:
         if len(_templates) >= MOST_TEMPLATES:
             _templates.clear()
         _templates[key] = "met"
     elif template == "met":
-        _templates[key] = _make_template(text, spans, numbers, parse) or "unfit"
+        _templates[key] = make_template(spans, numbers, parse) or "unfit"
     return parse(None)
 
 
-def _make_template(
-    text: str, spans: list[Span], numbers: list[Span], parse: Parse
-) -> _Template | None:
+def make_template(spans: list[Span], numbers: list[Span], parse: Parse) -> Template | None:
     """Return the template of a line; None if it cannot have one."""
     try:
         open_numbers = {begin: index for index, (begin, _) in enumerate(numbers)}
@@ -135,7 +133,7 @@ def _make_template(
     if not simple or open_numbers:  # the grammar did not read a number as one
         return None
     ends = tuple(end for _, end in spans)
-    return _Template(
+    return Template(
         found,
         ends,
         tuple(_place(word.column, word.length, ends) for word in found.words),
@@ -149,10 +147,24 @@ def _place(column: int, length: int, ends: tuple[int, ...]) -> _Place:
     return _Place(first, end, before, sum(1 for each in ends if each <= end))
 
 
-def _filled(
-    template: _Template, text: str, spans: list[Span], numbers: list[Span], parse: Parse
+def filled(
+    template: Template,
+    text: str,
+    spans: list[Span],
+    numbers: list[Span],
+    parse: Parse,
+    place: Span | None = None,
 ) -> Statement | None:
-    """Return the statement of another line of the template; None if it needs the grammar."""
+    """Return the statement of another line of the template; None if it needs the grammar.
+
+    Args:
+        template: The template.
+        text: The line.
+        spans: Its open spans.
+        numbers: Those of them that are numbers.
+        parse: Parses the line in full.
+        place: Column and length of each word, if the line is a translation of another one.
+    """
     shifts = [0]
     shifts += [span[1] - end for span, end in zip(spans, template.ends, strict=True)]
     values = tuple([float(text[begin:end]) for begin, end in numbers])
@@ -160,18 +172,16 @@ def _filled(
         return None
     known = template.statement
     words: list[Word] = []
-    for word, place in zip(known.words, template.words, strict=True):
-        first, end = (
-            place.first + shifts[place.spans_before],
-            place.end + shifts[place.spans_inside],
-        )
+    for word, at in zip(known.words, template.words, strict=True):
+        first, end = at.first + shifts[at.spans_before], at.end + shifts[at.spans_inside]
         written = text[first:end].translate(_CAPITALS)
         number = word.number
         if number == number:
             number = float(written[1:])
             if not -MAX_NUMBER <= number <= MAX_NUMBER:
                 return None
-        words.append(Word(word.letter, number, written, first + 1, end - first))
+        column, length = place or (first + 1, end - first)
+        words.append(Word(word.letter, number, written, column, length))
     computed = tuple(
         [
             (index, _bound(value, values, partial(_computed_of, parse, k)))
@@ -179,18 +189,16 @@ def _filled(
         ]
     )
     assignments: list[Assignment] = []
-    for k, (each, place) in enumerate(zip(known.assignments, template.assignments, strict=True)):
-        first, end = (
-            place.first + shifts[place.spans_before],
-            place.end + shifts[place.spans_inside],
-        )
+    for k, (each, at) in enumerate(zip(known.assignments, template.assignments, strict=True)):
+        first, end = at.first + shifts[at.spans_before], at.end + shifts[at.spans_inside]
         target = (
             each.target
             if isinstance(each.target, str)
             else _bound(each.target, values, partial(_target_of, parse, k))
         )
         value = _bound(each.value, values, partial(_assigned_of, parse, k))
-        assignments.append(Assignment(target, value, first + 1, end - first))
+        column, length = place or (first + 1, end - first)
+        assignments.append(Assignment(target, value, column, length))
     return Statement(tuple(words), computed, tuple(assignments), deletable=known.deletable)
 
 

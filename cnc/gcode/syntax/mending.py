@@ -153,6 +153,8 @@ def without_printer_text(text: str) -> str:
 
 def mend(text: str, error: Diagnostic) -> Mended | None:
     """Return a line without the slip of an error; None if the line cannot be repaired safely."""
+    if error.code == "block-delete-place":
+        return _slashes(text)
     if error.code not in ("comment-nested", "comment-not-closed"):
         return None
     mended = _flat(text)
@@ -164,6 +166,16 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
         else "this comment is not closed: it is read to the end of the line"
     )
     return Mended(mended, Remark(MENDED, what, error.column, error.length))
+
+
+def _slashes(text: str) -> Mended | None:
+    """Return a line that ``//`` makes a comment; None for another line, and for one with code."""
+    code = text.lstrip(" \t")
+    if not code.startswith("//") or _could_be_code(code[2:]):
+        return None
+    begin = len(text) - len(code)
+    remark = Remark(MENDED, "// begins no comment in G-code: it is read as one", begin + 1, 2)
+    return Mended(f"{text[:begin]};{text[begin + 1 :]}", remark)
 
 
 def to_first_bracket(text: str, error: Diagnostic) -> Mended | None:

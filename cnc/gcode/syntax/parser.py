@@ -11,10 +11,11 @@ import os
 import re
 import string
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
@@ -38,6 +39,7 @@ from cnc.version import __version__
 if TYPE_CHECKING:
     from lark import Lark
 
+    from cnc.gcode.syntax.siemens import Translation
     from cnc.gcode.syntax.siemens_control import ControlLine
     from cnc.gcode.syntax.siemens_variables import Variables
 
@@ -177,15 +179,58 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     )
 
 
+@lru_cache(maxsize=8)
+def _translated(syntax: Syntax) -> Syntax:
+    """Return the syntax of a translated line of SINUMERIK."""
+    return replace(syntax, flavour="ngc", siemens=True, variables=())
+
+
+class _Reader(NamedTuple):
+    """The functions that :mod:`cnc.gcode.syntax.siemens_templates` reads a line with."""
+
+    translate: Callable[[str], Translation]
+    parse: Callable[[str, dict[int, int] | None], Statement]
+
+
+def _siemens_reader(text: str, syntax: Syntax) -> _Reader:
+    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
+
+    ngc, begin = _translated(syntax), len(text) - len(text.lstrip())
+
+    def parse(translation: str, open_numbers: dict[int, int] | None) -> Statement:
+        # Places in the translation serve to fill in numbers; errors name the place of the line.
+        return _parse(translation, ngc, open_numbers, begin if open_numbers is None else None)
+
+    return _Reader(lambda line: translate(line, syntax.variables), parse)
+
+
+def line_in_ngc(text: str, syntax: Syntax) -> str | None:
+    """Return the line of RS274/NGC that has the effect of a line of SINUMERIK.
+
+    None if there is none, or if none is known before more such lines were read.
+    """
+    from cnc.gcode.syntax import siemens_templates
+
+    if len(text) > MAX_LINE or _CONTROL.search(text) or text.lstrip(" \t").startswith("%"):
+        return None
+    try:
+        return siemens_templates.ngc_line(text, syntax, *_siemens_reader(text, syntax))
+    except GcodeError:
+        return None
+
+
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
-    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
+    from cnc.gcode.syntax import siemens_templates
 
     if text.lstrip(" \t").startswith("%"):
         return Statement(percent=True)
-    found = translate(text, syntax.variables)
-    ngc = replace(syntax, flavour="ngc", siemens=True, variables=())
-    begin = len(text) - len(text.lstrip())
+    ngc, begin = _translated(syntax), len(text) - len(text.lstrip())
+    reader = _siemens_reader(text, syntax)
+    from_template = siemens_templates.statement(text, syntax, *reader)
+    if from_template is not None:
+        return from_template
+    found = reader.translate(text)
     length = len(text.split(";", maxsplit=1)[0].strip())
     try:
         statement = _parse(found.text, ngc, None, begin) if found.text.strip() else Statement()
@@ -194,11 +239,16 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
         known = error.diagnostic
         message = f"{known.message} (read as {found.text})"
         raise fault(known.code, message, column=begin + 1, length=length, hint=known.hint) from None
-    words = tuple(replace(word, column=begin + 1, length=length) for word in statement.words)
+    column = begin + 1
     return replace(
         statement,
-        words=() if control else words,
+        words=()
+        if control
+        else tuple(replace(word, column=column, length=length) for word in statement.words),
         computed=() if control else statement.computed,
+        assignments=tuple(
+            replace(each, column=column, length=length) for each in statement.assignments
+        ),
         remarks=found.remarks,
         control=control,
         deletable=found.deletable,

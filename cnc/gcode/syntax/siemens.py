@@ -46,6 +46,7 @@ _EQUAL = re.compile(
 )
 _KEYWORD = re.compile(r"[A-Z_][A-Z_]+[0-9]*", re.I)
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.I)
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _LETTERS = {
     "CR": "R", "AP": "^", "RP": "@", "S1": "S", "M1": "M", "RND": ",R", "CHR": ",C", "CHF": ",H",
     "ANG": ",A", "AR": ",O",
@@ -282,7 +283,7 @@ class _Line(Cursor):
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
         else:
-            self.out.append(f"{letter}[{value}]")
+            self.out.append(f"{letter}{value if _NUMBER.fullmatch(value) else f'[{value}]'}")
 
     def _from_here(self, letter: str, mode: str, value: str) -> str:
         """Return a coordinate in the distance mode of the line."""

@@ -74,11 +74,15 @@ class Window:
         self.simple: NDArray[np.int32] = found.lines.simple[:count]
         self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
-        self.has_expressions = b"#" in data or b"[" in data
+        self.has_expressions = b"#" in data or b"[" in data or b"=" in data
 
     def code(self) -> Coded:
         """Return the lines as instructions."""
         return code(self._data, self.scan)
+
+    def with_lines(self, lines: list[str]) -> Window:
+        """Return a window of other lines in place of these."""
+        return _window_of_lines(self.first, lines)
 
     def names(self, found: Names) -> list[str]:
         """Return different names in the lines, in small letters."""

@@ -117,6 +117,8 @@ def test_a_default_feed_holds_until_the_first_f() -> None:
         ("( hole at (61, 67) )\nG0 X1", ["rapid 1 0 0"], "comment-mended"),
         ("G0 X1 (open", ["rapid 1 0 0"], "comment-mended"),
         ("(cut (a); (b) S1000 (c))\nG0 X1", ["rapid 1 0 0"], "comment-mended"),
+        (' //the stock is 3"x1"\nG0 X1', ["rapid 1 0 0"], "comment-mended"),
+        ("//O0000Rail-hole DATE=01-02\nG0 X1", ["rapid 1 0 0"], "comment-mended"),
         ("G0 X1 A0", ["rapid 1 0 0"], "axis-idle"),
         ("G0 X1 I0.5 J2", ["rapid 1 0 0"], "word-idle"),
         ("G93\nF10\nG1 X1 F10", ["line 1 0 0 F10"], "word-without-effect"),
@@ -131,6 +133,13 @@ def test_a_default_feed_holds_until_the_first_f() -> None:
 def test_slips_that_controllers_accept(source: str, rows: list[str], code: str | None) -> None:
     assert block_summaries(source) == rows
     assert warnings_of(source) == ([code] if code else [])
+
+
+@pytest.mark.parametrize("source", ["//G1 X5 F100", "// X5", "G0 X1 //home"])
+def test_slashes_before_or_behind_code_are_no_comment(source: str) -> None:
+    """Another control may execute the line, or skip it by block delete."""
+    assert error_of(source).code == "block-delete-place"
+    assert error_of("// the stock", dialect="linuxcnc").code == "block-delete-place"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,160 @@
+"""Lines of SINUMERIK from templates have the statements of lines that are read in full."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+
+import pytest
+
+from cnc.gcode.syntax import line_templates, parser, siemens_templates
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.parser import Syntax, parse_line
+from cnc.gcode.syntax.siemens_variables import defined_variables
+from cnc.gcode.syntax.statement import Statement
+from cnc.model.diagnostics import GcodeError
+from tests.support.gcode.gcode_cases import end_of, error_of
+from tests.support.soak import share
+
+DEFINED = defined_variables(["DEF REAL DEPTH", "DEF INT COUNT", "DEF REAL GRID[3]=SET(1,2,3)"])
+SYNTAX = Syntax("siemens", siemens=True, dialect="siemens", variables=DEFINED)
+SHAPES = """
+N{i} G1 X={r} Y={r} F={r}
+N{i} X{r} Y{r}
+  G1 X{s} Z=IC({r}) ; cut {i}
+/G0 X={r}
+G2 X{r} Y{r} CR={r}
+G3 X{r} I=AC({r}) J{r}
+R1={r}
+R1=R1+{r} R{d}={r}
+DEPTH={r}
+COUNT={r} X={r}
+GRID[1]={r}
+GRID[{d}]={r}
+X=R1*{r}+SIN({r}) Y=R2/{r}
+g1x{r}y{r}f{i}
+S1={i} M1=3
+M{d}
+T{d} D{d}
+X={r} M17
+RNDM={d} X{r}
+G{d} X{r}
+A=DC({r}) C={r}
+TURN={d} G2 X{r} I{r}
+Q={r} W{r}
+X=.{i} Y{i}.
+X={r}EX3
+X{r}{r}
+X={r}/0
+TRANS X{r}
+""".strip("\n").split("\n")
+
+
+def filled(shape: str, rng: random.Random) -> str:
+    while "{" in shape:
+        begin = shape.index("{")
+        kind = shape[begin + 1]
+        number = {
+            "i": str(rng.randrange(1, 9000)),
+            "r": f"{rng.uniform(0.1, 400):.{rng.randrange(0, 4)}f}",
+            "s": f"-{rng.uniform(0.1, 400):.3f}",
+            "d": str(rng.randrange(0, 4)),
+        }[kind]
+        shape = shape[:begin] + number + shape[begin + 3 :]
+    return shape
+
+
+def plain(found: Statement) -> object:
+    """Return a statement with its values computed."""
+    parameters = Parameters(macro=False)
+    for name in ("_x", "_z", "_absolute", "_incremental", "depth", "count"):
+        parameters.bind(name, lambda: 0.5)
+    for index in range(5):
+        parameters.set_name(f"_r{index}", 1.5 + index, 0)
+
+    def value(compute: object) -> object:
+        try:
+            return compute(parameters)  # type: ignore[operator]
+        except GcodeError as error:
+            return error.diagnostic
+
+    return (
+        [(w.letter, repr(w.number), w.written, w.column, w.length) for w in found.words],
+        [(index, value(each)) for index, each in found.computed],
+        [
+            (
+                each.target if isinstance(each.target, str) else value(each.target),
+                value(each.value),
+                each.column,
+                each.length,
+            )
+            for each in found.assignments
+        ],
+        found.remarks,
+        found.deletable,
+        found.control is None,
+    )
+
+
+def read(line: str) -> object:
+    try:
+        return plain(parse_line.__wrapped__(line, SYNTAX))
+    except GcodeError as error:
+        return error.diagnostic
+
+
+def read_in_full(line: str, monkeypatch: pytest.MonkeyPatch) -> object:
+    with monkeypatch.context() as patched:
+        patched.setattr(siemens_templates, "statement", lambda *arguments: None)
+        return read(line)
+
+
+def test_a_template_gives_the_statement_of_a_full_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = random.Random(20261127)
+    siemens_templates._templates.clear()
+    for _ in range(share(40, 8)):
+        for shape in SHAPES:
+            line = filled(shape, rng)
+            assert read(line) == read_in_full(line, monkeypatch), line
+
+
+def test_the_grammar_reads_two_lines_of_a_template(monkeypatch: pytest.MonkeyPatch) -> None:
+    siemens_templates._templates.clear()
+    line_templates._templates.clear()
+    calls: list[str] = []
+    original = parser._parse
+
+    def counted(text: str, *arguments: object) -> Statement:
+        calls.append(text)
+        return original(text, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(parser, "_parse", counted)
+    for number in range(100):
+        parse_line.__wrapped__(f"N{number} G1 X=R1+{number}.5 Y=IC({number}.25) F=100", SYNTAX)
+    assert len(calls) == 3  # two lines, and one with open numbers
+
+
+@pytest.mark.parametrize("word", ["RNDM={}", "M{}", "T{}", "G{} Y1", "L{}"])
+def test_a_word_whose_number_is_its_meaning_is_read_by_itself(word: str) -> None:
+    """RNDM=0, M1 and G1 are read beside lines with other numbers, which are refused."""
+    lines = [f"X{number} {word.format(number)}" for number in (77, 78, 79, 0, 0)]
+    for before, after in pairwise(lines):
+        assert read(before) == read(before)
+        assert read(after) == read(after)
+    if word == "RNDM={}":
+        assert isinstance(read(lines[3]), tuple)
+        assert not isinstance(read(lines[0]), tuple)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7])
+def test_values_of_templates_move_the_tool(count: int) -> None:
+    """X is the sum of R1 and the number of the line, and Y the sum of the steps so far."""
+    lines = [f"R1={n}.5\nG0 X=R1+{n}.25 Y=IC({n})" for n in range(count)]
+    end = end_of("G90 G71\n" + "\n".join(lines), dialect="siemens")
+    assert end[:2] == [2 * (count - 1) + 0.75, sum(range(count))]
+
+
+def test_an_error_in_a_value_names_the_line() -> None:
+    divisions = "".join(f"G0 X={n}.5/R0\n" for n in range(3))
+    found = error_of(f"R0=1\n{divisions}R0=0\n  G0 X=9.5/R0\nM30", dialect="siemens")
+    assert (found.code, found.line, found.column) == ("division-by-zero", 6, 3)
