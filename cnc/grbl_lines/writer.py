@@ -179,13 +179,12 @@ class LineWriter:
         """Return the lines of straight moves: most lines of most programs are made here."""
         lines: list[GcodeLine] = []
         offset, places = self._arcs.offset, f"%.{self._arcs.digits}f"
-        values, texts = self._at
-        before = self._point
+        values, texts = list(self._at.values), list(self._at.texts)
+        before, unnamed = self._point, (math.nan,) * len(values)
         for move in moves:
             point = move.end
             words: list[str] = []
-            target = [math.nan] * len(values)
-            new_values, new_texts = list(values), list(texts)
+            start, target = values.copy(), list(unnamed)
             for k, letter in self._axes:
                 if before is None or texts[k] is None or point[k] != before[k]:
                     text = places % (point[k] - offset[k])
@@ -194,20 +193,22 @@ class LineWriter:
                         text = "0" if text == "-0" else text
                     if text != texts[k]:
                         words.append(letter + text)
-                        new_texts[k] = text
-                        new_values[k] = target[k] = float(text)
+                        texts[k] = text
+                        values[k] = target[k] = float(text)
             before = point
             if not words:
                 continue
             if len(self._named) < len(self._axes):
                 self._named.update(word[0] for word in words)
-            length = math.dist(new_values, values)
+            length, feed = math.dist(values, start), ""
             kind = LineKind.FEED
             if math.isnan(move.feed):
                 kind = LineKind.RAPID
                 seconds = length / max(move.speed, 1e-6)
                 self._ahead = min(self._ahead + seconds, MOST_AHEAD)
-            elif feed := self._feed_word(length, sum(map(len, words)) + len(words) - 1, move):
+            else:
+                feed = self._feed_word(length, len(" ".join(words)), move)
+            if feed:
                 words.append(feed)
             if MOTION_WORDS[kind] != self._motion:
                 self._motion = MOTION_WORDS[kind]
@@ -215,10 +216,9 @@ class LineWriter:
             if self._power:
                 words.append(self._power)
                 self._power = ""
-            values, texts = tuple(new_values), tuple(new_texts)
             effect = LineEffect(kind, tuple(target), self._printed_feed, self._plane)
             lines.append(GcodeLine(" ".join(words), move.line, effect))
-        self._at, self._point = Printed(values, texts), before
+        self._at, self._point = Printed(tuple(values), tuple(texts)), before
         return lines
 
     def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:

@@ -64,6 +64,7 @@ class LinePass:
         self._warn, self._depends_on_answers = warn, depends_on_answers
         self._lowered = LoweredFeeds()
         self._tool: Tool | None = None
+        self._skipped: list[Block] = []
 
     def run(self, before_motion: Callable[[], None]) -> None:
         """Send all lines. ``before_motion`` is called when the lines are known."""
@@ -74,6 +75,7 @@ class LinePass:
         report.largest, report.limits = self._largest(), self._limits()
         self._warn(self._lowered.findings())
         self._warn(self._unused_tool_change())
+        self._warn(self._skipped_pauses())
         countdown = Countdown(self.timing)
         present = PresentLine(context.reader.path, report.program)
 
@@ -128,10 +130,30 @@ class LinePass:
         """Yield the program as lines."""
         path = self._motion.path(for_lines=True)
         if self._context.options.pauses == "skip":
-            path = (item for item in path if isinstance(item, PathChunk) or not pause_reason(item))
+            path = self._without_pauses(path)
         translator = line_translator(self._board, self._context.reader.machine)
         self._lowered = translator.lowered
         yield from steps(map(self._noted, path), translator, on_lines)
+
+    def _without_pauses(self, path: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
+        """Yield a path without its pauses, which are kept."""
+        self._skipped = []
+        for item in path:
+            if isinstance(item, PathChunk) or not pause_reason(item):
+                yield item
+            else:
+                self._skipped.append(item)
+
+    def _skipped_pauses(self) -> Iterator[Diagnostic]:
+        """Yield a warning at the first pause that the run leaves out."""
+        if self._skipped and not self._board.check_only:
+            first, more = self._skipped[0], len(self._skipped) - 1
+            others = f", nor at {more} later pause{'s' if more > 1 else ''}" if more else ""
+            message = f"the run does not wait here{others}: {pause_reason(first)}"
+            hint = "run it in a terminal, where the space bar continues after each pause"
+            yield Diagnostic(
+                "pause-skipped", message, first.file, first.line, hint=hint, severity="warning"
+            )
 
     def _noted(self, item: PathChunk | Block) -> PathChunk | Block:
         """Return an item of the path; the first tool change is kept."""

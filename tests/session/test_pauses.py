@@ -115,6 +115,32 @@ def test_grblhal_changes_the_tool_by_m6_where_it_only_waits(
     assert box.position == pytest.approx((2.0, 0.0, 0.0), abs=0.01)
 
 
+@pytest.mark.parametrize(("checks", "expected"), [(False, [2]), (True, [])])
+def test_pauses_left_out_are_reported(checks: bool, expected: list[int], tmp_path: Path) -> None:
+    """Without an operator a tool change is left out: the first one is named, with the others."""
+    program, simulator = tmp_path / "p.nc", GrblSimulator()
+    program.write_text("G21 G90\nT2 M6\nG1 X1 F600\nM0\nG1 X2\nM2\n")
+    port = GrblSimulatorPort(simulator)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    board.connect()
+    board.check_only = checks
+    report = run_with(
+        program,
+        MACHINE,
+        board=board,
+        pauses="skip",
+        check_on_board=checks,
+        dialect="linuxcnc",
+    )
+    board.close()
+    assert report.ok
+    found = [each for each in report.warnings if each.code == "pause-skipped"]
+    assert [(each.line, each.severity) for each in found] == [(k, "warning") for k in expected]
+    assert all(
+        "put in tool 2" in each.message and "1 later pause" in each.message for each in found
+    )
+
+
 def test_an_open_door_is_called_a_door(tmp_path: Path) -> None:
     box = GrblSimulator()
     program = tmp_path / "p.nc"
