@@ -60,6 +60,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python -m benchmarks.sampled
 	$(BIN)/python -m benchmarks.planner --whole
 	$(BIN)/python -m benchmarks.optimum_cases
+	$(BIN)/python -m benchmarks.holds --count 80
 	$(BIN)/python -m benchmarks.segments
 	$(BIN)/python -m benchmarks.interpolators
 	$(BIN)/python -m benchmarks.checking

@@ -15,6 +15,9 @@ from __future__ import annotations
 from cnc.path.chunk import PathChunk
 from cnc.planner.window import Window
 
+ROUNDING = 1e-12
+"""s; rounding error of a time. A slice of no length would be a whole phase."""
+
 Added = tuple[PathChunk, PathChunk | None, PathChunk | None]
 
 
@@ -55,7 +58,7 @@ class Rewind:
         window = kept.copy()
         for added in self._added[number:]:
             window.add(*added)
-        while window.clock.seconds < time and window.settled:
+        while window.clock.seconds < time - ROUNDING and window.settled:
             before = window.clock.seconds
             window.take(time - before, 0.0)
             if window.clock.seconds <= before:

@@ -6,6 +6,7 @@ from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.rewind import Rewind
 from tests.support.planner.corners import PER_AXIS, duration, planned
 from tests.support.planner.motions import AXES, lines
 from tests.support.soak import share
@@ -70,3 +71,13 @@ def test_copies_and_chunks_are_kept_only_while_they_are_needed():
     for _ in plans:
         most = max(most, len(ahead._rewind._copies) + len(ahead._rewind._added))
     assert 0 < most < 40
+
+
+def test_a_return_to_the_time_of_a_copy_but_for_rounding_takes_nothing():
+    ahead, plans, _ = planning([(60.0, 0.0, 0.0)], 0.1)
+    next(plans)
+    window, rewind = ahead._window, Rewind()
+    assert window.settled and window.clock.seconds > 0.0
+    rewind.keep(window)
+    time = float(np.nextafter(window.clock.seconds, np.inf))
+    assert rewind.window_at(time).clock.seconds == window.clock.seconds
