@@ -43,13 +43,13 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.pulses.grid_moves import Moves, slack
-from cnc.kernels.pulses.polynomial import approach, derivatives, value, value_less
+from cnc.kernels.pulses.polynomial import approach, derivatives, estrin, value, value_less
 
 CLOSE = 1e-8
 """BLU: largest distance of an axis from its line at a row."""
 BEYOND = 2.0
 """A place behind the end of every window."""
-PLACES = 16
+PLACES = 32
 """Most places of an axis that are found at once."""
 REACH = 1.0 / 64.0
 """Range of the inverse series, in parts of its radius of convergence, at which its error is about
@@ -108,22 +108,24 @@ def _next_places(
     f1, f2, f3 = derivatives(c, low)
     count = 0
     if sign * f1 > 0.0:
-        # One BLU takes 1 / |f1|.
-        inverse = sign / f1
+        inverse = 1.0 / f1
+        p = 0.5 * f2 * inverse
+        q = 2.0 * p * p - f3 * inverse / 6.0
+        # One BLU takes ``rate``.
+        rate = sign * inverse
+        reach = REACH / (max(abs(p), math.sqrt(abs(q))) * rate)
+        wanted = min(min(math.ceil(goal) - ahead, PLACES), 1 + int(min(reach, PLACES)))
         begin = ahead - sign * value(c, low)
-        p = 0.5 * f2 / f1
-        q = 2.0 * p * p - f3 / (6.0 * f1)
-        bend = max(abs(p), math.sqrt(abs(q))) * inverse
-        wanted = min(min(math.ceil(goal) - ahead, PLACES), 1 + int(min(REACH / bend, PLACES)))
+        c0, c1, c2, c3, c4, c5, c6, c7 = c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]
         for k in range(wanted):
             line = sign * (ahead + k)
-            y = (begin + k) * inverse
+            y = (begin + k) * rate
             x = low + y * (1.0 - y * (p - y * q))
-            rise = inverse * (1.0 - y * (2.0 * p - y * (3.0 * q)))
-            x -= sign * value_less(c, line, x) * rise
+            rise = rate * (1.0 - y * (2.0 * p - y * (3.0 * q)))
+            x -= sign * estrin(c0 - line, c1, c2, c3, c4, c5, c6, c7, x) * rise
             x = min(max(x, low), 1.0)
             places[k] = x
-            off[k] = abs(value_less(c, line, x))
+            off[k] = abs(estrin(c0 - line, c1, c2, c3, c4, c5, c6, c7, x))
         while count < wanted and off[count] <= CLOSE:
             count += 1
     if count == 0:
