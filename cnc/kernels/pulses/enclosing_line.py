@@ -13,22 +13,24 @@ the point r at which the curve leaves it; the grid point nearest to r is the nex
         +--,---+------+
       A6      A7  L4  A8
 
-Only those sides lie ahead to which the tangent points (Table 1). The tangent meets first the side
-of the axis with the smallest d / |r'|, with d the distance to its side. In the plane that is the
-sign of the geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" corrected there). On that side
-u is found (Table 4, corrected: u only grows). One step along the tangent, as printed, misses by the
-bend of the curve. Here it starts Newton's iteration in a bracket. So r is on the side, and the axis
-that leaves has no error.
+Only those sides lie ahead to which the tangent points (Table 1). In the paper the tangent also
+predicts the side that comes first: that of the axis with the smallest d / |r'|, with d the distance
+to its side. In the plane that is the sign of the geometric factor |x'| dy - |y'| dx (Tables 2 and
+3, "abs" corrected there). One step along the tangent gives u on that side (Table 4, corrected: u
+only grows), off by the bend of the curve.
+
+Here r is exact. The sides are lines of the grid, and an axis meets its lines at places that do not
+depend on the grid point. So the places of its next lines are found together, and the side that
+comes first is that of the axis whose place is first. r is on the side, so the axis that leaves has
+no error.
 
 The other axes round: one with |D| > 1/2 steps as well, D = r - P (Table 5, corrected). Since r is
 on the border of the square there is no null step. Since no axis is beyond its side every |D| after
 the step is at most 1/2.
 
-Corrections to the paper: the tangent only predicts the side that comes first. If another axis is
-beyond its side at the place found, that axis left before and takes the lead. Windows end where an
-axis turns back inside the square, at a cusp, and at a start or end off the grid
-(:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the same
-from one window to the next.
+Windows end where an axis turns back inside the square, at a cusp, and at a start or end off the
+grid (:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the
+same from one window to the next.
 
 A row is due where r is on the side, so the machine reaches the next grid point when the curve
 passes it.
@@ -85,7 +87,7 @@ def _reached(c: Floats, line: float, sign: float, low: float, high: float) -> fl
 
 
 @njit
-def _next_places(
+def next_places(
     c: Floats, ahead: int, sign: float, low: float, goal: float, places: Floats, off: Floats
 ) -> int:
     """Write the places in [low, 1] where an axis is at its next lines, one BLU apart.
@@ -175,9 +177,7 @@ def window_rows(
         goal[i] = heading[i] * ends[i] - slack(ends[i])
         first[i] = heading[i] * grid[i] + 1
         if goal[i] > first[i]:
-            count[i] = _next_places(
-                poly[i], first[i], heading[i], x, goal[i], places[i], off_line
-            )
+            count[i] = next_places(poly[i], first[i], heading[i], x, goal[i], places[i], off_line)
             due[i] = places[i, 0]
     while True:
         near = due[0]
@@ -208,7 +208,7 @@ def window_rows(
                 if goal[i] > ahead:
                     if not 0 <= ahead - first[i] < count[i]:
                         first[i] = ahead
-                        count[i] = _next_places(
+                        count[i] = next_places(
                             poly[i], ahead, heading[i], x, goal[i], places[i], off_line
                         )
                     due[i] = places[i, ahead - first[i]]
