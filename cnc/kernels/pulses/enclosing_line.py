@@ -13,22 +13,24 @@ the point r at which the curve leaves it; the grid point nearest to r is the nex
         +--,---+------+
       A6      A7  L4  A8
 
-Only those sides lie ahead to which the tangent points (Table 1). The tangent meets first the side
-of the axis with the smallest d / |r'|, with d the distance to its side. In the plane that is the
-sign of the geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" corrected there). On that side
-u is found (Table 4, corrected: u only grows). One step along the tangent, as printed, misses by the
-bend of the curve. Here it starts Newton's iteration in a bracket. So r is on the side, and the axis
-that leaves has no error.
+Only those sides lie ahead to which the tangent points (Table 1). In the paper the tangent also
+predicts the side that comes first: that of the axis with the smallest d / |r'|, with d the distance
+to its side. In the plane that is the sign of the geometric factor |x'| dy - |y'| dx (Tables 2 and
+3, "abs" corrected there). One step along the tangent gives u on that side (Table 4, corrected: u
+only grows), off by the bend of the curve.
+
+Here r is exact. The sides are lines of the grid, and an axis meets its lines at places that do not
+depend on the grid point. So the places of its next lines are found together, and the side that
+comes first is that of the axis whose place is first. r is on the side, so the axis that leaves has
+no error.
 
 The other axes round: one with |D| > 1/2 steps as well, D = r - P (Table 5, corrected). Since r is
 on the border of the square there is no null step. Since no axis is beyond its side every |D| after
 the step is at most 1/2.
 
-Corrections to the paper: the tangent only predicts the side that comes first. If another axis is
-beyond its side at the place found, that axis left before and takes the lead. Windows end where an
-axis turns back inside the square, at a cusp, and at a start or end off the grid
-(:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the same
-from one window to the next.
+Windows end where an axis turns back inside the square, at a cusp, and at a start or end off the
+grid (:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the
+same from one window to the next.
 
 A row is due where r is on the side, so the machine reaches the next grid point when the curve
 passes it.
@@ -36,17 +38,25 @@ passes it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.pulses.grid_moves import Moves, slack
-from cnc.kernels.pulses.polynomial import approach, bends, derivatives, slope, value, value_less
+from cnc.kernels.pulses.polynomial import approach, derivatives, estrin, value, value_less
 
 CLOSE = 1e-8
 """BLU: largest distance of an axis from its line at a row."""
 BEYOND = 2.0
 """A place behind the end of every window."""
+PLACES = 32
+"""Most places of an axis that are found at once."""
+REACH = 1.0 / 64.0
+"""Range of the inverse series, in parts of its radius of convergence, at which its error is about
+CLOSE.
+"""
 
 
 @njit
@@ -74,6 +84,56 @@ def _reached(c: Floats, line: float, sign: float, low: float, high: float) -> fl
                 near = high
         x = near
     return x
+
+
+@njit
+def next_places(
+    c: Floats, ahead: int, sign: float, low: float, goal: float, places: Floats, off: Floats
+) -> int:
+    """Write the places in [low, 1] where an axis is at its next lines, one BLU apart.
+
+    They come from the inverse series of the cubic about ``low`` and one step of Newton's iteration
+    with the slope of that series. A place counts when the axis is at its line there.
+
+    Args:
+        c: (POLYNOMIAL,): the position of the axis in the window, BLU.
+        ahead: the first line, times the heading.
+        sign: the heading, constant from ``low`` to 1.
+        low: place behind which the lines lie.
+        goal: position at x = 1 times the heading; beyond the first line.
+        places: (PLACES,): takes the places.
+        off: (PLACES,): work space.
+
+    Returns:
+        The number of places, at least 1.
+    """
+    f1, f2, f3 = derivatives(c, low)
+    count = 0
+    if sign * f1 > 0.0:
+        inverse = 1.0 / f1
+        p = 0.5 * f2 * inverse
+        q = 2.0 * p * p - f3 * inverse / 6.0
+        # One BLU takes ``rate``.
+        rate = sign * inverse
+        reach = REACH / (max(abs(p), math.sqrt(abs(q))) * rate)
+        wanted = min(min(math.ceil(goal) - ahead, PLACES), 1 + int(min(reach, PLACES)))
+        begin = ahead - sign * value(c, low)
+        c0, c1, c2, c3, c4, c5, c6, c7 = c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]
+        for k in range(wanted):
+            line = sign * (ahead + k)
+            y = (begin + k) * rate
+            x = low + y * (1.0 - y * (p - y * q))
+            rise = rate * (1.0 - y * (2.0 * p - y * (3.0 * q)))
+            x -= sign * estrin(c0 - line, c1, c2, c3, c4, c5, c6, c7, x) * rise
+            x = min(max(x, low), 1.0)
+            places[k] = x
+            off[k] = abs(estrin(c0 - line, c1, c2, c3, c4, c5, c6, c7, x))
+        while count < wanted and off[count] <= CLOSE:
+            count += 1
+    if count == 0:
+        places[0] = _reached(c, sign * ahead, sign, low, 1.0)
+        count = 1
+    return count
 
 
 @njit
@@ -105,71 +165,52 @@ def window_rows(
     """
     step, s = moves
     n = len(grid)
-    position = np.empty(n)
-    rates = np.empty(n)
-    heading = np.empty(n)
+    heading = np.empty(n, np.int64)
     goal = np.empty(n)  # the end along the heading, BLU
+    places = np.empty((n, PLACES))
+    off_line = np.empty(PLACES)
+    first = np.empty(n, np.int64)  # line of the first place, times the heading
+    count = np.zeros(n, np.int64)
+    due = np.full(n, BEYOND)  # place at which the axis leaves the square
     for i in range(n):
         heading[i] = np.sign(ends[i] - poly[i, 0])
         goal[i] = heading[i] * ends[i] - slack(ends[i])
-    near = x
-    lead = -1
-    line = 0.0
-    high = BEYOND
-    exact = False
-    moving = False
+        first[i] = heading[i] * grid[i] + 1
+        if goal[i] > first[i]:
+            count[i] = next_places(poly[i], first[i], heading[i], x, goal[i], places[i], off_line)
+            due[i] = places[i, 0]
     while True:
-        for i in range(n):
-            position[i] = value(poly[i], near)
-            rates[i] = slope(poly[i], near)
-        if moving:
-            sought = -1
-            if not exact and not (x <= near <= 1.0 and abs(position[lead] - line) <= CLOSE):
-                sought = lead
-            elif x < near < high:
-                high = near
-                for i in range(n):
-                    if heading[i] * (position[i] - grid[i]) > 1.0 + CLOSE:
-                        # This axis has left the square before.
-                        sought = i
-            if sought >= 0:
-                lead = sought
-                exact = True
-                line = grid[lead] + heading[lead]
-                near = _reached(poly[lead], line, heading[lead], x, min(high, 1.0))
-                continue
-            x = near
-            s[rows] = x
-            for i in range(n):
-                off = position[i] - grid[i]
-                margin = 0.5 + slack(position[i])
-                # Table 5, see grid_after
-                move = int(off > margin) - int(off < -margin)
-                step[rows, i] = move
-                grid[i] += move
-                error = max(error, abs(off - move))
-            rows += 1
-        lead = -1
-        lead_off = 0.0
-        lead_rate = 0.0
-        for i in range(n):
-            sign = heading[i]
-            if goal[i] - sign * grid[i] > 1.0:
-                off = 1.0 - sign * (position[i] - grid[i])
-                rate = abs(rates[i])
-                # the geometric factor
-                if lead < 0 or off * lead_rate < lead_off * rate:
-                    lead = i
-                    lead_off = off
-                    lead_rate = rate
-        moving = lead >= 0 and rows < limit
-        if not moving:
+        near = due[0]
+        for i in range(1, n):
+            near = min(near, due[i])
+        if near == BEYOND or rows >= limit:
             break
-        sign = heading[lead]
-        line = grid[lead] + sign
-        second, third = bends(poly[lead], x)
-        ahead = approach(min(-lead_off, 0.0), sign * rates[lead], sign * second, sign * third)
-        near = min(x + ahead, BEYOND)
-        exact = False
-        high = BEYOND
-    return rows, x if lead >= 0 else 1.0, error
+        x = near
+        s[rows] = x
+        for i in range(n):
+            move = heading[i]
+            if due[i] > near:
+                position = value(poly[i], x)
+                off = position - grid[i]
+                margin = 0.5 + slack(position)
+                # Table 5, see grid_after
+                move = 0
+                if off > margin:
+                    move = 1
+                elif off < -margin:
+                    move = -1
+                error = max(error, abs(off - move))
+            step[rows, i] = move
+            if move != 0:
+                grid[i] += move
+                ahead = heading[i] * grid[i] + 1
+                due[i] = BEYOND
+                if goal[i] > ahead:
+                    if not 0 <= ahead - first[i] < count[i]:
+                        first[i] = ahead
+                        count[i] = next_places(
+                            poly[i], ahead, heading[i], x, goal[i], places[i], off_line
+                        )
+                    due[i] = places[i, ahead - first[i]]
+        rows += 1
+    return rows, x if near < BEYOND else 1.0, error

@@ -106,9 +106,15 @@ def spaced(rows: int, released_ns: int, buffers: Buffers, min_ns: float) -> int:
     moves, time_ns, line, recent = buffers
     step = moves.step
     n = len(recent)
+    least = int(min_ns)
     kept = 0
-    for row in range(rows):
-        earliest = (time_ns[kept - 1] if kept > 0 else released_ns) + int(min_ns)
+    earliest = released_ns + least
+    # Up to the first row that is too close to the one before it, nothing moves.
+    while kept < rows and time_ns[kept] >= earliest:
+        earliest = time_ns[kept] + least
+        kept += 1
+    for row in range(kept, rows):
+        earliest = (time_ns[kept - 1] if kept > 0 else released_ns) + least
         joins = kept > 0 and time_ns[row] < earliest
         if joins:
             for i in range(n):
