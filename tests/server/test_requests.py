@@ -52,25 +52,17 @@ def test_a_command_needs_control(client, method, path, body):
         assert (answer.status_code, answer.json()["code"]) == (409, "no-control")
 
 
-def test_a_long_job_has_a_coarse_picture(controller, monkeypatch):
+def test_a_long_job_has_a_coarse_picture_while_another_is_checked(controller, console, monkeypatch):
+    """The picture goes when the check ends, so the check waits here."""
     monkeypatch.setattr("cnc.server.console.SKETCHED", 10)
     controller("PUT", "/api/jobs/sketched.nc", {"text": PROGRAM})
     assert controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 404
+    console._workers().pool.submit(time.sleep, 600.0)
     assert controller("POST", "/api/jobs/sketched.nc/check").status_code == 200
     wait_until(lambda: controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 200)
     about = controller("GET", "/api/jobs/sketched.nc/sketch").json()["about"]
     assert about["extent"][0] == pytest.approx([0.0, 30.0], abs=1e-3)
     assert about["extent"][1] == pytest.approx([0.0, 10.0], abs=0.06)
-
-
-def test_the_coarse_picture_does_not_wait_for_the_check_of_another_job(
-    controller, console, monkeypatch
-):
-    monkeypatch.setattr("cnc.server.console.SKETCHED", 10)
-    controller("PUT", "/api/jobs/second.nc", {"text": PROGRAM})
-    console._workers().pool.submit(time.sleep, 600.0)
-    assert controller("POST", "/api/jobs/second.nc/check").status_code == 200
-    wait_until(lambda: controller("GET", "/api/jobs/second.nc/sketch").status_code == 200)
 
 
 def test_control_that_is_taken_is_lost_by_the_one_before(controller, app):

@@ -37,6 +37,11 @@ TURN_LENGTH = 0.35
 SLOWEST = 0.3
 """The speed on a leg becomes no less than this part of that at its ends."""
 
+EVEN = 1e-6
+"""The speed may exceed the feed by this part: where it is the feed at both ends, a rounding error
+would decide.
+"""
+
 LONGER, TRIALS = 1.1, 60
 """A leg takes so many times longer from trial to trial."""
 
@@ -189,7 +194,8 @@ def _between(
     for _ in range(TRIALS):
         rise = (length / time - mean - time * (pulls[0] - pulls[1]) / 12.0) * 15.0 / 8.0
         bent = abs(pulls[0]) + abs(pulls[1])
-        legal = mean + rise <= feed and 1.5 * (high - low) + 3.1 * abs(rise) <= a * time
+        legal = mean + rise <= (1.0 + EVEN) * feed
+        legal = legal and 1.5 * (high - low) + 3.1 * abs(rise) <= a * time
         legal = legal and 6.0 * (high - low) + 32.0 * abs(rise) + 4.0 * bent * time <= j * time**2
         if legal or (rise <= 0.0 and time * mean > length):
             break

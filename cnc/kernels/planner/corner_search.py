@@ -51,8 +51,13 @@ SHORTEST = 1e-6
 GAIN = 1e-3
 """Part of its duration that a motion has to save."""
 
-DIGITS, STATE_DIGITS = 27, 36
-"""Binary digits of the search's input, and of the states at its ends: they stay."""
+DIGITS = 27
+"""Binary digits of the search's input."""
+
+STATE_DIGITS = (36, 30, 27)
+"""Those of position, velocity and acceleration at its ends, which stay. In short steps a position
+counts much. Times have rounding errors of 1e-14 s, so those of the acceleration are the largest.
+"""
 
 
 class Motion(NamedTuple):
@@ -141,7 +146,7 @@ def _write_ends(tube: Tube, ends: Floats, scales: tuple[float, float], exact: bo
         for order in range(3):
             value = ends[end, order]
             if not exact:
-                value = _rounded(value, scales[0] / scales[1] ** order, STATE_DIGITS)
+                value = _rounded(value, scales[0] / scales[1] ** order, STATE_DIGITS[order])
             for q in range(tube.axes.shape[1]):
                 place = tube.start[leg, q] if order == 0 else 0.0
                 tube.ends[end, order, q] = place + value * tube.along[leg, q]
