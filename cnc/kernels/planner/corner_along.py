@@ -52,6 +52,9 @@ COARSE = 16
 BETWEEN = 5e-4
 """Part of the limit that is left for places between the rows of a step."""
 
+BETWEEN_FINE = 1e-4
+"""Part of the limit that is left for places between those that FINE parts have."""
+
 INSIDE = 1e-3
 """Parts of a step at its ends that are not searched: the motion may rest there."""
 
@@ -316,6 +319,7 @@ def tighten(tube: Tube, along: AlongRows, t: Floats, c: Floats) -> float:
     Returns:
         The largest part of the limit that v'' takes.
     """
+    limit = (1.0 - BETWEEN_FINE) * tube.along_jerk
     weights, r, square = np.empty((3, 4)), np.empty((3, c.shape[1])), np.empty(5)
     most, m = 0.0, 0
     while m < along.number[0]:
@@ -325,8 +329,8 @@ def tighten(tube: Tube, along: AlongRows, t: Floats, c: Floats) -> float:
         while m < along.number[0] and along.step[m] == k:
             at_rows = max(at_rows, abs(along.value[m]))
             m += 1
-        most = max(most, between / tube.along_jerk)
-        if between > tube.along_jerk and between > at_rows > 0.0:
+        most = max(most, between / limit)
+        if between > limit and between > at_rows > 0.0:
             for row in range(first, m):
                 tightened = (1.0 + BETWEEN) * between / at_rows / tube.along_jerk
                 along.scale[row] = max(along.scale[row], tightened)

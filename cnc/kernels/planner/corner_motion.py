@@ -73,11 +73,8 @@ LEGAL = -0.25 * EDGE
 TIGHTENED = 3
 """Number of times that bounds of the jerk along the path are lowered at the end of a search."""
 
-TRIALS = 3
-"""Number of times that it is begun with slower motion."""
-
 SLOWER = 0.04
-"""Rise of the logarithms of the durations from one to the next."""
+"""Rise of the logarithms of the durations after bounds were lowered, so that there is room."""
 
 WEIGHT = 0.01
 """T / T0 counts so much beside s in that search, so that slower motion is not sought at any price.
@@ -179,19 +176,17 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
     """Bring a motion inside all limits; return whether it is."""
     _place(tube, rows, n.c, n.spans)
     count = float(rows.number[1] + rows.along.number[0])
-    for trial in range(TRIALS + 1):
+    s = math.inf
+    # With given durations the problem is nearly convex. If that does not do, they change.
+    for weight in (0.0, WEIGHT * unit):
         s = (1.0 + INSIDE) * max(most_used(rows), most_along(rows.along)) - 1.0 + INSIDE
-        # With given durations the problem is convex. If slower motion does not help, they change.
-        weight = WEIGHT * unit if trial == TRIALS else 0.0
         t = FIRST * count / (1.0 + max(s, 0.0))
         while s > LEGAL and t <= count / GAP:
             s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
             t *= RAISE
         if s <= LEGAL:
             break
-        if trial + 1 < TRIALS:
-            n.spans[:] += SLOWER
-            _place(tube, rows, n.c, n.spans)
+        _place(tube, rows, n.c, n.spans)
     if s > LEGAL:
         return False
     # Far from all bounds the durations change more freely.
