@@ -45,7 +45,7 @@ BROKEN = [
     ("parameter-number-missing", "G1 X#"), ("parameter-read-only", "#5400 = 3"),
     ("parameter-undefined", "G1 X#<nothing>"), ("pitch-missing", "G33 Z5"),
     ("probe-length", "G38.2 X0 Y0 F5"), ("program-number-missing", "M98"),
-    ("soft-limit", "G0 X5000"),
+    ("program-unknown", "M98 P1\nM2\nO2\nM99"), ("soft-limit", "G0 X5000"),
     ("spindle-stopped", "G33.1 Z5 K1"), ("spindle-stopped", "G95\nG1 X5 F1"),
     ("spline-tangent-missing", "G5 X1 Y1"), ("state-not-saved", "M72"),
     ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"),

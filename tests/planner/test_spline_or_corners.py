@@ -46,14 +46,14 @@ def test_the_choice_makes_no_polygon_slower(seed):
 def test_programs_are_planned_with_the_choice(tmp_path):
     rng = np.random.default_rng(83000058)
     points, mill = random_chain(rng), random_mill(rng)
-    tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
+    tolerance, feed = 10 ** rng.uniform(-3, -0.5), 60.0 * 10 ** rng.uniform(0.7, 2.5)
+    points, tolerance, feed = np.round(points, 9), round(tolerance, 9), round(feed, 9)
     file = tmp_path / "t.nc"
     moves = [f"G1 X{x:.9f} Y{y:.9f} Z{z:.9f}" for x, y, z in points]
-    file.write_text(f"G21 G90 G94 G64 P{tolerance:.9f} F{60 * feed:.9f}\n" + "\n".join(moves))
+    file.write_text(f"G21 G90 G94 G64 P{tolerance:.9f} F{feed:.9f}\n" + "\n".join(moves))
     chunks = [item for item in plan(file, mill) if isinstance(item, PlanChunk)]
-    faster = duration(planned(points, tolerance, mill, feed, motion_time(mill))[0])
-    # coordinates are rounded in the file, and the search past corners ends within 1e-3
-    assert duration(chunks) == pytest.approx(faster, rel=1e-3)
+    faster = duration(planned(points, tolerance, mill, feed / 60.0, motion_time(mill))[0])
+    assert duration(chunks) == pytest.approx(faster, rel=1e-6)
 
 
 def test_no_choice_where_the_pose_sets_the_time():

@@ -200,7 +200,8 @@ class ProgramCall:
             hint = f"FANUC reads it as O{short}, {repeats} times: write P{short} L{repeats}"
         if not hint:
             # A file with subprograms has all of them: the number is mistyped.
-            alone = len(flow.main.definitions().programs) <= 1
+            begins = flow.main.definitions().programs.values()
+            alone = all(begin == flow.main_border for begin in begins)
             if alone and skips_missing(flow, f"O{number}", word, line):
                 return None
             hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"

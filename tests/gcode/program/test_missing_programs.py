@@ -47,6 +47,13 @@ def test_a_run_and_pulses_refuse_it(tmp_path: Path, dialect: Any) -> None:
     assert not (tmp_path / "out.npz").exists()
 
 
+@pytest.mark.parametrize("head", ["O1", "O1 (part)", "%\nO1"])
+def test_the_number_of_the_main_program_is_no_subprogram(tmp_path: Path, head: str) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text(f"{head}\nM98 P3\nM30\n")
+    assert check(path, options=RunOptions(dialect="fanuc")).ok
+
+
 def test_a_missing_modal_macro_is_not_called(tmp_path: Path) -> None:
     path = tmp_path / "part.nc"
     path.write_text("G66 P9100 A1.\nG0 X1.\nX2.\nG67\nM30\n")
@@ -64,6 +71,7 @@ def test_a_missing_modal_macro_is_not_called(tmp_path: Path) -> None:
         ("o<drill> call [1] [2]", "auto", "sub-unknown"),
         ("O1\nM98 P3\nM30\nO2\nM99", "fanuc", "program-unknown"),
         ("O1\nM98 P3\nM30\nO2\nM99", "auto", "program-unknown"),
+        ("M98 P3\nM30\nO2\nM99", "fanuc", "program-unknown"),
         ("%\nM98 P2\nM30\n%\nO2\nM99", "fanuc", "program-unknown"),
         ("NOSUCH", "siemens", "sub-unknown"),
     ],
@@ -74,6 +82,7 @@ def test_a_missing_modal_macro_is_not_called(tmp_path: Path) -> None:
         "auto",
         "other programs",
         "auto too",
+        "no main number",
         "behind the percent sign",
         "name alone",
     ],

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -72,9 +74,9 @@ def plain(found: Statement) -> object:
     for index in range(5):
         parameters.set_name(f"_r{index}", 1.5 + index, 0)
 
-    def value(compute: object) -> object:
+    def value(compute: Callable[[Parameters], object]) -> object:
         try:
-            return compute(parameters)  # type: ignore[operator]
+            return compute(parameters)
         except GcodeError as error:
             return error.diagnostic
 
@@ -124,9 +126,9 @@ def test_the_grammar_reads_two_lines_of_a_template(monkeypatch: pytest.MonkeyPat
     calls: list[str] = []
     original = parser._parse
 
-    def counted(text: str, *arguments: object) -> Statement:
+    def counted(text: str, *arguments: Any) -> Statement:
         calls.append(text)
-        return original(text, *arguments)  # type: ignore[arg-type]
+        return original(text, *arguments)
 
     monkeypatch.setattr(parser, "_parse", counted)
     for number in range(100):
