@@ -114,7 +114,8 @@ def exceeds_limits(phases: Phases, section: Section, limits: Limits) -> bool:
     end = min(phase_at(*part[-1].tolist())[0], section.end)
     if part[0]["s"] < section.base:
         part = cut_at_length(part, section.base)[1]
-    part = cut_at_length(part, end)[0]
+    if len(part):
+        part = cut_at_length(part, end)[0]
     if not len(part):
         return False
     _, v, a = phase_at(*part[-1].tolist())

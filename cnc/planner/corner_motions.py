@@ -15,28 +15,35 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import LINE, SPAN
-from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corner_known import new_known
-from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path, state_at
-from cnc.kernels.planner.corner_stops import CORNER_STEPS, corner_size, pass_corners
-from cnc.kernels.planner.legs import REST, record_end
+from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path
+from cnc.kernels.planner.corner_stops import (
+    CORNER_STEPS,
+    PassedChains,
+    corner_size,
+    pass_corners,
+)
+from cnc.kernels.planner.legs import REST
 from cnc.kernels.planner.plan_arrays import PlanArrays
-from cnc.model.motion_commands import joined
-from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
+from cnc.planner.finished import FinishedPart, PassedChain
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
-
-Floats = NDArray[np.float64]
-
-SAME = 1e-9
-"""s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
+from cnc.planner.plan_parts import (
+    SAME,
+    cut_at_time,
+    first_piece,
+    joined_plans,
+    part,
+    with_own_end,
+)
 
 
 class CornerMotions:
@@ -63,9 +70,24 @@ class CornerMotions:
         """Time in the plans from which on their motion is held back, s; None for none."""
         return None if self._held is None else self._held.t0
 
+    def finished_time(self, time: float) -> float:
+        """Return a time of the plan in the finished motion, s."""
+        return time - self._earlier
+
     def drop(self) -> None:
         """Forget the part that is held back: another one follows in its place."""
         self._held = None
+
+    def go_on(self, earlier: float, shorter: float, *, shared: bool) -> None:
+        """Go on with another plan instead of the motion behind a place.
+
+        Args:
+            earlier: time by which that plan begins earlier, s.
+            shorter: length by which its coordinates are smaller, mm.
+            shared: whether its first leg begins with a corner that is passed.
+        """
+        self._held = None
+        self._earlier, self._shorter, self._shared = earlier, shorter, shared
 
     def copy(self, audit: Audit, *, searches: bool = True) -> CornerMotions:
         """Return a stage that goes on independently from the same state, with another audit.
@@ -76,7 +98,7 @@ class CornerMotions:
         other._audit, other._searches = audit, searches
         return other
 
-    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
+    def passed(self, plans: Iterable[PlanChunk]) -> Iterator[FinishedPart]:
         """Yield the parts of the plans that no later plan can change.
 
         Raises:
@@ -90,23 +112,21 @@ class CornerMotions:
                 yield from self.flush()
                 held = None
             if held is None and not plan.path.tolerance.any():
-                yield self._audited(self._moved(plan))
+                yield self._as_planned(plan, self._audit.copy())
                 continue
             self._held = None
-            whole = plan if held is None else _joined(held, plan)
+            whole = plan if held is None else joined_plans(held, plan)
             kept, whole = self._decided(whole)
             if kept < len(whole.phase_j):
-                self._held = _part(whole, kept, len(whole.phase_j))
+                self._held = part(whole, kept, len(whole.phase_j))
             if kept > 0:
-                decided, piece = (
-                    self._past_corners(_part(whole, 0, kept)),
-                    _first_piece(whole, kept),
-                )
+                decided = self._past_corners(part(whole, 0, kept))
+                piece = first_piece(whole, kept)
                 if piece > 0:
                     self._shared = bool(leaves_path(path_arrays(whole.path), piece - 1))
                 yield decided
 
-    def flush(self) -> Iterator[PlanChunk]:
+    def flush(self) -> Iterator[FinishedPart]:
         """Yield the part that was held back: the motion rests at its end, or nothing follows."""
         held, self._held = self._held, None
         if held is not None:
@@ -119,30 +139,32 @@ class CornerMotions:
             return plan
         return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
 
-    def _audited(self, plan: PlanChunk) -> PlanChunk:
-        """Return the plan, if it is legal."""
-        self._audit.check(plan)
-        return plan
+    def _as_planned(self, plan: PlanChunk, audit: Audit) -> FinishedPart:
+        """Return a part of the plan with its stops; ``audit``: as it is before."""
+        moved = self._moved(plan)
+        self._audit.check(moved)
+        return FinishedPart(moved, (), plan.t0, self._shared, audit)
 
     def _decided(self, plan: PlanChunk) -> tuple[int, PlanChunk]:
         """Return the number of phases that no later plan can change, and the plan cut there."""
         path, bound = path_arrays(plan.path), self._limits.feeds(plan.path)
         time = first_undecided(path, plan.arrays, self._shared, bound, self._limits.arrays)
-        return _cut(plan, time)
+        return cut_at_time(plan, time)
 
-    def _past_corners(self, plan: PlanChunk) -> PlanChunk:
+    def _past_corners(self, plan: PlanChunk) -> FinishedPart:
         """Return the plan with motions past its corners, or with stops where those are illegal."""
+        audit = self._audit.copy()
         while (found := self._without_stops(plan)) is not None:
-            cut, origin = found
+            cut = found.plan
             if not self._audit.broken(cut):
                 self._earlier += plan.duration - cut.duration
                 self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-                return cut
-            stops = self._refused(plan, cut, origin)
+                return FinishedPart(cut, found.chains, plan.t0, self._shared, audit)
+            stops = self._refused(plan, cut, found.origin)
             plan = replace(
                 plan, path=replace(plan.path, tolerance=np.where(stops, 0.0, plan.path.tolerance))
             )
-        return self._audited(self._moved(plan))
+        return self._as_planned(plan, audit)
 
     def _refused(
         self, plan: PlanChunk, cut: PlanChunk, origin: NDArray[np.int32]
@@ -160,22 +182,19 @@ class CornerMotions:
         timed = (cut.path.kind == SPAN) & (plan.path.kind[origin] == LINE)
         ends = np.flatnonzero(timed & ~np.append(timed[1:], False)) + 1
         stops = np.zeros(len(plan.path), np.bool_)
-        first_piece = first_phase = 0
+        begin_piece = first_phase = 0
         for end in ends.tolist():
             phase = int(np.searchsorted(cut.phase_s, cut.piece_s[end] - REST)) + 1
-            legs = origin[first_piece:end][timed[first_piece:end]]
-            if audit.broken(_with_end(_part(cut, first_phase, phase))):
+            legs = origin[begin_piece:end][timed[begin_piece:end]]
+            if audit.broken(with_own_end(part(cut, first_phase, phase))):
                 stops[legs.min() : legs.max()] = True
                 return stops
-            first_piece, first_phase = end, phase
+            begin_piece, first_phase = end, phase
         stops[:] = True
         return stops
 
-    def _without_stops(self, plan: PlanChunk) -> tuple[PlanChunk, NDArray[np.int32]] | None:
-        """Return the plan with motions past its corners, and the piece of which each was made.
-
-        It is None if there are no such motions.
-        """
+    def _without_stops(self, plan: PlanChunk) -> _Passing | None:
+        """Return the plan with motions past its corners; None if there are none."""
         path, limits = numbered(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
         corners = count_corners(path, plan.arrays) if self._searches else 0
@@ -187,6 +206,7 @@ class CornerMotions:
         )
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = _empty_plan(most, phases)
+        chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
         count, spans, numbers, passed = pass_corners(
             path,
             plan.arrays,
@@ -197,6 +217,7 @@ class CornerMotions:
             self._known,
             out,
             out_plan,
+            chains,
         )
         if not passed:
             return None
@@ -212,7 +233,24 @@ class CornerMotions:
             phase_a=out_plan.a[: spans + 1],
             phase_j=out_plan.j[:spans],
         )
-        return cut, out.line[:count]
+        begin, end, earlier = (times[:passed] for times in chains)
+        before = np.concatenate(([0.0], earlier[:-1]))
+        motions = zip(begin - before, end - earlier, plan.t0 + end, strict=True)
+        return _Passing(cut, out.line[:count], tuple(PassedChain(*map(float, m)) for m in motions))
+
+
+class _Passing(NamedTuple):
+    """A plan with motions past its corners.
+
+    Attributes:
+        plan: the plan.
+        origin: the piece of the plan with stops of which each piece was made.
+        chains: the motions past corners.
+    """
+
+    plan: PlanChunk
+    origin: NDArray[np.int32]
+    chains: tuple[PassedChain, ...]
 
 
 def _empty_plan(pieces: int, phases: int) -> PlanArrays:
@@ -225,121 +263,3 @@ def _empty_plan(pieces: int, phases: int) -> PlanArrays:
         np.empty(phases + 1),
         np.empty(phases),
     )
-
-
-def _cut(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
-    """Return the number of phases before a time, and the plan with an end of a phase there."""
-    t = plan.phase_t
-    k = int(np.searchsorted(t, time - SAME))
-    if k >= len(t) or abs(float(t[k]) - time) <= SAME:
-        return min(k, len(t) - 1), plan
-    s, v, a = state_at(time, k - 1, plan.arrays)
-    return k, replace(
-        plan,
-        phase_t=np.insert(t, k, time),
-        phase_s=np.insert(plan.phase_s, k, s),
-        phase_v=np.insert(plan.phase_v, k, v),
-        phase_a=np.insert(plan.phase_a, k, a),
-        phase_j=np.insert(plan.phase_j, k, plan.phase_j[k - 1]),
-    )
-
-
-def _first_piece(plan: PlanChunk, phase: int) -> int:
-    """Return the piece on which a phase begins; the number of pieces for the end of the plan."""
-    at = plan.phase_s[phase] + REST
-    return max(int(np.searchsorted(plan.piece_s, at, side="right")) - 1, 0)
-
-
-def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
-    """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
-    if end - first == len(plan.phase_j):
-        return plan
-    piece_s = plan.piece_s
-    begin = _first_piece(plan, first)
-    after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
-    zero = float(piece_s[begin])
-    span = slice(first, end + 1)
-    return PlanChunk(
-        path=plan.path.part(begin, after),
-        piece_s=piece_s[begin : after + 1] - zero,
-        t0=plan.t0 + float(plan.phase_t[first]),
-        s0=plan.s0 + zero,
-        phase_t=plan.phase_t[span] - plan.phase_t[first],
-        phase_s=plan.phase_s[span] - zero,
-        phase_v=plan.phase_v[span],
-        phase_a=plan.phase_a[span],
-        phase_j=plan.phase_j[first:end],
-    )
-
-
-def _with_end(plan: PlanChunk) -> PlanChunk:
-    """Return a part of a plan that ends with the speed of its own last phase.
-
-    Where a timed piece follows, the coordinate of the plan has another speed there.
-    """
-    last = len(plan.phase_j) - 1
-    _, v, a = state_at(float(plan.phase_t[-1]), last, plan.arrays)
-    return replace(
-        plan, phase_v=np.append(plan.phase_v[:-1], v), phase_a=np.append(plan.phase_a[:-1], a)
-    )
-
-
-def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
-    """Return two plans that follow each other as one.
-
-    A phase or a piece that continues from one to the other becomes one. Where the operator has
-    changed the feed within a piece, the higher one counts for all of it.
-    """
-    a, b = before.path, after.path
-    pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
-    data, at = _records(a)
-    more, at_more = _records(b)
-    s = after.s0 - before.s0
-    t = after.t0 - before.t0
-    same = (
-        before.phase_j[-1] == after.phase_j[0]
-        and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
-        and after.phase_v[0] > 0.0
-    )
-    feed = np.concatenate((a.feed[pieces], b.feed))
-    if len(feed) < len(a) + len(b):
-        feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
-    phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
-    rest = slice(1 if same else 0, None)
-    return PlanChunk(
-        path=PathChunk(
-            a.axes,
-            b.file,
-            np.concatenate((a.kind[pieces], b.kind)),
-            np.concatenate((at[pieces], at_more + len(data))),
-            np.concatenate((data, more)),
-            np.concatenate((a.length[pieces], b.length)),
-            feed,
-            np.concatenate((a.line[pieces], b.line)),
-            np.concatenate((a.stop_after[pieces], b.stop_after)),
-            np.concatenate((a.tolerance[pieces], b.tolerance)),
-            joined(
-                (
-                    (None if a.commands is None else a.commands[pieces], len(a.kind[pieces])),
-                    (b.commands, len(b)),
-                )
-            ),
-            b.timed,
-        ),
-        piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
-        t0=before.t0,
-        s0=before.s0,
-        phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
-        phase_s=np.concatenate((before.phase_s[:-1], after.phase_s[rest] + s)),
-        phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
-        phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
-        phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
-    )
-
-
-def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the records of these pieces alone, and the index of each."""
-    pieces = Pieces(path.kind, path.at, path.data)
-    lowest = int(path.at.min())
-    end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
-    return path.data[lowest:end], path.at - lowest

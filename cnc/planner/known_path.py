@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from copy import copy
+from dataclasses import replace
 from math import inf
 
 import numpy as np
 
+from cnc.kernels.path.curve import LENGTH, LINE, START
 from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.legs import write_line
 from cnc.path.chunk import PathChunk
 from cnc.planner.intervals import between, joined
 from cnc.planner.limits import Limits
@@ -56,6 +59,32 @@ class KnownPath:
         self.sections.append(section)
         self._travelled += float(section.piece_s[-1])
         return section
+
+    def length_at(self, s: float) -> float:
+        """Return the path length since the start of the program at ``s``, in the first section."""
+        if not self.sections:
+            return self._travelled
+        return self.sections[0].travelled + (s - self.sections[0].base)
+
+    def put_before(self, s: float, curve: PathChunk) -> bool:
+        """Replace the path before ``s``, in the first section, by a curve that ends there.
+
+        Returns:
+            False where ``s`` is inside a curve. Then nothing changes.
+        """
+        first = self.sections[0] if self.sections else None
+        travelled, length = self.length_at(s), float(curve.length.sum())
+        following = None
+        if first is not None:
+            following = _behind(first, s - first.base, curve)
+            if following is None:
+                return False
+            self.sections[0] = Section(
+                Stretch(following, curve, first.stretch.following), self.limits, s, travelled
+            )
+        lead = Stretch(curve, None, following)
+        self.sections.appendleft(Section(lead, self.limits, s - length, travelled - length))
+        return True
 
     def rebase(self) -> float:
         """Measure arc length from the start of the first section again.
@@ -105,3 +134,25 @@ class KnownPath:
         here = s - section.base + rounding_of(s)
         piece = int(np.searchsorted(section.piece_s, here, side="right")) - 1
         return path.file, int(path.line[min(max(piece, 0), len(path) - 1)])
+
+
+def _behind(section: Section, s: float, curve: PathChunk) -> PathChunk | None:
+    """Return the path of a section behind ``s``, from where a curve ends; None inside a curve."""
+    piece = int(np.searchsorted(section.piece_s, s + rounding_of(s), side="right")) - 1
+    path = section.stretch.path.part(piece, len(section.stretch.path))
+    taken = s - float(section.piece_s[piece])
+    if taken <= rounding_of(s):
+        return path
+    if path.kind[0] != LINE:
+        return None
+    n, at, end = len(path.axes), len(path.data), int(curve.at[-1]) + START + len(path.axes)
+    data = np.concatenate((path.data, np.empty(START + 2 * n)))
+    write_line(data, at, int(path.at[0]), taken, 0.0)
+    data[at + START : at + START + n] = curve.data[end : end + n]
+    places, length = path.at.copy(), path.length.copy()
+    places[0], length[0] = at, data[at + LENGTH]
+    # What takes effect at the start of the line has done so.
+    commands = None if path.commands is None else path.commands.copy()
+    if commands is not None:
+        commands[0] = None
+    return replace(path, data=data, at=places, length=length, commands=commands)

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from math import inf
+from typing import NamedTuple
 
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Probe, SpindleSync
@@ -26,13 +28,26 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
+from cnc.planner.detour import detour
+from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
+from cnc.planner.requests import PARTS, Beginning
 from cnc.planner.rewind import Rewind
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
 MOST_CAUTION = 12
 """Number of times that a plan is made again more slowly."""
+
+
+class State(NamedTuple):
+    """What a request changes; see :class:`LookAhead`."""
+
+    window: Window
+    corners: CornerMotions
+    rewind: Rewind
+    finished: Finished
+    audit: Audit
 
 
 class LookAhead:
@@ -73,7 +88,7 @@ class LookAhead:
         """The factor of the feeds that was requested last."""
         self._control = control
         self._slice_s = LONG if control is None else slice_s
-        self._finished: deque[PlanChunk] = deque()
+        self._finished = Finished()
         self._allowed = Overrides(
             "", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True
         )
@@ -96,7 +111,7 @@ class LookAhead:
             if isinstance(item, PathChunk):
                 if pending is not None:
                     self._add(pending, previous, item)
-                    yield from self._motion()
+                    yield from self._motion(at_rest=False)
                     previous = pending
                 pending = item
                 if item.stop_after[-1]:
@@ -123,66 +138,108 @@ class LookAhead:
 
     def ramp_down(self) -> Iterator[PlanChunk]:
         """Yield plans that come to rest soon after the last plan; then nothing can be planned."""
-        yield from self._taken()
-        self._go_back()
-        if self._window.moving:
-            before = self._window.copy()
-            self._window.stop()
-            if self._refusal() is not None:
-                self._window = before
-                before.follow_to_rest()
-            while self._window.moving:
-                self._finish(self._window.take(LONG))
+        stops = self._requested(0.0)
+        while self._finished and not stops:
+            yield self._next_slice()
+            stops = self._requested(0.0)
+        if not stops:
+            self._window.follow_to_rest()
+        while self._window.moving:
+            self._finish(self._window.take(LONG))
         self._finish_at_rest()
-        yield from self._taken()
+        yield from self._handed_out()
 
     def _motion_to_rest(
         self, last: PathChunk, previous: PathChunk | None
     ) -> Iterator[PlanChunk | Block]:
         """Plan the last chunk before a rest of the path."""
         self._add(last, previous, None)
-        yield from self._motion()
-        self._finish_at_rest()
-        yield from self._taken()
+        yield from self._motion(at_rest=True)
 
-    def _motion(self) -> Iterator[PlanChunk | Block]:
-        """Yield the plans that are settled, as the operator requests the motion."""
+    def _motion(self, *, at_rest: bool) -> Iterator[PlanChunk | Block]:
+        """Yield the plans that are settled, as the operator requests the motion.
+
+        ``at_rest``: whether the motion rests at the end of the path so far. Then all of it is.
+        """
         waits = False
         while True:
             factor = self._requested_factor()
             if not waits and not self._requested(factor):
                 # The request has to wait for another slice.
                 waits = True
+            if self._finished:
+                yield self._next_slice()
+                waits = False
+                continue
             if not self._prepared():
-                return
+                if not at_rest:
+                    return
+                self._finish_at_rest()
+                if not self._finished:
+                    return
+                continue
             window = self._window
             if factor == 0.0 and not window.moving:
                 self._finish_at_rest()
-                yield from self._taken()
+                yield from self._handed_out()
                 yield Held(*window.place)
                 waits = False
                 continue
             if window.settled:
                 self._take_slice()
-            yield from self._taken()
             waits = False
 
     def _requested(self, factor: float) -> bool:
-        """Plan for a factor of the feeds; return False if the audit refuses that plan."""
+        """Plan for a factor of the feeds; return False if the audit refuses that plan.
+
+        Of the stops that begin inside of a motion past corners, or at its end, the first one that
+        takes no longer than a slice counts, else that which rests first.
+        """
         if self._window.runs_at(factor):
             return True
-        before = self._window.copy(), self._corners, self._rewind
-        if factor != self._factor:
-            self._factor = factor
-            self._go_back()
+        before = self._state()
+        left = self._finished.chain_left
+        inside = factor == 0.0 and left > 0.0
+        best, earliest = before, inf
+        for begin, later in self._beginnings(factor):
+            done = False
+            if self._gone_back(begin, later) and self._accepted(begin, factor):
+                rest = self._corners.finished_time(self._window.rest_time)
+                soon = rest - self._corners.finished_time(self._window.clock.seconds)
+                # Only the next slice may show a stop inside of a long motion.
+                waits = begin is Beginning.FINISHED and earliest == inf and left > self._slice_s
+                if rest < earliest and not waits:
+                    best, earliest = self._state(), rest
+                done = not inside or soon + later <= self._slice_s
+            self._set_state(before)
+            if done:
+                break
+        self._set_state(best)
+        if best is before:
+            return False
+        self._factor = factor
+        return True
+
+    def _accepted(self, begin: Beginning, factor: float) -> bool:
+        """Plan for a factor of the feeds from here on; return whether the audit accepts it."""
         if factor > 0.0:
             self._window.override(factor)
         else:
             self._window.stop()
-        if self._refusal() is None:
-            return True
-        self._window, self._corners, self._rewind = before
-        return False
+        late = begin is Beginning.INSIDE_CHAIN and self._window.stops_late
+        return not late and self._refusal() is None
+
+    def _state(self) -> State:
+        """Return a copy of the state that a request changes."""
+        return State(
+            self._window.copy(), self._corners, self._rewind, self._finished, self.audit.copy()
+        )
+
+    def _set_state(self, state: State) -> None:
+        """Go on from a state. It stays as it is."""
+        self._window, self._corners = state.window.copy(), state.corners
+        self._rewind, self._finished = state.rewind, state.finished
+        self.audit.adopt(state.audit)
 
     def _prepared(self) -> bool:
         """Return whether there is something to send on, which the audit accepts.
@@ -217,19 +274,19 @@ class LookAhead:
         taken = self._slice_s == LONG and self._requested_factor() > 0.0
         # Where slices follow, each has its own search, and stops are what remains in any case.
         corners = self._corners.copy(audit, searches=taken)
-        plans: list[PlanChunk] = []
+        parts: list[FinishedPart] = []
         try:
             while trial.settled:
-                plans.extend(corners.passed(trial.take(LONG)))
+                parts.extend(corners.passed(trial.take(LONG)))
             # What is held back may become the end of the motion.
-            deque(corners.copy(audit.copy()).flush(), maxlen=0)
+            deque(corners.copy(audit.copy(), searches=taken).flush(), maxlen=0)
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False
         if taken:
             self._window, self._corners = trial, corners.copy(self.audit)
             self.audit.adopt(audit)
-            self._finished.extend(plans)
+            self._finished.add(parts)
         return None
 
     def _requested_factor(self) -> float:
@@ -255,26 +312,73 @@ class LookAhead:
         if self._control is not None:
             self._rewind.keep(self._window)
         self._finish(self._window.take(self._slice_s))
-        self._rewind.leave_out(self._corners.held_from)
+        self._leave_out()
 
-    def _go_back(self) -> None:
-        """Return to where the part begins that is held back, so that it can still change."""
-        window = self._rewind.window_at(self._corners.held_from)
-        if window is not None:
-            self._window, self._rewind = window, Rewind()
+    def _beginnings(self, factor: float) -> list[tuple[Beginning, float]]:
+        """Return the places at which a request may begin, the first one first.
+
+        Each has the time by which it is later than the next slice, s.
+        """
+        if factor == self._factor:
+            return [(Beginning.WINDOW, 0.0)]
+        if self._finished:
+            parts = PARTS if factor == 0.0 and self._finished.chain_left > 0.0 else ()
+            places = [(Beginning.INSIDE_CHAIN, part * self._slice_s) for part in parts]
+            return [*places, (Beginning.FINISHED, 0.0)]
+        held = [(Beginning.HELD_BACK, 0.0)] * (self._corners.held_from is not None)
+        return [*held, (Beginning.WINDOW, 0.0)]
+
+    def _gone_back(self, begin: Beginning, later: float) -> bool:
+        """Return to a place at which a request begins; return False if that is not possible."""
+        if begin is Beginning.WINDOW:
+            return True
+        if begin is Beginning.HELD_BACK:
+            window = self._rewind.window_at(self._corners.held_from)
+            if window is None:
+                return False
             self._corners = self._corners.copy(self.audit)
             self._corners.drop()
+        else:
+            found = self._finished.back(inside=begin is Beginning.INSIDE_CHAIN, later=later)
+            if found is None:
+                return False
+            back, kept = found
+            window = self._rewind.window_at(back.stops_time)
+            if window is None:
+                return False
+            if back.chain is not None and not window.go_back_on(*detour(back.chain, self.limits)):
+                return False
+            self._finished = kept
+            self._corners = self._corners.copy(self.audit)
+            self._corners.go_on(
+                window.clock.seconds - back.time, window.length - back.length, shared=back.shared
+            )
+            self.audit.adopt(back.audit)
+        self._window, self._rewind = window, Rewind()
+        return True
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Pass stops on corners in plans of the window, and audit them."""
-        self._finished.extend(self._corners.passed(plans))
+        self._finished.add(self._corners.passed(plans))
 
     def _finish_at_rest(self) -> None:
         """Finish the part of a plan that is held back; the motion rests at its end."""
-        self._finished.extend(self._corners.flush())
-        self._rewind = Rewind()
+        self._finished.add(self._corners.flush())
+        self._leave_out()
 
-    def _taken(self) -> Iterator[PlanChunk]:
-        """Yield the finished plans."""
+    def _leave_out(self) -> None:
+        """Leave out the earlier states of the window that no request needs."""
+        held_from = self._finished.stops_time if self._finished else self._corners.held_from
+        self._rewind.leave_out(held_from)
+
+    def _next_slice(self) -> PlanChunk:
+        """Return the next slice of the finished motion."""
+        plan = self._finished.take(self._slice_s if self._control is not None else inf)
+        self._leave_out()
+        return plan
+
+    def _handed_out(self) -> Iterator[PlanChunk]:
+        """Yield all of the finished motion, which no request changes."""
         while self._finished:
-            yield self._finished.popleft()
+            yield self._finished.take(inf)
+        self._leave_out()

@@ -188,8 +188,8 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
         if k < len(part) - 1 or len(part) == len(phases):
             break
         rows *= 4
-    if k >= len(phases) - 1:
-        return len(phases), 0.0
+    if k == len(phases):
+        return k, 0.0
     duration, s, v, a, j = part[k].tolist()
     t = seconds - (float(elapsed[k]) - duration)
     left = float(part[0]["s"]) + length - s

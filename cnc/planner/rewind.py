@@ -18,6 +18,9 @@ from cnc.planner.window import Window
 ROUNDING = 1e-12
 """s; rounding error of a time. A slice of no length would be a whole phase."""
 
+SAME = 1e-10
+"""s; the window is at a time that differs by no more."""
+
 Added = tuple[PathChunk, PathChunk | None, PathChunk | None]
 
 
@@ -51,7 +54,10 @@ class Rewind:
         self._copies = [(begin, window, number - first) for begin, window, number in self._copies]
 
     def window_at(self, time: float | None) -> Window | None:
-        """Return the window as it was at ``time`` in the plan; None if it is not known."""
+        """Return the window as it was at ``time`` in the plan; None if it is not known.
+
+        A time just beside the end of a phase is none at which the window can be.
+        """
         if time is None or not self._copies or self._copies[0][0] > time:
             return None
         _, kept, number = self._copies[0]
@@ -63,4 +69,4 @@ class Rewind:
             window.take(time - before, 0.0)
             if window.clock.seconds <= before:
                 break
-        return window
+        return window if abs(window.clock.seconds - time) <= SAME else None

@@ -28,7 +28,14 @@ from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
-from cnc.planner.phases import NO_PHASES, end_of, first_steady, plan_to_rest, release
+from cnc.planner.phases import (
+    NO_PHASES,
+    end_of,
+    first_rest,
+    first_steady,
+    plan_to_rest,
+    release,
+)
 from cnc.planner.stop_ramp import even_ramp, first_ramps, ramp_by_clock
 
 HORIZON = 8.0
@@ -39,6 +46,10 @@ MARGIN = 1e-8
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
+
+
+SOON = 1.05
+"""Part of the time of a ramp with constant bounds in which a plan rests soon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +125,18 @@ def slowed(request: Request) -> SlowedPlan | None:
             if found is not None:
                 return found
     return None
+
+
+def rests_soon(request: Request) -> bool:
+    """Return whether the plan so far rests about as soon as a ramp could."""
+    limits, plan = request.path.limits, request.plan
+    s, v = float(plan[0]["s"]), float(plan[0]["v"])
+    ahead = limits.stopping_distance(v, any_direction=True)
+    slowing = replace(limits, slowing_from=float(plan["v"].max()) * (1.0 + MARGIN))
+    near = request.path.intervals(slowing, s, min(request.goal, s + ahead))
+    ramp = next(first_ramps(plan, near), None) if len(near.end) else None
+    left = float(plan["duration"][: first_rest(plan)].sum())
+    return ramp is not None and left <= SOON * float(ramp[0]["duration"].sum())
 
 
 def _shortest_stop(request: Request) -> SlowedPlan | None:

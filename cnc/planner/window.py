@@ -42,7 +42,7 @@ from cnc.planner.phases import (
 )
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
-from cnc.planner.slowing import Request, slowed
+from cnc.planner.slowing import Request, rests_soon, slowed
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""
@@ -112,6 +112,22 @@ class Window:
     def place(self) -> tuple[str, int]:
         """File and line of the motion that begins where the next slice does."""
         return self._path.place(self._at)
+
+    @property
+    def length(self) -> float:
+        """Path length since the start of the program where the next slice begins, mm."""
+        return self._path.length_at(self._at)
+
+    @property
+    def rest_time(self) -> float:
+        """Time of the first rest of the plan, s since the start of the program."""
+        phases = self._plan.phases
+        return self.clock.seconds + float(phases["duration"][: first_rest(phases)].sum())
+
+    @property
+    def stops_late(self) -> bool:
+        """Whether the last stop is no earlier than that of the plan."""
+        return self._stops_late
 
     def copy(self) -> Window:
         """Return a window that goes on independently from the same state."""
@@ -219,6 +235,28 @@ class Window:
                 sections.popleft()
         return chunks
 
+    def go_back_on(self, curve: PathChunk, phases: Phases) -> bool:
+        """Go back to the start of phases on a curve that ends where the next slice begins.
+
+        Args:
+            curve: it replaces the path up to here.
+            phases: along the curve to its end, with arc lengths from its start.
+
+        Returns:
+            Whether that is possible.
+        """
+        if not self._path.put_before(self._at, curve):
+            return False
+        plan = self._plan
+        lead = phases.copy()
+        lead["s"] += self._at - float(curve.length.sum())
+        plan.phases = np.concatenate((lead, plan.phases))
+        plan.settled += len(lead)
+        self._at = float(lead[0]["s"])
+        self.clock.seconds -= float(lead["duration"].sum())
+        self.unproved = True
+        return True
+
     def runs_at(self, feed_factor: float) -> bool:
         """Return whether the motion is planned with this factor of the feeds already."""
         return feed_factor == self.limits.feed_factor and not self._stopping
@@ -248,8 +286,11 @@ class Window:
         if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
-        self._stops_late = not self._slow_to_rest()
-        if self._stops_late:
+        plan = self._plan
+        request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)
+        soon = rests_soon(request)
+        self._stops_late = not (soon or self._redirect(request))
+        if soon or self._stops_late:
             # No rest is earlier than that of the plan: at the next stop of the path, or at the end
             # of the known path.
             self.follow_to_rest()
@@ -305,11 +346,6 @@ class Window:
         """Plan anew to feeds that may be below the speed; return whether there is such a plan."""
         goal, rests = self._path.goal(self._at)
         return self._redirect(Request(self._path, self._plan.phases, self._at, goal, rests, False))
-
-    def _slow_to_rest(self) -> bool:
-        """Plan anew to rest as soon as possible; return whether there is such a plan."""
-        plan = self._plan
-        return self._redirect(Request(self._path, plan.phases, self._at, plan.rest_at, True, True))
 
     def _redirect(self, request: Request) -> bool:
         """Plan for a request from where the next slice begins; return whether there is a plan."""

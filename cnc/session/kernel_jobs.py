@@ -84,6 +84,30 @@ def plan_corner() -> None:
         pass
 
 
+def stop() -> None:
+    """Come to rest on a curve, and find the path of a motion past a corner."""
+    from cnc.kernels.path.curve import SPAN
+    from cnc.kernels.planner.stopping import shortest_ramp
+    from cnc.planner.detour import detour
+    from cnc.planner.known_path import KnownPath
+    from cnc.planner.limits import Limits
+    from cnc.planner.phases import plan_to_rest
+    from cnc.planner.plan import PlanChunk
+    from cnc.planner.stop_ramp import ramp_by_clock
+
+    limits = Limits.of(_machine())
+    known_path = KnownPath(limits)
+    (path,) = _path([_line(), _arc()])
+    end = known_path.add(path, None, None).end
+    known = known_path.intervals(limits, 0.0, end)
+    plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
+    shortest_ramp(plan, end, known, limits.arrays)
+    ramp_by_clock(plan, known, known, limits.arrays)
+    corner = [PathMode("", 1, "blend", 0.01), _traverses()]
+    slices = [item for item in _plans(corner) if isinstance(item, PlanChunk)]
+    detour(next(item for item in slices if item.path.kind.min() == SPAN), limits)
+
+
 def audit() -> None:
     """Audit a motion. It is rejected, because it begins at speed."""
     from cnc.planner.audit import Audit
@@ -212,6 +236,7 @@ JOBS = {
         ),
         plan_corner,
     ),
+    "holds": Job(_kernels("planner.stopping", "planner.slowed_clock", "planner.timed_path"), stop),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit", "grbl_lines.arrival"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),

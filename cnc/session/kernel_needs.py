@@ -73,6 +73,8 @@ class KernelNeeds:
             jobs += BLENDS
         if not isinstance(board, LineSink):
             jobs.append("pulses")
+        if isinstance(board, PulseSink) and board.capabilities.slice_s > 0.0:
+            jobs.append("holds")
         if options.sampled:
             jobs.append("samples")
         if lines:

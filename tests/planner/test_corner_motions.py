@@ -1,6 +1,7 @@
 """Motions past corners: the search against other solvers, the limits by another spline."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.corners import PER_AXIS, SQUARE, duration, planned
-from tests.support.planner.motions import AXES, lines, sampled
+from tests.support.planner.motions import AXES, lines, machine, sampled
 from tests.support.soak import share
 
 STEPS = (4, 5, 4)
@@ -203,10 +204,10 @@ def test_no_motion_is_sought_twice():
         chunk.path.tolerance[:] = 0.01
         plans.append(chunk)
     motions = CornerMotions(ahead.limits, Audit(ahead.limits))
-    first = [*motions.passed(plans), *motions.flush()]
+    first = [part.plan for part in (*motions.passed(plans), *motions.flush())]
     known = int(motions._known.next[0])
     assert known > 0
-    again = [*motions.passed(plans), *motions.flush()]
+    again = [part.plan for part in (*motions.passed(plans), *motions.flush())]
     assert int(motions._known.next[0]) == known
     assert duration(again) - again[0].t0 == pytest.approx(duration(first) - first[0].t0, abs=1e-12)
     assert known < len(new_known().found)
@@ -274,3 +275,16 @@ def test_corners_of_legs_without_common_directions_are_passed_one_by_one():
         return duration(chunks)
 
     assert time(0.05) < 0.9 * time(0.0)
+
+
+def test_a_motion_that_rests_just_behind_a_corner_ends_the_search():
+    """No limit of the search is finite there, and it did not end."""
+    mill = machine(axis=None, tangential=112.8, normal=101.0, jerk=42_000.0)
+    leg = (17.2, 0.0, 0.0)
+    (tiny,), ahead = planned([leg, (17.2, 5e-8, 0.0)], 0.0, mill, feed=29.0)
+    (whole,), _ = planned([leg, (17.2, 14.7, 0.0)], 0.0, mill, feed=29.0)
+    path = replace(whole.path, tolerance=np.array([0.0337, 0.0]))
+    plan = replace(tiny, path=path, piece_s=whole.piece_s)
+    motions = CornerMotions(ahead.limits, Audit(ahead.limits))
+    parts = [*motions.passed([plan]), *motions.flush()]
+    assert sum(part.plan.duration for part in parts) <= plan.duration + 1e-9

@@ -157,7 +157,7 @@ def test_corners_are_the_same_wherever_plans_are_cut(seed):
 
     def after(plans):
         corners = CornerMotions(ahead.limits, Audit(ahead.limits))
-        return [*corners.passed(plans), *corners.flush()]
+        return [part.plan for part in (*corners.passed(plans), *corners.flush())]
 
     expected, chunks = after(stops), after(slices)
     audit = Audit(ahead.limits)

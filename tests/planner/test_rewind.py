@@ -1,11 +1,13 @@
 """A hold in the part of a plan that corners hold back begins where that part begins."""
 
 import numpy as np
+import pytest
 
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.phases import INSTANT
 from cnc.planner.rewind import Rewind
 from tests.support.planner.corners import PER_AXIS, duration, planned
 from tests.support.planner.motions import AXES, lines
@@ -81,3 +83,14 @@ def test_a_return_to_the_time_of_a_copy_but_for_rounding_takes_nothing():
     rewind.keep(window)
     time = float(np.nextafter(window.clock.seconds, np.inf))
     assert rewind.window_at(time).clock.seconds == window.clock.seconds
+
+
+def test_a_time_just_beside_the_end_of_a_phase_is_none_to_return_to():
+    """The window would be at the end of the phase, and the motion would jump."""
+    ahead, plans, _ = planning([(60.0, 0.0, 0.0)], 0.1)
+    next(plans)
+    window, rewind = ahead._window, Rewind()
+    rewind.keep(window)
+    end = window.clock.seconds + float(window._plan.phases[0]["duration"])
+    assert rewind.window_at(end - 0.3 * INSTANT) is None
+    assert rewind.window_at(end).clock.seconds == pytest.approx(end, abs=1e-12)

@@ -14,8 +14,10 @@ from typing import Any
 import pytest
 
 from cnc.api import Callbacks, Outputs
+from cnc.boards.paced_loopback import PacedLoopback
 from cnc.cli import progress
 from cnc.kernels import code_cache, jit
+from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
 from cnc.session import kernel_cache, kernel_jobs, kernel_needs
 from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING, READING
@@ -64,6 +66,13 @@ def test_outputs_ask_for_their_kernels(tmp_path: Path, asked) -> None:
 def test_lines_for_a_board_ask_for_their_kernels(tmp_path: Path, asked) -> None:
     checked(tmp_path, "G61\n" + CORNER, outputs=Outputs(lines=str(tmp_path / "lines.gcode")))
     assert asked == MOTION | {*READING, "GRBL lines"}
+
+
+def test_a_board_that_moves_asks_for_holds(tmp_path: Path, asked) -> None:
+    (tmp_path / "p.nc").write_text("G61\nG1 X0.1 F600\nM2\n")
+    machine = load_machine()
+    run_with(tmp_path / "p.nc", machine, board=PacedLoopback(machine, (0.0, 0.0, 0.0)))
+    assert asked == MOTION | {"holds"}
 
 
 def test_a_long_program_asks_for_reading_first(tmp_path: Path, asked, monkeypatch) -> None:
@@ -147,6 +156,9 @@ for name in ("trident", "pocket", "engraving"):
 lines = Outputs(lines={str(tmp_path / "lines.gcode")!r})
 assert check("programs/pocket.nc", options=RunOptions(outputs=lines, interpolator="sampled")).ok
 assert run("programs/trident.nc", "config/stepper-uno.toml", board="loopback").ok
+# Holds inside of motions past corners, and one behind them.
+from tests.planner.test_hold_in_corners import rests
+assert all(rests(seed) for seed in (5, 11, 37))
 assert "numba.core" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)

@@ -180,6 +180,8 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
     # With given durations the problem is nearly convex. If that does not do, they change.
     for weight in (0.0, WEIGHT * unit):
         s = (1.0 + INSIDE) * max(most_used(rows), most_along(rows.along)) - 1.0 + INSIDE
+        if not s < math.inf:
+            return False
         t = FIRST * count / (1.0 + max(s, 0.0))
         while s > LEGAL and t <= count / GAP:
             s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)

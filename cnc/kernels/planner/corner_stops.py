@@ -61,6 +61,20 @@ class Progress(NamedTuple):
     places: Floats
 
 
+class PassedChains(NamedTuple):
+    """The chains of stops that motions past corners replace.
+
+    Attributes:
+        begin: (corners,): time in the old plan at which the motion there begins, s.
+        end: (corners,): time in the old plan at which it ends.
+        earlier: (corners,): time by which the phases behind it are earlier, s.
+    """
+
+    begin: Floats
+    end: Floats
+    earlier: Floats
+
+
 PIECES, PHASES, NUMBERS = range(3)
 """Entries of ``Progress.counts``."""
 
@@ -182,6 +196,7 @@ def pass_corners(
     known: Known,
     out: PathArrays,
     out_plan: PlanArrays,
+    chains: PassedChains,
 ) -> tuple[int, int, int, int]:
     """Replace the motion at the stops on corners of a plan.
 
@@ -196,9 +211,10 @@ def pass_corners(
         out: space for the new path: CORNER_STEPS + 1 more pieces for each corner. The data needs
             the size of all records, and :func:`corner_size` for each corner and one more.
         out_plan: space for its phases: CORNER_STEPS + 1 more for each corner.
+        chains: receives the chains of corners that are passed.
 
     Returns:
-        The numbers of pieces, of phases, of numbers in records of the new motion, and of corners
+        The numbers of pieces, of phases, of numbers in records of the new motion, and of chains
         that are passed.
     """
     pieces, end = len(path.length), len(plan.j)
@@ -247,7 +263,6 @@ def pass_corners(
         b += 1
         if after == 0.0:
             continue
-        passed += 1
         first = phase_of_time(motion.begin, plan)
         _copy_phases(
             plan, k, first + (1 if motion.begin > plan.t[first] else 0), out_plan, progress
@@ -257,6 +272,10 @@ def pass_corners(
         k = phase_of_time(motion.end, plan)
         s, v, a = state_at(motion.end, k, plan)
         places[EARLIER] += motion.saved
+        chains.begin[passed] = motion.begin
+        chains.end[passed] = motion.end
+        chains.earlier[passed] = places[EARLIER]
+        passed += 1
         written = counts[PHASES]
         out_plan.t[written] = motion.end - places[EARLIER]
         out_plan.s[written] = places[REACHED]

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.kernels.planner.descent import TOUCH
 from cnc.kernels.planner.intervals import (
+    SAMPLES,
     SCRATCH,
     Intervals,
     SumLimits,
@@ -60,7 +61,7 @@ LAST, LATEST = 0.96, 1.02
 is left. Farther away it would need more than any at first: the speed is too high.
 """
 
-PLACES = 12
+PLACES = 40
 """Places in the last phase at which the jerk that is left is known."""
 
 NEAR, FINER = 0.98, 0.25
@@ -68,6 +69,12 @@ NEAR, FINER = 0.98, 0.25
 
 FALL = 0.02
 """Largest part of the speed that one step takes: so no step passes the start of the last phase."""
+
+ABRUPT = 1e-3
+"""Part of a limit of jerk by which it may change abruptly inside a step."""
+
+BEFORE = 1.0 - 1e-9
+"""Part of a step that ends at an abrupt change: it is before that change."""
 
 ROUNDING = 1e-5
 """Relative; bounds that cross by less count as equal."""
@@ -230,7 +237,7 @@ def lowest_jerk(state: State, dt: float, part: float, use: float, about: Surroun
         lower, upper, slowest = bounds(behind, share, about)
         low, high = max(least, lower, (slowest - state.a) / dt), min(most, upper)
         trial = min(low, high)
-    found = high
+    found = math.inf
     careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))
     for k in range(BISECTIONS):
         if recovers(after(state, dt, trial), dt, careful, about):
@@ -240,23 +247,41 @@ def lowest_jerk(state: State, dt: float, part: float, use: float, about: Surroun
         else:
             low = trial
         trial = 0.5 * (low + high)
-    return found
+    if found < math.inf:
+        return found
+    # Near to the plan itself there may be no other motion: follow the slowed copy.
+    _, wanted, _ = pace(after(state, dt, 0.0), about)
+    return max(least, min(most, (part * part * wanted - state.a) / dt))
 
 
 @njit
-def legal_phases(phases: Phases, rest: float, known: Intervals, limits: SumLimits) -> bool:
-    """Return whether phases to rest at ``rest`` keep the limits."""
-    scratch = np.empty((SCRATCH, len(limits.a)))
-    k = 0
-    for i in range(len(phases)):
-        row = phases[i]
-        stop = phases[i + 1]["s"] if i + 1 < len(phases) else rest
-        worst, fastest, k = largest_shares(
-            row["duration"], row["s"], row["v"], row["a"], row["j"], stop, k, known, limits, scratch
-        )
-        if max(worst, fastest) > 1.0 + TOUCH:
-            return False
-    return True
+def abrupt(k: int, v: float, about: Surroundings) -> bool:
+    """Return whether the third derivative of the path jumps at the end of interval ``k``.
+
+    ``v``: the speed at which that counts.
+    """
+    known, limits = about.known, about.limits
+    if k + 1 >= len(known.end):
+        return False
+    for i in range(known.samples.shape[3]):
+        before = known.samples[k, SAMPLES - 1, 2, i] / known.share[k]
+        behind = known.samples[k + 1, 0, 2, i] / known.share[k + 1]
+        if abs(behind - before) * v * v * v * limits.per_j[i] > ABRUPT:
+            return True
+    return False
+
+
+@njit
+def next_change(state: State, h: float, about: Surroundings) -> float:
+    """Return the place of the first abrupt change within a step of ``h`` seconds; else infinity."""
+    end = about.known.end
+    k = interval_at(state.s, state.k, end)
+    farthest = state.s + h * (state.v + 0.5 * h * max(state.a, 0.0))
+    while k < len(end) and end[k] < farthest:
+        if abrupt(k, state.v, about):
+            return float(end[k])
+        k += 1
+    return math.inf
 
 
 @njit
@@ -278,12 +303,14 @@ def slowed_clock(
     limits = sum_limits(machine)
     about = Surroundings(plan, known, limits, np.empty((3, len(limits.a))))
     out = np.empty(MOST, PHASE)
+    scratch = np.empty((SCRATCH, len(limits.a)))
     state = State(plan[0]["s"], plan[0]["v"], plan[0]["a"], 0, 0)
     count = 0
     while count < MOST and state.v > 0.0 and state.s < known.end[-1]:
         part, _, state = pace(state, about)
         j = bounds(state, allowed(part, use), about)[1]
         ending = ends(state, j, use, about)
+        change = math.inf
         h = dt
         if ending:
             j = 0.5 * state.a * state.a / state.v
@@ -293,11 +320,25 @@ def slowed_clock(
                 h *= FINER
             if state.a < 0.0:
                 h = min(h, -FALL * state.v / state.a)
+            change = next_change(state, h, about)
+            if change < math.inf:
+                h = BEFORE * phase_time(state.v, state.a, 0.0, h, change - state.s)
             j = lowest_jerk(state, h, part, use, about)
+            if after(state, 2.0 * h, j).s > change:
+                h = phase_time(state.v, state.a, j, 2.0 * h, change - state.s)
         write_phase(out, count, h, state.s, state.v, state.a, j)
         count += 1
-        state = after(state, h, j)
+        behind = after(state, h, j)
+        if change < math.inf and abs(behind.s - change) <= 1e-12 * change:
+            behind = State(change, behind.v, behind.a, behind.row, behind.k)
+        if behind.s > known.end[-1]:
+            break
+        worst, fastest, _ = largest_shares(
+            h, state.s, state.v, state.a, j, behind.s, state.k, known, limits, scratch
+        )
+        state = behind
+        if max(worst, fastest) > 1.0 + TOUCH:
+            break
         if ending:
-            legal = state.s <= known.end[-1] and legal_phases(out[:count], state.s, known, limits)
-            return legal, out[:count], state.s
+            return True, out[:count], state.s
     return False, out[:0], state.s

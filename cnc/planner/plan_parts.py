@@ -1,0 +1,141 @@
+"""Parts of plans, and plans that follow each other as one.
+
+A plan may begin and end anywhere, also inside a piece of its path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_places import state_at
+from cnc.kernels.planner.legs import REST, record_end
+from cnc.model.motion_commands import joined
+from cnc.path.chunk import PathChunk
+from cnc.planner.plan import PlanChunk
+
+Floats = NDArray[np.float64]
+
+SAME = 1e-9
+"""s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
+
+
+def cut_at_time(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
+    """Return the number of phases before a time, and the plan with an end of a phase there."""
+    t = plan.phase_t
+    k = int(np.searchsorted(t, time - SAME))
+    if k >= len(t) or abs(float(t[k]) - time) <= SAME:
+        return min(k, len(t) - 1), plan
+    s, v, a = state_at(time, k - 1, plan.arrays)
+    return k, replace(
+        plan,
+        phase_t=np.insert(t, k, time),
+        phase_s=np.insert(plan.phase_s, k, s),
+        phase_v=np.insert(plan.phase_v, k, v),
+        phase_a=np.insert(plan.phase_a, k, a),
+        phase_j=np.insert(plan.phase_j, k, plan.phase_j[k - 1]),
+    )
+
+
+def first_piece(plan: PlanChunk, phase: int) -> int:
+    """Return the piece on which a phase begins; the number of pieces for the end of the plan."""
+    at = plan.phase_s[phase] + REST
+    return max(int(np.searchsorted(plan.piece_s, at, side="right")) - 1, 0)
+
+
+def part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
+    """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
+    if end - first == len(plan.phase_j):
+        return plan
+    piece_s = plan.piece_s
+    begin = first_piece(plan, first)
+    after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
+    zero = float(piece_s[begin])
+    span = slice(first, end + 1)
+    return PlanChunk(
+        path=plan.path.part(begin, after),
+        piece_s=piece_s[begin : after + 1] - zero,
+        t0=plan.t0 + float(plan.phase_t[first]),
+        s0=plan.s0 + zero,
+        phase_t=plan.phase_t[span] - plan.phase_t[first],
+        phase_s=plan.phase_s[span] - zero,
+        phase_v=plan.phase_v[span],
+        phase_a=plan.phase_a[span],
+        phase_j=plan.phase_j[first:end],
+    )
+
+
+def with_own_end(plan: PlanChunk) -> PlanChunk:
+    """Return a part of a plan that ends with the speed of its own last phase.
+
+    Where a timed piece follows, the coordinate of the plan has another speed there.
+    """
+    last = len(plan.phase_j) - 1
+    _, v, a = state_at(float(plan.phase_t[-1]), last, plan.arrays)
+    return replace(
+        plan, phase_v=np.append(plan.phase_v[:-1], v), phase_a=np.append(plan.phase_a[:-1], a)
+    )
+
+
+def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
+    """Return two plans that follow each other as one.
+
+    A phase or a piece that continues from one to the other becomes one. Where the operator has
+    changed the feed within a piece, the higher one counts for all of it.
+    """
+    a, b = before.path, after.path
+    pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
+    data, at = _records(a)
+    more, at_more = _records(b)
+    s = after.s0 - before.s0
+    t = after.t0 - before.t0
+    same = (
+        before.phase_j[-1] == after.phase_j[0]
+        and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
+        and after.phase_v[0] > 0.0
+    )
+    feed = np.concatenate((a.feed[pieces], b.feed))
+    if len(feed) < len(a) + len(b):
+        feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
+    phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
+    rest = slice(1 if same else 0, None)
+    return PlanChunk(
+        path=PathChunk(
+            a.axes,
+            b.file,
+            np.concatenate((a.kind[pieces], b.kind)),
+            np.concatenate((at[pieces], at_more + len(data))),
+            np.concatenate((data, more)),
+            np.concatenate((a.length[pieces], b.length)),
+            feed,
+            np.concatenate((a.line[pieces], b.line)),
+            np.concatenate((a.stop_after[pieces], b.stop_after)),
+            np.concatenate((a.tolerance[pieces], b.tolerance)),
+            joined(
+                (
+                    (None if a.commands is None else a.commands[pieces], len(a.kind[pieces])),
+                    (b.commands, len(b)),
+                )
+            ),
+            b.timed,
+        ),
+        piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
+        t0=before.t0,
+        s0=before.s0,
+        phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
+        phase_s=np.concatenate((before.phase_s[:-1], after.phase_s[rest] + s)),
+        phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
+        phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
+        phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
+    )
+
+
+def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the records of these pieces alone, and the index of each."""
+    pieces = Pieces(path.kind, path.at, path.data)
+    lowest = int(path.at.min())
+    end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
+    return path.data[lowest:end], path.at - lowest
