@@ -66,6 +66,7 @@ class GrblLink:
     """Port, clock and protocol.
 
     Attributes:
+        now: Returns the present time, s.
         info: Firmware, settings and offsets of the board.
         status: The last status report.
         status_at: Time of that report, s.
@@ -78,6 +79,7 @@ class GrblLink:
     def __init__(self, port: Port, clock: Clock, name: str, baud: int = USUAL_BAUD) -> None:
         """``name`` is the name of the port, for messages; ``baud`` its speed, bit/s."""
         self.clock, self.name, self.wire = clock, name, WireTime(baud)
+        self.now = clock.now
         self.protocol = GrblProtocol()
         self.info = BoardInfo("", Firmware.GRBL)
         self.status: Status | None = None
@@ -95,10 +97,6 @@ class GrblLink:
     def listen_to_lines(self, on_line: Callable[[str, str], None] | None) -> None:
         """Call a function with direction (``->``, ``<-``) and text of each line; None ends it."""
         self._port.on_line = on_line
-
-    def now(self) -> float:
-        """Return the present time, s."""
-        return self.clock.now()
 
     def queue(self, data: bytes) -> None:
         """Write with the next bytes, or before the next :meth:`pump`."""
