@@ -2,21 +2,44 @@
 
 Whatever happens, the last thing on standard error is a message that says what, where and what to
 do, never a traceback. What takes long to import is imported when it is needed: ``cncrun --help``
-has to be quick.
+has to be quick, and a signal ends the program with a message from its first moments on.
 """
 
-import gc
-import sys
+from __future__ import annotations
 
-gc.disable()  # nothing of what is imported here is garbage
-try:
-    from cnc.cli.commands import exit_code, main
-except KeyboardInterrupt:
-    # No command has begun yet, which would print this.
-    print("stopped by the operator; nothing has moved", file=sys.stderr)
-    raise SystemExit(130) from None
-finally:
-    gc.freeze()
-    gc.enable()
+import gc
+import signal
+import sys
+from collections.abc import Sequence
 
 __all__ = ["exit_code", "main"]
+
+
+def main() -> None:
+    """Carry out the command line, and exit.
+
+    Exit codes: 0 success, 1 program rejected or internal error, 2 usage, 3 board, 130 stopped.
+    """
+    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
+        number = getattr(signal, name, None)
+        # nohup ignores SIGHUP.
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    gc.disable()  # nothing of what is imported here is garbage
+    try:
+        from cnc.cli.commands import run_arguments
+    except KeyboardInterrupt:
+        # No command has begun yet, which would print this.
+        print("stopped by the operator; nothing has moved", file=sys.stderr)
+        raise SystemExit(130) from None
+    finally:
+        gc.freeze()
+        gc.enable()
+    run_arguments()
+
+
+def exit_code(arguments: Sequence[str]) -> int:
+    """Carry out a command line; return its exit code. Errors are printed as messages."""
+    from cnc.cli.commands import exit_code as carry_out
+
+    return carry_out(arguments)
