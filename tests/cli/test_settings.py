@@ -165,6 +165,6 @@ def test_soft_limits_are_restored_with_the_homing_that_they_need(
     file.write_text(f"$20={after:.0f}\n$22={after:.0f}\n$110=900.000\n")
     simulator = GrblSimulator(settings={20: before, 22: before})
     with PtyServer(simulator, 10.0) as served:
-        code, _, err = cncrun("settings", "--load", file, "--yes", "--port", served.name)
+        code, _, err = cncrun("settings", "--load", str(file), "--yes", "--port", served.name)
     assert code == 0, err
     assert [simulator.core.setting[number] for number in (20, 22, 110)] == [after, after, 900.0]
