@@ -8,9 +8,10 @@ has to be quick, and a signal ends the program with a message from its first mom
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 __all__ = ["exit_code", "main"]
 
@@ -20,11 +21,7 @@ def main() -> None:
 
     Exit codes: 0 success, 1 program rejected or internal error, 2 usage, 3 board, 130 stopped.
     """
-    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
-        number = getattr(signal, name, None)
-        # nohup ignores SIGHUP.
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
+    _serve_signals()
     gc.disable()  # nothing of what is imported here is garbage
     try:
         from cnc.cli.commands import run_arguments
@@ -36,6 +33,30 @@ def main() -> None:
         gc.freeze()
         gc.enable()
     run_arguments()
+
+
+def _serve_signals() -> None:
+    """Let signals end the program as Ctrl-C does, until a command serves them."""
+    terminals = [file for file in (1, 2) if os.isatty(file)]
+
+    def hung_up(*_: object) -> None:
+        # Writing to a closed terminal is an error.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for file in terminals:
+            os.dup2(nowhere, file)
+        os.close(nowhere)
+        raise KeyboardInterrupt
+
+    handlers: dict[str, Callable[..., object]] = {
+        "SIGTERM": signal.default_int_handler,
+        "SIGHUP": hung_up,
+        "SIGBREAK": hung_up,
+    }
+    for name, handler in handlers.items():
+        number = getattr(signal, name, None)
+        # nohup ignores SIGHUP.
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def exit_code(arguments: Sequence[str]) -> int:

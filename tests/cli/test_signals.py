@@ -34,6 +34,14 @@ def hang_up_is_not_ignored() -> Iterator[None]:
     signal.signal(signal.SIGHUP, before)
 
 
+def own_terminal() -> None:
+    """Make standard input the controlling terminal of the process."""
+    import fcntl
+    import termios
+
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 class Run:
     """A run of the program in a terminal, on a simulated board in real time.
 
@@ -41,15 +49,9 @@ class Run:
     """
 
     def __init__(self, folder: Path, server: PtyServer, *, own: bool = True) -> None:
-        import fcntl
-        import termios
-
         self.simulator = server.simulator
         (folder / "p.nc").write_text(PROGRAM)
         self.terminal, theirs = pty.openpty()
-
-        def own_terminal() -> None:
-            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
         self.process = subprocess.Popen(
             [sys.executable, "-m", "cnc.cli", str(folder / "p.nc"), "--machine", "grbl-uno"]
@@ -160,6 +162,37 @@ cnc.cli.main()
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 130
     assert done.stderr == "stopped by the operator; nothing has moved\n"
+
+
+def test_a_terminal_that_is_closed_while_the_program_is_loaded_ends_it() -> None:
+    code = """
+import sys, time
+
+class Slow:
+    def find_spec(self, name, path, target=None):
+        if name == "cnc.cli.options":
+            print("loading", flush=True)
+            time.sleep(60.0)
+
+sys.meta_path.insert(0, Slow())
+sys.argv = ["cncrun", "programs/trident.nc"]
+import cnc.cli
+cnc.cli.main()
+"""
+    terminal, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+        preexec_fn=own_terminal,
+    )
+    os.close(theirs)
+    assert b"loading" in os.read(terminal, 100)
+    os.close(terminal)
+    assert process.wait(HANG) == 130
 
 
 def test_an_interruption_after_motion_does_not_claim_that_nothing_has_moved(
