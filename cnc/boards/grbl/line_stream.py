@@ -124,27 +124,31 @@ class LineStream:
         protocol, liveness = link.protocol, monitor.liveness
         if kind in ("writer", "system"):
             self.rest()
-        if self.status.state == "Alarm":
+        status = self.status
+        if status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
             or not protocol.fits(text, kind)
-            or monitor.far_ahead(self.status)
+            or monitor.far_ahead(status)
         ):
             if self.stopping:
                 return False
             self._await_answers()
+            status = self.status
         if self.stopping:
             return False
         if kind == "probe":
             self.probed = None
         now = link.now()
         monitor.sending(line, now)
-        link.queue(protocol.send(text, line.line, kind))
+        link.queue(protocol.send(text, line.line, kind), now)
         if (
             protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
         ) and protocol.mark_fits():
             self._mark()
+        if now >= link.poll_at:
+            self.serve(0.0)
         return True
 
     def _await_answers(self) -> None:
@@ -339,7 +343,7 @@ class LineStream:
     def _mark(self) -> None:
         self._marked_at = self.link.now()
         self.monitor.liveness.marked(self._marked_at)
-        self.link.queue(self.link.protocol.mark())
+        self.link.queue(self.link.protocol.mark(), self._marked_at)
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""
