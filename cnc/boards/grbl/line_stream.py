@@ -33,6 +33,10 @@ of the answers to this computer, and its late wake-ups. One line may wait for sp
 """
 FEW_ARRIVED = 4.0
 """Unanswered lines that have arrived at the board. Fewer show that it waits for the wire."""
+SLOWER_THAN_WIRE, FEW_FOR_SLOW_BOARD = 1.3, 2.5
+"""Time between answers, in times of a line on the wire, above which the board takes longer for a
+line than the wire; and the lines that are few then.
+"""
 LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
@@ -160,11 +164,13 @@ class LineStream:
         """
         interval, now = self.monitor.liveness.interval, self.link.now()
         protocol, wire = self.link.protocol, self.link.wire
-        arrived = protocol.waiting * (1.0 - wire.on_wire(now) / max(protocol.used, 1))
+        size = protocol.used / max(protocol.waiting, 1)
+        arrived = protocol.waiting - wire.on_wire(now) / max(size, 1.0)
         asked, self._asked = self._asked, self.link.asked or protocol.marked
         part = GATHERING * (BEHIND_REPORT if asked or self._asked else 1.0)
         pause = part * (protocol.waiting - 1) * interval
-        if arrived < FEW_ARRIVED:
+        slow = interval > SLOWER_THAN_WIRE * wire.time_of(size)
+        if arrived < (FEW_FOR_SLOW_BOARD if slow else FEW_ARRIVED):
             pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
         if protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
