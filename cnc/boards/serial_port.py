@@ -2,8 +2,9 @@
 
 A port has the name that the operating system gives it (``/dev/ttyUSB0``, ``COM3``, a
 pseudo-terminal), or it is one of pyserial's URLs (``socket://host:port``, ``loop://``,
-``rfc2217://..``): pyserial documentation, "URL Handlers". ``usb:NUMBER`` is the port of the USB
-device with this serial number, whatever name it has now.
+``rfc2217://..``): pyserial documentation, "URL Handlers". ``ws://host:port`` is a WebSocket
+(:mod:`cnc.boards.websocket_port`). ``usb:NUMBER`` is the port of the USB device with this serial
+number, whatever name it has now.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from cnc.boards.errors import board_error
 from cnc.boards.port import port_lost
+from cnc.boards.websocket_port import SCHEMES, WebSocketLink, open_websocket
 from cnc.model.diagnostics import BoardError
 
 if TYPE_CHECKING:
@@ -152,7 +154,7 @@ class SerialLink:
             self._serial.close()
 
 
-def open_port(name: str, baud: int) -> SerialLink:
+def open_port(name: str, baud: int) -> SerialLink | WebSocketLink:
     """Open a port with 8 bits and no parity, for this program alone; discard received bytes.
 
     A rise of DTR resets most Arduinos. Therefore the line is kept as it is: high for good where the
@@ -160,12 +162,15 @@ def open_port(name: str, baud: int) -> SerialLink:
     first opened, and after another program has lowered it. That reset is unavoidable.
 
     Args:
-        name: Name of the port, or a URL of pyserial.
+        name: Name of the port, or a URL of pyserial, or of a WebSocket.
         baud: Speed, bits/s.
 
     Raises:
-        BoardError: ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
+        BoardError: ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``,
+            ``websocket-missing``.
     """
+    if name.startswith(SCHEMES):
+        return open_websocket(name)
     import serial
 
     name = port_of(name)

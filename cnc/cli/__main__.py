@@ -1,5 +1,5 @@
 """``python -m cnc.cli``."""
 
-from cnc.cli.commands import main
+from cnc.cli import main
 
 main()

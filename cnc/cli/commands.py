@@ -36,7 +36,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
-from cnc.cli.signals import report_hang_up
+from cnc.cli.signals import OperatorSignals, report_hang_up
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -319,19 +319,17 @@ NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a write to a full disk, as to a file to which standard output is redirected."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Carry out the command line, and exit.
-
-    Exit codes: 0 success, 1 program rejected or internal error, 2 usage, 3 board, 130 stopped.
-    """
+def run_arguments() -> None:
+    """Carry out the command line of this process, and exit."""
     # A file name may contain bytes that are not text; printing it must not fail.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    sys.exit(exit_code(sys.argv[1:] if arguments is None else arguments))
+    sys.exit(exit_code(sys.argv[1:]))
 
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    OperatorSignals.moved = False
     asks = not {"--help", "-h"}.isdisjoint(arguments)
     Application.collections = {} if asks else None
     try:
@@ -352,7 +350,8 @@ def exit_code(arguments: Sequence[str]) -> int:
         print(stop, file=sys.stderr)
         return EXIT_STOPPED
     except KeyboardInterrupt as stop:
-        print(str(stop) or "stopped by the operator; nothing has moved", file=sys.stderr)
+        nothing = "" if OperatorSignals.moved else "; nothing has moved"
+        print(str(stop) or f"stopped by the operator{nothing}", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:
         # Python flushes standard output again at its exit, which must not fail.

@@ -96,7 +96,8 @@ def _show(board: GrblBoard, machine: Machine, name: str | None) -> None:
         mark = f"  (machine file: {other[number]:.10g})" if number in other else ""
         print(f"${number} = {info.settings[number]}  {names.get(number, '')}".rstrip() + mark)
     if name is None and other:
-        print(f"{len(other)} settings differ from those of the machine file {machine.name!r}")
+        count = "1 setting differs" if len(other) == 1 else f"{len(other)} settings differ"
+        print(f"{count} from those of the machine file {machine.name!r}")
 
 
 def _change(board: GrblBoard, wanted: dict[int, str], *, yes: bool) -> None:

@@ -34,9 +34,12 @@ class OperatorSignals:
         control: Takes the requests.
 
     Attributes:
+        moved: Whether the machine may have moved in this command.
         moving: Whether the machine may move.
         hung_up: Whether the terminal is gone.
     """
+
+    moved = False
 
     def __init__(self, control: Control) -> None:
         self.moving = False
@@ -67,6 +70,7 @@ class OperatorSignals:
     def __exit__(self, *_: object) -> None:
         for each, handler in self._before.items():
             signal.signal(each, handler)
+        OperatorSignals.moved |= self.moving
         self.at_rest()
 
     def at_rest(self) -> None:

@@ -128,6 +128,7 @@ class _Stream:
         pause_text: Callable[[Block], str] | None,
     ) -> None:
         self.board = board
+        self.reporting = board if isinstance(board, ReportsState) else None
         self.control = control
         self.on_progress = on_progress
         self.on_line = on_line
@@ -157,7 +158,7 @@ class _Stream:
                 file=self.file,
                 at=board.moving_line,
                 at_rest=self.control.held and board.holds,
-                machine=board.report if isinstance(board, ReportsState) else None,
+                machine=None if self.reporting is None else self.reporting.report,
             )
             self.on_progress(now)
 

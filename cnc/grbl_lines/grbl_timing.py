@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,8 @@ MOST_MARKS = 4096
 FEEDS = (0.1, 0.5, 1.0, 2.0)
 RAPIDS = (0.25, 0.5, 1.0)
 """Overrides for which times are kept: GRBL allows 10 to 200 %, and 25, 50 and 100 %."""
+NORMAL = FEEDS.index(1.0)
+"""Column of the times without an override."""
 NO_OVERRIDE = 100.0
 """In per cent."""
 STRAIGHT = 0.999999
@@ -101,7 +104,7 @@ class BoardTime:
     @property
     def seconds(self) -> float:
         """Time of all lines at 100 %, until the board rests; valid after :meth:`end`."""
-        return float(self._total[FEEDS.index(1.0)])
+        return float(self._total[NORMAL])
 
     def end(self) -> None:
         """Finish: there are no more lines."""
@@ -117,17 +120,17 @@ class BoardTime:
             feed_override: In per cent.
             rapid_override: In per cent.
         """
-        k = max(bisect_right(self._marks, lines, key=lambda mark: mark[0]) - 1, 0)
+        k = max(bisect_right(self._marks, lines, key=itemgetter(0)) - 1, 0)
         number, done = self._marks[k]
-        if k + 1 < len(self._marks):
-            following, then = self._marks[k + 1]
-            done = done + (then - done) * min(
-                max((lines - number) / (following - number), 0.0), 1.0
-            )
-        left = np.maximum(self._total - (done if lines < self._lines else self._total), 0.0)
-        normal = float(left[FEEDS.index(1.0)])
+        following, then = self._marks[min(k + 1, len(self._marks) - 1)]
+        part = min(max((lines - number) / max(following - number, 1), 0.0), 1.0)
+        if lines >= self._lines:
+            done = then = self._total
         if feed_override == rapid_override == NO_OVERRIDE:
-            return normal
+            begin, end, total = done[NORMAL], then[NORMAL], self._total[NORMAL]
+            return max(float(total - begin - (end - begin) * part), 0.0)
+        left = np.maximum(self._total - done - (then - done) * part, 0.0)
+        normal = float(left[NORMAL])
         slower = 1.0 / np.array(FEEDS)[::-1]
         by_feed = float(
             np.interp(100.0 / max(feed_override, 1.0), slower, left[: len(FEEDS)][::-1])

@@ -29,8 +29,8 @@ class Board(Section):
         default=None,
         description=(
             "Serial port of the board, such as /dev/ttyUSB0 or COM3; usb:NUMBER for the device "
-            "with this serial number; a pyserial URL such as socket://host:port; or the file of "
-            "the file board."
+            "with this serial number; a pyserial URL such as socket://host:port; a WebSocket such "
+            "as ws://host:port; or the file of the file board."
         ),
     )
     baud: Annotated[int, Field(gt=0)] = Field(

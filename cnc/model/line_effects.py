@@ -33,6 +33,9 @@ class LineKind(IntEnum):
     COUNTERCLOCKWISE = 6
     PROBE = 7
 
+    # That of enum is a Python function, and each line is looked up in sets.
+    __hash__ = int.__hash__
+
 
 MOTIONS = frozenset(
     (
@@ -72,6 +75,8 @@ MODES = LineEffect(LineKind.MODES)
 REST = LineEffect(LineKind.REST)
 
 
+TOGETHER = 64
+"""Rows that are read at once: it costs less than one by one."""
 UNKNOWN = -1
 """In place of a kind: the line carries no effect."""
 
@@ -112,10 +117,14 @@ def rows_of(lines: Sequence[int], effects: Sequence[LineEffect | None]) -> NDArr
 
 def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]]:
     """Yield source line and effect of rows."""
-    columns = (rows[name].tolist() for name in rows.dtype.names or ())
-    for line, kind, plane, target, feed, (first, second), seconds in zip(*columns, strict=True):
-        if kind == UNKNOWN:
-            yield line, None
-        else:
-            whole = KINDS[kind], tuple(target), feed, plane, (first, second), seconds
-            yield line, LineEffect._make(whole)
+    for first in range(0, len(rows), TOGETHER):
+        some = rows[first : first + TOGETHER]
+        line, kind, plane, target, feed, center, seconds = (
+            some[name].tolist() for name in some.dtype.names or ()
+        )
+        kinds = [None if each == UNKNOWN else KINDS[each] for each in kind]
+        wholes = zip(
+            kinds, map(tuple, target), feed, plane, map(tuple, center), seconds, strict=True
+        )
+        effects = [None if each[0] is None else LineEffect._make(each) for each in wholes]
+        yield from zip(line, effects, strict=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cnc.boards.protocols import BoardTraits, LineSink, PulseSink
@@ -10,7 +12,7 @@ from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.report.result import AssumedOffset
+from cnc.report.result import AssumedOffset, Report
 from cnc.session.board_offsets import board_parameters, offset_parameters, offsets_in
 from cnc.session.context import SessionContext
 from cnc.session.kept_offsets import read_offsets
@@ -76,6 +78,18 @@ def adopt_kept_offsets(context: SessionContext) -> None:
     values = reader.saved.parameters(macro=False).values
     offset = offsets_in(values, reader.machine)["G54"]
     context.report.offset = AssumedOffset(kept is not None, offset)
+
+
+def assumed_offset(report: Report) -> Iterator[Diagnostic]:
+    """Yield a warning if a check failed at the travel with an offset that is only assumed."""
+    offset = report.offset
+    if offset is None or offset.kept:
+        return
+    if any(fault.diagnostic.code == "soft-limit" for fault in report.faults):
+        g54 = " ".join(f"{axis.upper()}{value:g}" for axis, value in offset.g54.items())
+        message = f"G54 is assumed to be {g54}: that of the board is not known"
+        hint = "cncrun boards reads the offsets of the board, and keeps them for later checks"
+        yield Diagnostic("offset-assumed", message, hint=hint, severity="warning")
 
 
 def is_attended(context: SessionContext, board: Board | None) -> bool:

@@ -94,7 +94,7 @@ class LinePass:
             )
             time = self.timing.seconds - left
             context.observer.sent(
-                present.described(replace(progress, time=time, left=left, axes=machine.axis_names))
+                present.described(progress, time=time, left=left, axes=machine.axis_names)
             )
 
         began: list[float] = []

@@ -16,7 +16,9 @@ from cnc.model.streams import GcodeLine
 from cnc.model.units import per_minute
 
 KEPT_LINES = 1024
-"""Lines sent of which the feed is kept: more than the buffers of a board hold."""
+"""Lines sent that are kept: more than the buffers of a board hold."""
+FEEDS = MOTIONS - {LineKind.RAPID}
+"""Motions with a programmed feed."""
 
 
 class PresentLine:
@@ -31,14 +33,12 @@ class PresentLine:
         self._program, self._name = program, name
         self._rest: Iterator[str] = iter(())
         self._number, self._text = 0, ""
-        self._feeds: deque[tuple[int, float]] = deque(maxlen=KEPT_LINES)
+        self._sent: deque[GcodeLine] = deque(maxlen=KEPT_LINES)
         self._tool: int | None = None
 
     def sent(self, line: GcodeLine) -> None:
         """Note a line that is sent."""
-        effect = line.effect
-        if effect is not None and effect.kind in MOTIONS and effect.kind is not LineKind.RAPID:
-            self._feeds.append((line.line, effect.feed))
+        self._sent.append(line)
 
     def steps(self, steps: Iterable[Step]) -> Iterator[Step]:
         """Yield steps, and note the tool of each that has been carried out."""
@@ -47,12 +47,18 @@ class PresentLine:
             if isinstance(step.block, Tool) and step.block.change:
                 self._tool = step.block.number
 
-    def described(self, progress: Progress) -> Progress:
-        """Return the progress with text, feed and tool of its line."""
+    def described(
+        self, progress: Progress, *, time: float, left: float, axes: tuple[str, ...]
+    ) -> Progress:
+        """Return the progress with text, feed and tool of its line, and with its times and axes."""
         line = progress.at or progress.line
-        feed = next((feed for number, feed in reversed(self._feeds) if number == line), None)
+        effects = (sent.effect for sent in reversed(self._sent) if sent.line == line)
+        feed = next((effect.feed for effect in effects if effect and effect.kind in FEEDS), None)
         return replace(
             progress,
+            time=time,
+            left=left,
+            axes=axes,
             text=self._text_of(line) if progress.file in ("", self._name) else "",
             feed=None if feed is None else per_minute(feed),
             tool=self._tool,

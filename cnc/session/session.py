@@ -27,6 +27,7 @@ from cnc.session.board_choices import (
     Board,
     adopt_board,
     adopt_kept_offsets,
+    assumed_offset,
     is_attended,
     reading_policy,
     refuse_lines,
@@ -213,6 +214,7 @@ class Session:
             if report.offset is None or report.offset.kept or reader.saved.given:
                 self._warn(reader.warp.moved_zero(reader.saved.given))
         if not report.ok:
+            self._warn(assumed_offset(report))
             return
         if board is None and reader.machine.stock is not None:
             self._cut_stock(reader.machine.stock)

@@ -155,3 +155,16 @@ def test_fluidnc_without_numbered_settings_is_refused(cncrun, tmp_path: Path) ->
     assert (code, out) == (2, "")
     assert "no-settings: the board has no numbered settings (FluidNC 3.7)" in err
     assert not file.exists()
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.0, 1.0), (1.0, 0.0)])
+def test_soft_limits_are_restored_with_the_homing_that_they_need(
+    cncrun, tmp_path: Path, before: float, after: float
+) -> None:
+    file = tmp_path / "board.txt"
+    file.write_text(f"$20={after:.0f}\n$22={after:.0f}\n$110=900.000\n")
+    simulator = GrblSimulator(settings={20: before, 22: before})
+    with PtyServer(simulator, 10.0) as served:
+        code, _, err = cncrun("settings", "--load", str(file), "--yes", "--port", served.name)
+    assert code == 0, err
+    assert [simulator.core.setting[number] for number in (20, 22, 110)] == [after, after, 900.0]

@@ -14,6 +14,7 @@ import pytest
 
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.cli import exit_code
 from cnc.cli.signals import OperatorSignals
 from cnc.model.operator_control import Control
 from tests.support.waiting import HANG, wait_until
@@ -33,6 +34,14 @@ def hang_up_is_not_ignored() -> Iterator[None]:
     signal.signal(signal.SIGHUP, before)
 
 
+def own_terminal() -> None:
+    """Make standard input the controlling terminal of the process."""
+    import fcntl
+    import termios
+
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 class Run:
     """A run of the program in a terminal, on a simulated board in real time.
 
@@ -40,15 +49,9 @@ class Run:
     """
 
     def __init__(self, folder: Path, server: PtyServer, *, own: bool = True) -> None:
-        import fcntl
-        import termios
-
         self.simulator = server.simulator
         (folder / "p.nc").write_text(PROGRAM)
         self.terminal, theirs = pty.openpty()
-
-        def own_terminal() -> None:
-            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
         self.process = subprocess.Popen(
             [sys.executable, "-m", "cnc.cli", str(folder / "p.nc"), "--machine", "grbl-uno"]
@@ -138,18 +141,66 @@ def test_a_hang_up_before_any_motion_ends_the_program() -> None:
         signal.raise_signal(signal.SIGHUP)
 
 
-def test_control_c_while_the_program_is_loaded_prints_no_traceback() -> None:
-    code = """
-import sys
+@pytest.mark.parametrize("module", ["cnc.cli.options", "cnc.api"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_while_the_program_is_loaded_ends_it_with_a_message(
+    module: str, name: str
+) -> None:
+    code = f"""
+import signal, sys
 
 class Interrupted:
     def find_spec(self, name, path, target=None):
-        if name == "cnc.cli.options":
-            raise KeyboardInterrupt
+        if name == "{module}":
+            signal.raise_signal(signal.{name})
 
 sys.meta_path.insert(0, Interrupted())
+sys.argv = ["cncrun", "programs/trident.nc"]
 import cnc.cli
+cnc.cli.main()
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 130
     assert done.stderr == "stopped by the operator; nothing has moved\n"
+
+
+def test_a_terminal_that_is_closed_while_the_program_is_loaded_ends_it() -> None:
+    code = """
+import sys, time
+
+class Slow:
+    def find_spec(self, name, path, target=None):
+        if name == "cnc.cli.options":
+            print("loading", flush=True)
+            time.sleep(60.0)
+
+sys.meta_path.insert(0, Slow())
+sys.argv = ["cncrun", "programs/trident.nc"]
+import cnc.cli
+cnc.cli.main()
+"""
+    terminal, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+        preexec_fn=own_terminal,
+    )
+    os.close(theirs)
+    assert b"loading" in os.read(terminal, 100)
+    os.close(terminal)
+    assert process.wait(HANG) == 130
+
+
+def test_an_interruption_after_motion_does_not_claim_that_nothing_has_moved(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cnc.cli.commands.show", interrupted)
+    assert exit_code(["programs/trident.nc", "--quiet"]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "stopped by the operator"

@@ -175,3 +175,14 @@ def test_largest_values_are_those_of_the_motion_on_the_board(tmp_path: Path) -> 
     assert report.limits.axes["x"]["velocity"] == FAST[110] / 60.0
     assert report.limits.axes["z"]["acceleration"] == FAST[122]
     assert "along the path, as computed" in shown
+
+
+def test_a_check_outside_the_travel_names_the_offset_that_it_assumed(tmp_path: Path) -> None:
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90 G54\nG0 X-10\nM2\n")
+    outside = check(program, MACHINE)
+    assert [fault.diagnostic.code for fault in outside.faults] == ["soft-limit"]
+    assumed = [warning.message for warning in outside.warnings if warning.code == "offset-assumed"]
+    assert assumed == ["G54 is assumed to be X0 Y0 Z0: that of the board is not known"]
+    program.write_text("G21 G90 G54\nG0 X10\nM2\n")
+    assert not [each for each in check(program, MACHINE).warnings if each.code == "offset-assumed"]

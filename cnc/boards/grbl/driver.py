@@ -321,8 +321,6 @@ class GrblBoard:
         elif self._offset_unchecked and kind != "writer":
             self._offset_unchecked = False
             self._check_offset(line.line)
-        elif self.link.due():
-            stream.serve(0.0)
 
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Wait until the lines sent so far have been carried out.

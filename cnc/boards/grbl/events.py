@@ -35,7 +35,7 @@ class SentLine:
     expected: Mapping[str, float] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Confirmed:
     """The board accepted a line."""
 

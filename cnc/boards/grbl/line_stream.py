@@ -33,6 +33,10 @@ of the answers to this computer, and its late wake-ups. One line may wait for sp
 """
 FEW_ARRIVED = 4.0
 """Unanswered lines that have arrived at the board. Fewer show that it waits for the wire."""
+SLOWER_THAN_WIRE, FEW_FOR_SLOW_BOARD = 1.3, 2.5
+"""Time between answers, in times of a line on the wire, above which the board takes longer for a
+line than the wire; and the lines that are few then.
+"""
 LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
@@ -124,27 +128,31 @@ class LineStream:
         protocol, liveness = link.protocol, monitor.liveness
         if kind in ("writer", "system"):
             self.rest()
-        if self.status.state == "Alarm":
+        status = self.status
+        if status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
             or not protocol.fits(text, kind)
-            or monitor.far_ahead(self.status)
+            or monitor.far_ahead(status)
         ):
             if self.stopping:
                 return False
             self._await_answers()
+            status = self.status
         if self.stopping:
             return False
         if kind == "probe":
             self.probed = None
         now = link.now()
         monitor.sending(line, now)
-        link.queue(protocol.send(text, line.line, kind))
+        link.queue(protocol.send(text, line.line, kind), now)
         if (
             protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
         ) and protocol.mark_fits():
             self._mark()
+        if now >= link.poll_at:
+            self.serve(0.0)
         return True
 
     def _await_answers(self) -> None:
@@ -156,11 +164,13 @@ class LineStream:
         """
         interval, now = self.monitor.liveness.interval, self.link.now()
         protocol, wire = self.link.protocol, self.link.wire
-        arrived = protocol.waiting * (1.0 - wire.on_wire(now) / max(protocol.used, 1))
+        size = protocol.used / max(protocol.waiting, 1)
+        arrived = protocol.waiting - wire.on_wire(now) / max(size, 1.0)
         asked, self._asked = self._asked, self.link.asked or protocol.marked
         part = GATHERING * (BEHIND_REPORT if asked or self._asked else 1.0)
         pause = part * (protocol.waiting - 1) * interval
-        if arrived < FEW_ARRIVED:
+        slow = interval > SLOWER_THAN_WIRE * wire.time_of(size)
+        if arrived < (FEW_FOR_SLOW_BOARD if slow else FEW_ARRIVED):
             pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
         if protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
@@ -339,7 +349,7 @@ class LineStream:
     def _mark(self) -> None:
         self._marked_at = self.link.now()
         self.monitor.liveness.marked(self._marked_at)
-        self.link.queue(self.link.protocol.mark())
+        self.link.queue(self.link.protocol.mark(), self._marked_at)
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""

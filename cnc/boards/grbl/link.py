@@ -66,6 +66,8 @@ class GrblLink:
     """Port, clock and protocol.
 
     Attributes:
+        now: Returns the present time, s.
+        poll_at: Time of the next ``?``, s.
         info: Firmware, settings and offsets of the board.
         status: The last status report.
         status_at: Time of that report, s.
@@ -78,6 +80,7 @@ class GrblLink:
     def __init__(self, port: Port, clock: Clock, name: str, baud: int = USUAL_BAUD) -> None:
         """``name`` is the name of the port, for messages; ``baud`` its speed, bit/s."""
         self.clock, self.name, self.wire = clock, name, WireTime(baud)
+        self.now = clock.now
         self.protocol = GrblProtocol()
         self.info = BoardInfo("", Firmware.GRBL)
         self.status: Status | None = None
@@ -86,7 +89,7 @@ class GrblLink:
         self.position_lost = self._moved = self.greeted_unasked = False
         self._queued = b""
         self._port = LoggedPort(port, name, log, text=True)
-        self._next_poll = 0.0
+        self.poll_at = 0.0
         self._unanswered_since: float | None = None
         self._alarms: list[int] = []
         self._writer: SentLine | None = None
@@ -96,13 +99,9 @@ class GrblLink:
         """Call a function with direction (``->``, ``<-``) and text of each line; None ends it."""
         self._port.on_line = on_line
 
-    def now(self) -> float:
-        """Return the present time, s."""
-        return self.clock.now()
-
-    def queue(self, data: bytes) -> None:
-        """Write with the next bytes, or before the next :meth:`pump`."""
-        self.wire.written(len(data), self.clock.now())
+    def queue(self, data: bytes, now: float) -> None:
+        """Write with the next bytes, or before the next :meth:`pump`; ``now``: present time, s."""
+        self.wire.written(len(data), now)
         self._queued += data
 
     def write(self, data: bytes) -> None:
@@ -140,9 +139,9 @@ class GrblLink:
             BoardError: ``board-silent``.
         """
         now = self.clock.now()
-        if now >= self._next_poll and not self._writing(now):
+        if now >= self.poll_at and not self._writing(now):
             self.write(b"?")
-            self._next_poll = now + poll
+            self.poll_at = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
         elif self._queued:
@@ -164,10 +163,6 @@ class GrblLink:
         """Whether a ``?`` is unanswered."""
         return self._unanswered_since is not None
 
-    def due(self) -> bool:
-        """Return whether it is time for the next ``?``."""
-        return self.clock.now() >= self._next_poll
-
     def raise_lines(self) -> bool:
         """Raise DTR, which resets some boards; return whether it was down."""
         return self._port.raise_lines()
@@ -179,7 +174,7 @@ class GrblLink:
 
     def poll_now(self) -> None:
         """Ask for the status with the next :meth:`pump`."""
-        self._next_poll = 0.0
+        self.poll_at = 0.0
 
     def until(self, done: Callable[[Event], bool], timeout: float) -> bool:
         """Return whether an event for which ``done`` is true came within ``timeout`` s.

@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from operator import sub
 
 from cnc.boards.grbl.tracked_moves import (
     FULL_TURN,
@@ -215,11 +216,13 @@ class PositionTracker:
 
     def _add(self, line: int, effect: LineEffect) -> None:
         assert self._at is not None
-        start, ends = self._at, list(self._at)
-        for column, (target, offset) in enumerate(zip(effect.target, self._offset, strict=False)):
-            if not math.isnan(target):
-                ends[column] = target + offset
-        end = self._at = tuple(ends)
+        start, target = self._at, effect.target
+        # NaN, an axis that the line does not name, differs from itself.
+        named = [
+            wanted + offset if wanted == wanted else place
+            for wanted, offset, place in zip(target, self._offset, start, strict=False)
+        ]
+        end = self._at = (*named, *start[len(named) :])
         move: Move
         if effect.kind in ARCS:
             move = self._arc(line, start, end, effect)
@@ -228,7 +231,8 @@ class PositionTracker:
             length = math.dist(start, end)
             if not length:
                 return
-            direction = [(b - a) / length for a, b in zip(start, end, strict=True)]
+            inverse = 1.0 / length
+            direction = [change * inverse for change in map(sub, end, start)]
             feed = math.inf if effect.kind is LineKind.RAPID else effect.feed
             seconds = self._limits.time(length, direction, feed, self._direction)
             move = StraightMove(line, start, end, length, seconds)

@@ -15,6 +15,7 @@ from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.messages import Feedback, Setting
 from cnc.boards.grbl.settings import (
     ACCELERATIONS,
+    HOMING,
     LASER_MODE,
     NAMES,
     RATES,
@@ -109,7 +110,9 @@ def parsed(lines: Iterable[str], file: str = "") -> dict[int, str]:
 
 
 def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
-    """Return the settings to write.
+    """Return the settings to write, in their order.
+
+    Homing is the first: soft limits need it, and GRBL switches them off with it.
 
     Raises:
         UsageError: ``setting-unknown``, where the board does not have one; ``setting-value`` for
@@ -127,7 +130,7 @@ def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
             raise UsageError(Diagnostic("setting-value", f"${number}: {message}", hint=hint))
         if not _same(before, value):
             listed.append(Change(number, before, value))
-    return listed
+    return sorted(listed, key=lambda change: change.number != HOMING)
 
 
 def write(link: GrblLink, listed: Iterable[Change]) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul
+from typing import NamedTuple
 
 SHARP_TURN = 0.9
 """Cosine of the turn between two moves below which the board nearly stops between them."""
@@ -45,15 +47,14 @@ class AxisLimits:
         """
         speed, acceleration = feed, math.inf
         for part, rate, most in zip(direction, self.rates, self.accelerations, strict=False):
-            if part:
-                speed = min(speed, rate / abs(part))
-                acceleration = min(acceleration, most / abs(part))
+            size = abs(part)
+            if rate < speed * size:
+                speed = rate / size
+            if most < acceleration * size:
+                acceleration = most / size
         if not 0.0 < speed < math.inf:
             return 0.0
-        if (
-            before is not None
-            and sum(a * b for a, b in zip(before, direction, strict=True)) > SHARP_TURN
-        ):
+        if before is not None and sum(map(mul, before, direction)) > SHARP_TURN:
             return length / speed
         return (
             length / speed + speed / acceleration
@@ -62,8 +63,7 @@ class AxisLimits:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class StraightMove:
+class StraightMove(NamedTuple):
     """A straight move.
 
     Attributes:

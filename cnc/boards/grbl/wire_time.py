@@ -25,7 +25,7 @@ class WireTime:
         """Note that ``count`` bytes were written at a time, s."""
         self._idle_from = max(self._idle_from, now) + count * self._byte_time
 
-    def time_of(self, count: int) -> float:
+    def time_of(self, count: float) -> float:
         """Return the time of ``count`` bytes, s."""
         return count * self._byte_time
 

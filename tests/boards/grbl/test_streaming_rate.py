@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ MOVES = ["G1 F3000", *(f"X{0.2 * k:.3f}" for k in range(1, 900))]
 TINY = ["G1 F855", *(f"X{110 + k / 20:.2f} Z-{1 + k % 7 / 1000:.3f} S{k}" for k in range(1, 700))]
 FAST = {110: 5000.0, 120: 500.0}
 LASER = {110: 6000.0, 111: 6000.0, 112: 6000.0, 120: 5000.0, 121: 5000.0, 122: 5000.0}
+PROMPT = {110: 2e4, 111: 2e4, 112: 2e4, 120: 5e3, 121: 5e3, 122: 5e3}
 LIGHT = {110: 6000.0, 112: 3000.0, 120: 1500.0, 122: 400.0}
 
 
@@ -99,3 +101,20 @@ def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPa
     fewer = streamed(monkeypatch, gathering, MOVES, check_only=False)
     assert fewer[0] < 1.002 * seconds
     assert fewer[1] < len(MOVES) / 3 < readings
+
+
+def test_a_board_that_reads_more_slowly_than_the_wire_takes_few_wake_ups(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Lines of 25 bytes: four of them fill the receive buffer of GRBL."""
+    angles = (0.02 * k for k in range(900))
+    circle = (
+        f"X{20 + 9 * math.cos(a):.3f}Y{20 + 9 * math.sin(a):.3f}Z-{1 + k % 3 * 0.01:.3f}"
+        for k, a in enumerate(angles)
+    )
+    lines, gathering = ["G1 F6000", *circle], line_stream.GATHERING
+    hard: Any = {"check_only": False, "settings": PROMPT}
+    seconds, _ = streamed(monkeypatch, 0.0, lines, **hard)
+    fewer = streamed(monkeypatch, gathering, lines, **hard)
+    assert fewer[0] < 1.004 * seconds
+    assert fewer[1] < 0.8 * len(lines)
