@@ -297,8 +297,11 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     name = word.written
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
+    builder = (
+        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+    )
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
-        hint = _known()["instead"].get(f"{dialect.name}-{kind}", "")
+        hint = _known()["instead"].get(f"{dialect.name}-{kind}", builder if kind == "m" else "")
         return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
@@ -308,9 +311,6 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault(
             "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
         )
-    builder = (
-        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
-    )
     if printer := kind == "m" and _known()["printer"].get(f"{code:g}"):
         message = f"{name} ({printer}) is not supported"
         if dialect.flavour == "macro-b":
