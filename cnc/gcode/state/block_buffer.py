@@ -52,6 +52,7 @@ class BlockBuffer:
             that is not complete.
         in_effect: The values that the last blocks gave to each state that lasts, such as the
             spindle. A block with the same values is left out.
+        asked: Whether the board was ever asked.
         assumed: Whether an expected answer was used because there was no board to answer.
     """
 
@@ -59,7 +60,7 @@ class BlockBuffer:
         self.ready: list[Block] = []
         self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
-        self.assumed = False
+        self.asked = self.assumed = False
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -319,6 +320,7 @@ class BlockBuffer:
         ``take`` gets the answer before the next line is executed.
         """
         self.add(block)
+        self.asked = True
         self.unanswered.append((block, take))
 
     def take_answers(self) -> None:
