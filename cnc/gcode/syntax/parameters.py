@@ -241,7 +241,8 @@ class Parameters:
             read: Returns the value of a parameter, counted from 0.
             write: Sets it.
         """
-        for key in [key for key in self._bound if key in row]:
+        # A name in a range would be compared with each of its numbers.
+        for key in [key for key in self._bound if isinstance(key, int) and key in row]:
             del self._bound[key]
         self._rows.insert(0, (row, read, write))
         self._first_in_row = min(self._first_in_row, row.start)
