@@ -72,6 +72,7 @@ class Dialect:
     after_g80: Literal["none", "previous", "assumed"]
     local_calls: bool
     hole_patterns: bool
+    profile_subroutines: bool
     length_units: list[int]
     scale_unit: float
     extruder: str
@@ -263,7 +264,8 @@ _PLAIN = (
     "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
-    "skip_parameters", "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
+    "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
+    "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

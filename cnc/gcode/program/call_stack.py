@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
@@ -21,6 +21,9 @@ from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
+
+if TYPE_CHECKING:
+    from cnc.gcode.program.subroutine_profiles import OpenProfile
 
 KEPT_PAGES = 4
 """Pages of a text whose steps are kept."""
@@ -217,6 +220,7 @@ class Flow:
         missing: Names of programs that a check has skipped.
         program_frame: SINUMERIK's programmable frame.
         sections: SINUMERIK's repeated sections.
+        profile: LinuxCNC's cycle whose profile is being executed; None for none.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -246,6 +250,7 @@ class Flow:
         self.missing: set[str] = set()
         self.program_frame = ProgramFrame()
         self.sections = Sections()
+        self.profile: OpenProfile | None = None
         self.has_modal = False
         self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)

@@ -215,6 +215,11 @@ class StepMaker:
                     macro=self._macro,
                     packed=self._dialect.repeats_in_call,
                 )
+        if self._dialect.profile_subroutines:
+            from cnc.gcode.program.subroutine_profiles import subroutine_cycle
+
+            if profile := subroutine_cycle(line, statement, self._dialect):
+                return profile
         if self._dialect.lathe:
             from cnc.gcode.program.turning_profiles import profile_cycle
 

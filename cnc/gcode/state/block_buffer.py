@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,14 @@ TakeAnswer = Callable[[tuple[float, ...]], None]
 
 _Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 """Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
+
+
+class Diverted(NamedTuple):
+    """What a buffer had before its blocks were kept back."""
+
+    ready: list[Block]
+    in_effect: dict[tuple[str, int], tuple[object, ...]]
+    turning: str
 
 
 class BlockBuffer:
@@ -330,6 +339,20 @@ class BlockBuffer:
             self.assumed = self.assumed or values is None
             take(block.expected if values is None else values)
         self.unanswered.clear()
+
+    def divert(self) -> Diverted:
+        """Keep back the blocks that are added until :meth:`restore`."""
+        self.flush()
+        kept = Diverted(self.ready, self.in_effect.copy(), self._turning)
+        self.ready = []
+        return kept
+
+    def restore(self, kept: Diverted) -> list[Block]:
+        """Return the blocks since :meth:`divert`; what is in effect is as before."""
+        self.flush()
+        found = self.ready
+        self.ready, self.in_effect, self._turning = kept
+        return found
 
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:
