@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 from cnc.gcode.cycles.subroutine_profiles import SubroutineProfiles
 from cnc.gcode.cycles.turning_cycles import TurningCycles
 from cnc.gcode.cycles.turning_moves import TurningMoves
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.subprograms import Call
 from cnc.gcode.program.turning_profiles import ProfileCycle
@@ -26,9 +25,9 @@ _CODES = {code.code: code for code in (G.G70, G.G71, G.G72)}
 MAX_SUBROUTINE = 99_999
 
 
-def subroutine_cycle(line: int, statement: Statement, dialect: Dialect) -> SubroutineCycle | None:
+def subroutine_cycle(line: int, statement: Statement) -> SubroutineCycle | None:
     """Return the step of a line with G70, G71 or G72, and Q; None for another line."""
-    if not dialect.profile_subroutines or not any(word.letter == "Q" for word in statement.words):
+    if not any(word.letter == "Q" for word in statement.words):
         return None
     for word in statement.words:
         if word.letter == "G" and word.number in _CODES:
