@@ -47,6 +47,7 @@ EVIDENCE = [
     ("$H\nG0 X1", "grbl"),
     ("; GRBL device profile\nG0 X1", "grbl"),
     ("N10 G71G91.1", "mach3"),
+    ("%_N_PART_MPF\nG291\nG0 X1.", "fanuc"),
     (";FLAVOR:Marlin\nG28", "marlin"),
     ("G28 X Y ; home", "marlin"),
     ("G28 X0 Y0", "auto"),
@@ -64,6 +65,8 @@ EVIDENCE = [
     ("G0 X1\nG1 X2 F100", "auto"),
     ("T1 M6\nG43 H1 Z5.\nM30", "auto"),
     ("(O1000 in a comment)\nG0 X1", "auto"),
+    ("; a text\nPART HOLDER\nX5", "auto"),
+    ("; a text", "auto"),
     ("", "auto"),
 ]
 
@@ -102,6 +105,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("G10 L20 P1 X{param.R*-1}", "not-gcode", "RepRapFirmware"),
         ("T0101\nG50 S2000\nG96 S150 M3\nG99 G1 Z-10. F0.2", "program-for-lathe", "T0101"),
         ("M109 S200\nG1 X1 E0.5", "program-for-printer", "M109 S2"),
+        ("Hello, a text.\nIts second line.", "not-gcode", "plain text, by Hello, a text."),
+        ("(a)\ndef main():\n    pass", "not-gcode", "def main(): in line 2"),
     ],
 )
 def test_a_foreign_file_has_one_error_that_names_it(source: str, code: str, words: str) -> None:
@@ -215,6 +220,25 @@ def test_lines_that_only_another_language_has(line: str, kind: str) -> None:
 @pytest.mark.parametrize("code", ["G92.4 A0", "M321", "M490", "M198 P1"])
 def test_codes_of_other_controllers_are_named(code: str) -> None:
     assert error_of(f"{code}\nM2", dialect="auto").code == "code-not-supported"
+
+
+@pytest.mark.parametrize(
+    ("code", "name"), [("M59 P1", "an output on"), ("M79", "alarm without a signal of the probe")]
+)
+def test_codes_of_haas_are_named(code: str, name: str) -> None:
+    found = error_of(f"O1\n{code}\nM30", dialect="haas")
+    assert found.code == "code-not-supported"
+    assert name in found.message
+    assert "[program.codes]" in found.hint
+    assert error_of(f"O1\n{code}\nM30", dialect="fanuc").code == "code-unknown"
+
+
+def test_a_program_in_two_languages_is_refused_by_name() -> None:
+    found = error_of("G0 X1\nG291\nG0 X2.\nM30", dialect="siemens")
+    assert (found.code, found.line) == ("code-not-supported", 2)
+    assert "ISO mode" in found.message
+    found = error_of("G291\nG0 X1.\nG290\nM30", dialect="fanuc")
+    assert (found.code, found.line) == ("code-not-supported", 3)
 
 
 @pytest.mark.parametrize("code", ["M100", "M199 P1 Q2"])

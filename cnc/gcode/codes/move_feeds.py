@@ -11,6 +11,7 @@ from cnc.gcode.codes.axis_words import AxisWords
 from cnc.gcode.codes.prepared_lines import Known
 from cnc.gcode.state.modal_groups import Feed, feed_of
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault
+from cnc.model.diagnostics import GcodeError
 from cnc.model.units import per_second
 
 MIN_FEED = 1e-6
@@ -56,7 +57,7 @@ class MoveFeeds(AxisWords):
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
+            raise _missing(words, at)
         self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed, length)
         if state.feed_mode == "per-revolution":
@@ -155,6 +156,15 @@ class MoveFeeds(AxisWords):
                 "limit the speed with D in the line of G96",
             )
         return rpm
+
+
+def _missing(words: LineWords, at: Word) -> GcodeError:
+    """Return the error of a feed move without a feed."""
+    for word in words.vacant:
+        if word.letter == "F":
+            message = f"{word.written} gives no feed: the variable is empty, and no F is before it"
+            return fault("feed-missing", message, word, "set the variable, or use --default-feed")
+    return fault("feed-missing", "a feed move without a feed in effect", at, _FEED_HINT)
 
 
 def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:

@@ -91,9 +91,9 @@ class PreparedLine:
                 words[index] = _code(word, number)
             else:
                 words[index] = Word(word.letter, number, word.written, word.column, word.length)
-        for index in reversed(vacant):
-            del words[index]
+        empty = tuple(words.pop(index) for index in reversed(vacant))
         found = LineWords.of(words, self.builder.replace)
+        found.vacant = empty
         self.builder.take(found)
         return found
 

@@ -86,7 +86,7 @@ class ProfileCycles:
         """The view in which the stock is above and the passes go to the right."""
         z, x = self._moves.columns
         along, across = (x, z) if code == G.G72 else (z, x)
-        ends = _ends(blocks)
+        ends = ends_of(blocks)
         if not ends:
             raise fault("profile-empty", "the profile has no move", at, "give the lines P to Q")
         to, first = ends[-1], ends[0]
@@ -211,7 +211,8 @@ def _placed(view: View, position: list[float], point: complex) -> list[float]:
     return [old if abs(new - old) <= TINY else new for new, old in zip(end, position, strict=True)]
 
 
-def _ends(blocks: list[Block]) -> list[list[float]]:
+def ends_of(blocks: list[Block]) -> list[list[float]]:
+    """Return the ends of moves, as machine positions."""
     found: list[list[float]] = []
     for block in blocks:
         if isinstance(block, Polyline):

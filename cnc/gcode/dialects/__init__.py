@@ -72,6 +72,7 @@ class Dialect:
     after_g80: Literal["none", "previous", "assumed"]
     local_calls: bool
     hole_patterns: bool
+    profile_subroutines: bool
     length_units: list[int]
     scale_unit: float
     extruder: str
@@ -263,7 +264,8 @@ _PLAIN = (
     "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
-    "skip_parameters", "hole_patterns", "wrap", "feed_of_all_axes", "length_units",
+    "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
+    "length_units",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -297,8 +299,11 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     name = word.written
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
+    builder = (
+        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+    )
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
-        hint = _known()["instead"].get(f"{dialect.name}-{kind}", "")
+        hint = _known()["instead"].get(f"{dialect.name}-{kind}", builder if kind == "m" else "")
         return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
@@ -308,9 +313,6 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault(
             "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
         )
-    builder = (
-        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
-    )
     if printer := kind == "m" and _known()["printer"].get(f"{code:g}"):
         message = f"{name} ({printer}) is not supported"
         if dialect.flavour == "macro-b":

@@ -34,6 +34,8 @@ _FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
 _LOGIC = re.compile(r"(?<![A-Z_<])(?:AND|OR|XOR)(?![A-Z_>])")
 _COMPARISON = re.compile(r"(?<![A-Z_<])(?:EQ|NE|GT|GE|LT|LE)(?![A-Z_>])")
 _QUOTED = re.compile(r'"[^"]*"')
+_WORD = re.compile(r"(?<![A-Z0-9_])[A-Z]\s*[-+.#\[0-9]|[%$#@]|^<")
+_PROSE = re.compile(r"[A-Z]{2}")
 
 
 class _Evidence(NamedTuple):
@@ -129,11 +131,16 @@ def recognise(lines: Iterable[str]) -> Recognition:
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
     has_y, plane, begun = False, None, False
+    prose: Reason | None = None
+    has_words = False
     left = list(table.evidence)
     for number, line in _first(lines):
         code = _code_of(line)
         comments = _COMMENT.findall(line)
         has_y = has_y or _Y_WORD.search(code) is not None
+        has_words = has_words or _WORD.search(code) is not None
+        if prose is None and _PROSE.search(code):
+            prose = Reason(_shown(line), "no line has a word of G-code", number)
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         places = {"code": [code], "comment": comments, "line": [line],
@@ -147,6 +154,8 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     found.setdefault(each.language, []).append((each, reason))
                     break
     lathe = found.pop("lathe", [])
+    if prose and not has_words and not found:
+        return Recognition(refusal="plain text", reasons=(prose,))
     choice = _choice(table, found)
     if has_y or choice.refusal or choice.dialect not in _LATHES:
         return choice

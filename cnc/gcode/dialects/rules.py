@@ -118,6 +118,7 @@ class VariableNumbers(NamedTuple):
         more_origins: Origin of G54.1 P1 by a second number; 0 for none.
         common: First and last of more common variables; empty for none. Those of them that are
             10000 more than a common variable are the same one.
+        control: Variables whose value only the control knows: first and last of each group.
     """
 
     length: list[list[int]]
@@ -128,3 +129,4 @@ class VariableNumbers(NamedTuple):
     origins: int
     more_origins: int
     common: list[int]
+    control: list[list[int]]

@@ -128,7 +128,7 @@ def profile_of(blocks: Iterable[Block], start: list[float], view: View) -> Profi
             around = position.copy()
             around[z], around[x] = block.center
             turns = block.turns * view.spin
-            found += _arc(here, view.point(end), view.point(around), turns)
+            found += arc_pieces(here, view.point(end), view.point(around), turns)
             here, position = view.point(end), end
     return found
 
@@ -137,7 +137,7 @@ def _line(start: complex, end: complex) -> Profile:
     return [Piece(start, end)] if abs(end - start) > TINY else []
 
 
-def _arc(start: complex, end: complex, center: complex, turns: float) -> Profile:
+def arc_pieces(start: complex, end: complex, center: complex, turns: float) -> Profile:
     """Return an arc as pieces of one quadrant each.
 
     The centre is moved so that both ends lie on the circle.

@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
@@ -21,6 +21,9 @@ from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
+
+if TYPE_CHECKING:
+    from cnc.gcode.program.subroutine_profiles import OpenProfile
 
 KEPT_PAGES = 4
 """Pages of a text whose steps are kept."""
@@ -217,6 +220,7 @@ class Flow:
         missing: Names of programs that a check has skipped.
         program_frame: SINUMERIK's programmable frame.
         sections: SINUMERIK's repeated sections.
+        profile: LinuxCNC's cycle whose profile is being executed; None for none.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -246,6 +250,7 @@ class Flow:
         self.missing: set[str] = set()
         self.program_frame = ProgramFrame()
         self.sections = Sections()
+        self.profile: OpenProfile | None = None
         self.has_modal = False
         self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)
@@ -330,10 +335,19 @@ class Flow:
         while self.frames:
             self._pop()
 
-    def endless(self, line: int) -> CncError:
-        """Return the error for too many repeated lines, at the loop or call that caused them."""
+    def endless(self, line: int, *, is_certain: bool) -> CncError:
+        """Return the error for an endless program, at the loop or call that caused it.
+
+        Args:
+            line: The next line.
+            is_certain: Whether its state came back; else too many lines were repeated.
+        """
         self.update_loops()
         listing, at, name = self._cause_of_repetition(line)
+        if is_certain:
+            message = f"{name} does not end: no variable, position or tool changes any more"
+            hint = "correct the condition that ends it, or write M30 in its place"
+            return listing.fault(at, "loop-endless", message, hint)
         many = f"{self.limits.repeated_lines:,}".replace(",", " ")
         message = f"{name} does not end: more than {many} lines were executed again"
         hint = (
@@ -343,7 +357,7 @@ class Flow:
         return listing.fault(at, "loop-endless", message, hint)
 
     def _cause_of_repetition(self, line: int) -> tuple[Listing, Place, str]:
-        """Return the innermost loop or call whose lines took half of the limit."""
+        """Return the innermost loop or call that took half of the repeated lines."""
         suspects: list[tuple[int, Listing, Place, str]] = []
         listing = self.listing
         for frame in [self.frame, *reversed(self.frames)]:
@@ -356,7 +370,7 @@ class Flow:
         if not suspects:  # calls that branch again and again
             outermost = [*self.frames, self.frame][min(1, len(self.frames))]
             return outermost.caller, outermost.at, f"the call of {outermost.name}"
-        enough = self.executed - self.limits.repeated_lines // 2
+        enough = self.executed - (self.executed - self.new) // 2
         return next(
             (each for each in suspects if each[0] <= enough),
             min(suspects, key=lambda each: each[0]),

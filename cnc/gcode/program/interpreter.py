@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from cnc.gcode import dialects
 from cnc.gcode.codes import (
     circular_pocket,
+    control_variables,
     decimal_points,
     macro_variables,
     probing,
@@ -185,6 +186,8 @@ class Interpreter:
                 lambda: self.motion.position,
             )  # fmt: skip
             OffsetVariables(self.dialect, self.here, self.tool_codes, self.coordinates)
+            variables = self.dialect.variables
+            control_variables.bind(parameters, self.here, self.policy, variables)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:

@@ -29,6 +29,7 @@ from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.percent import PercentStep
 from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
 from cnc.gcode.program.siemens_repeat import SectionEnd
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.machine.program_codes import CodeAction
@@ -36,6 +37,7 @@ from cnc.machine.program_codes import CodeAction
 MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto", "s-goto")
+_PROFILE_CODES = frozenset(code.code for code in (G.G70, G.G71, G.G72))
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     block_matching.MAKERS
     | subprograms.MAKERS
@@ -215,6 +217,13 @@ class StepMaker:
                     macro=self._macro,
                     packed=self._dialect.repeats_in_call,
                 )
+        if self._dialect.profile_subroutines and any(
+            word.letter == "G" and word.number in _PROFILE_CODES for word in statement.words
+        ):
+            from cnc.gcode.program.subroutine_profiles import subroutine_cycle
+
+            if profile := subroutine_cycle(line, statement):
+                return profile
         if self._dialect.lathe:
             from cnc.gcode.program.turning_profiles import profile_cycle
 

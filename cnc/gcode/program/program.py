@@ -19,6 +19,7 @@ from cnc.gcode.program.call_stack import Flow, Limits, Listing, Page, Step
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_steps import StepMaker
 from cnc.gcode.program.percent import leader
+from cnc.gcode.program.repeated_states import RepeatedStates
 from cnc.gcode.program.subprograms import Library
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
@@ -248,6 +249,7 @@ class _Watch:
         self._flow = flow
         self._on_line = on_line
         self._most_repeated = flow.limits.repeated_lines
+        self._states = RepeatedStates(flow)
         self.next_report = min(REPORT_INTERVAL, self._most_repeated)
 
     def check(self, executed: int, line: int) -> int:
@@ -259,7 +261,9 @@ class _Watch:
         flow = self._flow
         flow.executed = executed
         if executed - flow.new > self._most_repeated:
-            raise flow.endless(line)
+            raise flow.endless(line, is_certain=False)
+        if self._states.comes_back(line):
+            raise flow.endless(line, is_certain=True)
         if executed > self.next_report:
             self.next_report = executed + REPORT_INTERVAL
             if self._on_line is not None:

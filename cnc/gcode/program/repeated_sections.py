@@ -42,6 +42,10 @@ class Sections:
         """Begin to execute a section."""
         self._open.append(section)
 
+    def state(self) -> list[tuple[int, int]]:
+        """Return the first line and the repeats left of each section."""
+        return [(section.first, section.repeats_left) for section in self._open]
+
     def leave(self, depth: int, target: int) -> None:
         """End the sections of a call that a jump to a line leaves."""
         while self._open:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,14 @@ _Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 """Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
 
+class Diverted(NamedTuple):
+    """What a buffer had before its blocks were kept back."""
+
+    ready: list[Block]
+    in_effect: dict[tuple[str, int], tuple[object, ...]]
+    turning: str
+
+
 class BlockBuffer:
     """Blocks of a program in order.
 
@@ -52,6 +61,7 @@ class BlockBuffer:
             that is not complete.
         in_effect: The values that the last blocks gave to each state that lasts, such as the
             spindle. A block with the same values is left out.
+        asked: Whether the board was ever asked.
         assumed: Whether an expected answer was used because there was no board to answer.
     """
 
@@ -59,7 +69,7 @@ class BlockBuffer:
         self.ready: list[Block] = []
         self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
-        self.assumed = False
+        self.asked = self.assumed = False
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -319,6 +329,7 @@ class BlockBuffer:
         ``take`` gets the answer before the next line is executed.
         """
         self.add(block)
+        self.asked = True
         self.unanswered.append((block, take))
 
     def take_answers(self) -> None:
@@ -328,6 +339,20 @@ class BlockBuffer:
             self.assumed = self.assumed or values is None
             take(block.expected if values is None else values)
         self.unanswered.clear()
+
+    def divert(self) -> Diverted:
+        """Keep back the blocks that are added until :meth:`restore`."""
+        self.flush()
+        kept = Diverted(self.ready, self.in_effect.copy(), self._turning)
+        self.ready = []
+        return kept
+
+    def restore(self, kept: Diverted) -> list[Block]:
+        """Return the blocks since :meth:`divert`; what is in effect is as before."""
+        self.flush()
+        found = self.ready
+        self.ready, self.in_effect, self._turning = kept
+        return found
 
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:

@@ -87,6 +87,7 @@ class Parameters:
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
         self._rows: list[tuple[range, ReadRow, WriteRow]] = []
         self._first_in_row = LAST_MACRO + 1
+        self._row_writes = 0
         self.changed: set[int | str] | None = None
         self.calls = 0
         self.kept: Container[int] = KEPT_MACRO if macro else USER
@@ -140,6 +141,7 @@ class Parameters:
             )
         elif number >= self._first_in_row and (found := self._row_of(number)):
             row, _, write = found
+            self._row_writes += 1
             write(number - row.start, value)
         else:
             self._check(number, column)
@@ -239,12 +241,21 @@ class Parameters:
             read: Returns the value of a parameter, counted from 0.
             write: Sets it.
         """
+        # A name in a range would be compared with each of its numbers.
+        for key in [key for key in self._bound if isinstance(key, int) and key in row]:
+            del self._bound[key]
         self._rows.insert(0, (row, read, write))
         self._first_in_row = min(self._first_in_row, row.start)
 
     def _row_of(self, number: int) -> tuple[range, ReadRow, WriteRow] | None:
         """Return the row that has a number, with its functions."""
         return next((row for row in self._rows if number in row[0]), None)
+
+    def state(self) -> tuple[object, ...]:
+        """Return all values, for a comparison. It differs if a row of functions was written."""
+        callers = [(dict(numbers), dict(names)) for numbers, names in self._callers]
+        own = dict(self.values), dict(self.locals), dict(self._names), dict(self._globals)
+        return (*own, callers, self._row_writes)
 
     def push(self, arguments: Sequence[float]) -> None:
         """Enter a call, which has its own names and its own local numbers.

@@ -16,7 +16,13 @@ from importlib.resources import files
 from typing import NamedTuple
 
 from cnc.gcode.syntax.error_context import about_character
-from cnc.gcode.syntax.siemens_arrays import elements, initial_values, list_of
+from cnc.gcode.syntax.siemens_arrays import (
+    elements,
+    following,
+    initial_values,
+    left_from,
+    list_of,
+)
 from cnc.gcode.syntax.siemens_control import (
     ControlLine,
     call_line,
@@ -166,7 +172,8 @@ class _Line(Cursor):
     def _element(self, name: str) -> None:
         """Translate the assignment to an element of an array, or by SET and REP to several."""
         end = closing(self.text, self.at)
-        number = self.element(name, self.text[self.at + 1 : end])
+        index = self.text[self.at + 1 : end]
+        number = self.element(name, index)
         self.at = end + 1
         self.skip()
         if self.text[self.at : self.at + 1] != "=":
@@ -178,16 +185,19 @@ class _Line(Cursor):
         if found is None:
             self.out.append(f"#[{number}]=[{self.ngc(as_type(kind, self.written_value()))}]")
             return
+        array, indices = self.array(name, index)
         begin, self.at = self.at, closing(self.text, found.end() - 1) + 1
-        for step, value in enumerate(self._listed(self.text[begin : self.at])):
-            self.out.append(f"#[{number}+{step}]=[{self.ngc(as_type(kind, value))}]")
+        left = left_from(array, indices) if array else None
+        for step, value in enumerate(self._listed(self.text[begin : self.at], left)):
+            place = following(array, indices, step) if array else f"{number}+{step}"
+            self.out.append(f"#[{place}]=[{self.ngc(as_type(kind, value))}]")
 
-    def _listed(self, text: str) -> list[str]:
-        """Return the values of SET, or of REP with a number of elements."""
+    def _listed(self, text: str, left: int | None) -> list[str]:
+        """Return the values of SET or REP; ``left`` elements are there, if that is known."""
         kind, values = list_of(text) or ("", [])
         if kind == "REP":
-            count = values[1] if len(values) == 2 else ""
-            if not count.isdigit():
+            count = values[1] if len(values) == 2 else "" if left is None else str(left)
+            if not count.isdigit() or len(values) > 2:
                 raise self.fault("REP without a number of elements", 1, "write REP(0,5), or SET")
             values = values[:1] * int(count)
         if not all(values):

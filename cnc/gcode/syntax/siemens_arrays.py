@@ -26,6 +26,29 @@ def number_of(first: int, indices: Sequence[str]) -> str:
     return "+".join((str(first), *terms))
 
 
+def following(variable: Variable, indices: Sequence[str], step: int) -> str:
+    """Return the expression for the number of the element ``step`` places behind another one.
+
+    The last index counts first. The element itself must be checked: behind a wrong last index, a
+    right element of the next row may follow.
+    """
+    if len(indices) == 1 or not step:
+        return f"{number_of(variable.first, indices)}+{step}"
+    place, size = f"[[{indices[1]}]+{step}]", variable.sizes[1]
+    row = f"[{indices[0]}]+FIX[{place}/{size}]"
+    return number_of(variable.first, (row, f"{place} MOD {size}"))
+
+
+def left_from(variable: Variable, indices: Sequence[str]) -> int | None:
+    """Return the number of elements from one on; None if its indices are computed."""
+    if not all(each.strip().isdigit() for each in indices):
+        return None
+    place = 0
+    for index, size in zip(indices, variable.sizes, strict=True):
+        place = place * size + int(index)
+    return len(elements(variable)) - place
+
+
 def elements(variable: Variable) -> list[int]:
     """Return the numbers of the elements of an array; the last index counts first."""
     steps = (ROW, 1)[2 - len(variable.sizes) :]

@@ -107,16 +107,21 @@ class Cursor:
 
     def element(self, written: str, index: str) -> str:
         """Return the expression for the number of an element of an array, or of R."""
+        known, indices = self.array(written, index)
+        return number_of(R_PARAMETERS.start if known is None else known.first, indices)
+
+    def array(self, written: str, index: str) -> tuple[Variable | None, list[str]]:
+        """Return an array with the expressions of its indices; None for R."""
         name = written.upper()
         indices = [self.ngc(each) for each in arguments(index)]
         if name == "R" and len(indices) == 1:
-            return number_of(R_PARAMETERS.start, indices)
+            return None, indices
         known = None if name in self.ambiguous else self.variables.get(name)
         if known is None or len(known.sizes) != len(indices):
             what = f"{name}[{index}] (no array of that name, or another number of indices)"
             hint = "define it by DEF REAL NAME[10] at the beginning of the main program"
             raise self.fault(what, len(name), hint)
-        return number_of(known.first, indices)
+        return known, indices
 
     def _without_arrays(self, text: str) -> str:
         text = re.sub(r"==|<>|<=|>=|<|>", lambda found: f" {_COMPARED[found[0]]} ", text)

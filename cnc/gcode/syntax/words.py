@@ -97,12 +97,14 @@ class LineWords:
         m: M words in the order written.
         rest: Other words that no code has used yet, by letter.
         users: Code and word of each used word, by letter.
+        vacant: Words without a value, as FANUC's empty variables give them.
     """
 
     g: list[Word] = field(default_factory=list)
     m: list[Word] = field(default_factory=list)
     rest: dict[str, Word] = field(default_factory=dict)
     users: dict[str, tuple[str, Word]] = field(default_factory=dict)
+    vacant: tuple[Word, ...] = ()
 
     @classmethod
     def of(

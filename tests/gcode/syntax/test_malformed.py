@@ -301,7 +301,7 @@ unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-tabl
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
 rotary-axis-place optional-stop-off tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
-cycle-level-assumed retraction-left-out subprogram-missing
+cycle-level-assumed retraction-left-out subprogram-missing control-variable
 """
 """Warnings, and errors of files and names. They have their own tests."""
 
