@@ -228,12 +228,12 @@ def raster(rng: random.Random, count: int) -> list[str]:
 @pytest.mark.parametrize("laser", [False, True])
 def test_lines_with_power_on_arrays_equal_lines_one_by_one(laser: bool) -> None:
     carried = 0
-    for seed in range(share(4000, 40)):
+    for seed in range(share(4000, 20)):
         rng = random.Random(seed)
         lines = raster(rng, rng.choice([20, 300, 3000, 9000]))
         found = both(lines, laser=laser).interpreter.out.ready
         carried += any(isinstance(each, Polyline) and each.commands is not None for each in found)
-    assert carried > 0.5 * share(4000, 40)
+    assert carried > 0.5 * share(4000, 20)
 
 
 @pytest.mark.parametrize("laser", [False, True])
