@@ -181,7 +181,9 @@ def test_large_tracks_are_measured_in_parts():
     assert abs(found.second - 2000) <= 1
 
 
-@pytest.mark.parametrize("name", ["pocket", "engraving", "bezier", "trident"])
+@pytest.mark.parametrize(
+    "name", share(["pocket", "engraving", "bezier", "trident"], ["engraving", "trident"])
+)
 def test_a_track_is_the_toolpath(name):
     """Every sample of the motion lies on the track."""
     machine = load_machine("paper-nurbs" if name == "trident" else "default")

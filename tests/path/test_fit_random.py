@@ -53,7 +53,7 @@ def random_points(rng, count, axes):
     return np.round(points, int(rng.integers(2, 6))) if rng.random() < 0.7 else points
 
 
-@settings(max_examples=share(3000, 8), deadline=None)
+@settings(max_examples=share(3000, 4), deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     count=st.integers(2, 250),

@@ -36,6 +36,8 @@ from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
 
 FOLDER = ROOT / "programs"
+LONG = ("bezier", "finishing", "pocket")
+"""Shipped programs whose motion has many points."""
 MILL = load_machine(None)
 TOLERANCE = MILL.path.tolerance
 ANYWHERE = {
@@ -90,7 +92,7 @@ def texts(program: str, **options: object) -> list[str]:
     [
         file.stem
         for file in sorted(FOLDER.glob("*.nc"))
-        if file.stem not in ("probing", "turned-thread", share("", "finishing"))
+        if file.stem not in ("probing", "turned-thread", *share((), LONG))
     ],
 )
 def test_shipped_programs_are_the_same_motion(file):
