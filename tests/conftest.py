@@ -36,6 +36,17 @@ def one_core():
         yield
 
 
+@pytest.fixture
+def one_process(monkeypatch):
+    """Check several programs in this process: the start of a worker takes a second."""
+
+    def check_here(tasks, *_):
+        for index, task in enumerate(tasks):
+            yield index, task.perform()
+
+    monkeypatch.setattr("cnc.batch.pool._check_locally", check_here)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def state_folder(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
