@@ -55,7 +55,7 @@ def test_arcs_in_all_octants(octant: int, turns: float) -> None:
 
 def test_many_turns_helix_and_spiral() -> None:
     start = np.array([1.0, 0.0, 0.0])
-    check([arc(start, (0.0, 0.0), 2.25, rise=0.333)], start, 100.0, dense=1000)
+    check([arc(start, (0.0, 0.0), 2.25, rise=0.333)], start, share(100.0, 40.0), dense=1000)
     spiral = ArcFeed(FILE, 1, "XY", (0.0, 0.0), np.array([0.0, 1.2, 0.1]), 1.0, 0.25, 10.0)
     check([spiral], start, 100.0)
 

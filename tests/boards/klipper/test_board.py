@@ -72,7 +72,7 @@ def tolerance_us(mcu: str) -> float:
     return 5.0 + (40.0 if mcu in AVR else 1.5)
 
 
-@pytest.mark.parametrize("mcu", MCUS)
+@pytest.mark.parametrize("mcu", share(MCUS, MCUS[::2]))
 def test_pins_make_the_planned_steps(small: Path, tmp_path: Path, mcu: str) -> None:
     known = machine(mcu)
     report, simulator = played(small, tmp_path, known)
