@@ -14,7 +14,7 @@ from tests.support.soak import share
 settings.register_profile(
     "cnc",
     derandomize=True,
-    max_examples=share(100, 14),
+    max_examples=share(100, 7),
     deadline=None,
     database=None,
     suppress_health_check=[HealthCheck.too_slow],

@@ -85,7 +85,7 @@ def test_random_chains(seed, count, axes, tolerance):
     )
 
 
-@pytest.mark.parametrize("seed", range(share(300, 16)))
+@pytest.mark.parametrize("seed", range(share(300, 8)))
 def test_knots_lie_on_moves_shorter_than_their_spacing(seed):
     """The point of a knot behind vertices that do not count is not on a line past them."""
     rng = np.random.default_rng(seed)

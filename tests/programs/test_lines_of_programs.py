@@ -179,7 +179,7 @@ def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
     return angle + math.tau if angle <= 5e-7 else angle
 
 
-@settings(max_examples=share(2000, 28))
+@settings(max_examples=share(2000, 14))
 @given(
     radius=st.floats(-2.5, 3.0).map(lambda x: 10.0**x),
     angle=st.floats(0.0, math.tau),

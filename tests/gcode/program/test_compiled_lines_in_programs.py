@@ -145,7 +145,7 @@ def agree(
 
 @pytest.mark.timeout(3600)
 def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 60)):
+    for seed in range(share(30_000, 30)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         lines = [
@@ -238,7 +238,7 @@ def _wrong_line(lines: list[str], axes: tuple[str, ...], dialect: str) -> int:
 
 @pytest.mark.timeout(3600)
 def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 60)):
+    for seed in range(share(30_000, 30)):
         written = Author(seed).program()
         agree(
             monkeypatch,
