@@ -13,7 +13,7 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(PROCESSES) --dist 
 # Without compiled modules each process of a test would compile them again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test quick soak bench lint format types layers warm docs picture wheel firmware flash simulator clean
+.PHONY: run test tested quick soak bench lint format types layers warm docs picture wheel firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
@@ -21,7 +21,9 @@ run: $(VENV)/installed
 
 # Everything that CI checks. The kernels are compiled once, beside the linters, before the tests share them.
 test: $(VENV)/installed-test
-	$(MAKE) --jobs=2 lint warm
+	$(MAKE) --jobs=2 lint tested
+
+tested: warm
 	$(PYTEST)
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.

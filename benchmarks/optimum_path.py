@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.curve import LINE, METRIC, METRICS, curve_eval_s
@@ -65,6 +64,8 @@ class Route:
         self.level = list(
             zip(starts.tolist(), found.end[flat].tolist(), found.speed[flat].tolist(), strict=True)
         )
+        from scipy.signal import find_peaks  # it takes a second
+
         dips, _ = find_peaks(-np.log(np.maximum(found.top, 1e-9)), prominence=-np.log(TIGHT))
         starts = np.concatenate(([0.0], found.end[:-1]))
         self.bends = np.concatenate((starts[dips], found.end[dips])).tolist()

@@ -209,6 +209,7 @@ def test_an_unreadable_baseline_is_refused(tmp_path, text, capfd):
     assert "Traceback" not in capfd.readouterr().err
 
 
+@pytest.mark.usefixtures("one_process")
 def test_baseline_on_the_command_line(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
 

@@ -283,6 +283,7 @@ def test_ignored_codes_of_a_comment(line, codes):
     assert ignored_in(line) == codes
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_command_line_selects_ignores_and_fails_on(tmp_path, capfd):
     file = tmp_path / "p.nc"
     file.write_text(HEAD + "G1 X5 F9000\nS900 M3\nM2\n")

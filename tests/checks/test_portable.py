@@ -104,6 +104,7 @@ def test_limit_faults_are_reported_too(found):
     ]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_an_unknown_dialect_is_refused(tmp_path):
     with pytest.raises(UsageError, match="unknown-dialect"):
         check(tmp_path / "p.nc", None, RunOptions(portable=("fanuk",)))
@@ -111,6 +112,7 @@ def test_an_unknown_dialect_is_refused(tmp_path):
         list(check_many([tmp_path / "p.nc"], None, RunOptions(portable=("fanuk",)), jobs=1))
 
 
+@pytest.mark.usefixtures("one_process")
 def test_portability_on_the_command_line(tmp_path, capfd):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_text(HEAD + "G64\nG4 P1500\nM30\n")

@@ -260,6 +260,7 @@ def test_a_format_uses_standard_output_and_the_rest_standard_error(cncrun, tmp_p
     assert cncrun("check", good, "--format", form, "--blocks", "-")[0] == 2
 
 
+@pytest.mark.usefixtures("one_process")
 def test_json_uses_standard_output_and_the_lines_standard_error(cncrun, tmp_path):
     write_folder(tmp_path / "shop", 3, 10)
     code, out, err = cncrun("check", "--jobs", "1", str(tmp_path / "shop"), "--format", "sarif")

@@ -353,6 +353,7 @@ def test_the_travel_of_the_default_machine_is_named(cncrun, program, command):
     assert "name yours" not in cncrun("check", file, "--machine", "klipper-uno")[2]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_machine_without_travel_says_that_none_was_checked(cncrun, program, tmp_path):
     mill = tmp_path / "mill.toml"
     axis = "steps_per_mm = 100\nmax_velocity = 400\nmax_acceleration = 2400\nmax_jerk = 48000\n"

@@ -104,6 +104,7 @@ def test_the_file_board_writes_pulses(cncrun, program, tmp_path):
         assert found["step"].sum(axis=0).tolist() == [4000, 1000, 0]
 
 
+@pytest.mark.usefixtures("one_process")
 def test_many_programs_one_broken(cncrun, program, tmp_path):
     program(GOOD, "shop/b.nc")
     program("G1 X1 F\n", "shop/a.nc")

@@ -150,7 +150,7 @@ def test_a_second_reader_finds_the_same_moves_in_the_corpus(style: str) -> None:
     Lines, ends, extents, feeds, and what is a traverse are those of the second reader.
     """
     count = 0
-    for _, seed, text in programs(share(200, 2), [style]):
+    for _, seed, text in programs(share(200, 1), [style]):
         lines = text.splitlines()
         dialect = recognise(lines).dialect
         assert dialect in (EXPECTED[style], "grbl"), seed

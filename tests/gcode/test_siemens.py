@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.program_frame import ProgramFrame
+from cnc.gcode.program.call_stack import Limits
 from cnc.model.blocks import NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
@@ -151,7 +152,8 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
     ],
 )
 def test_a_fault_is_named(source: str, code: str, words: str) -> None:
-    found = error_of(f"{source}\nM30", dialect="siemens")
+    limits = Limits(repeated_lines=5000)
+    found = error_of(f"{source}\nM30", dialect="siemens", limits=limits)
     assert found.code == code
     assert words in f"{found.message} {found.hint}"
 

@@ -12,6 +12,7 @@ import pytest
 
 from cnc.kernels import jit
 from tests.support.paths import ROOT
+from tests.support.soak import share
 
 pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
 
@@ -199,7 +200,7 @@ print(json.dumps([values, errors, same_counts, texts]))
 """
 
 
-@pytest.fixture(scope="module", params=[1, 20_261])
+@pytest.fixture(scope="module", params=share([1, 20_261], [20_261]))
 def called(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
 ) -> tuple[list[Any], list[Any]]:

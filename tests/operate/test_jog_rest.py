@@ -24,6 +24,7 @@ from cnc.operate.jogging import REST_TIME
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.worker import KEEP_ALIVE, Jog
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
+from tests.support.soak import share
 
 LOST = 0.5
 """Time from the last sign of life to rest, s."""
@@ -145,7 +146,7 @@ def jogged(rig) -> tuple[ScriptedJog, float]:
         return jog, last()
 
 
-@pytest.mark.parametrize("after", [0.03, 0.173, 0.611])
+@pytest.mark.parametrize("after", share([0.03, 0.173, 0.611], [0.03, 0.611]))
 def test_a_released_jog_rests_in_time(rig, monkeypatch, after):
     monkeypatch.setattr(ScriptedJog, "release_after", after)
     jog, rest = jogged(rig)

@@ -33,7 +33,7 @@ from tests.support.soak import share
 @BOTH
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")  # next to cusps
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=share(400, 4))
+@settings(max_examples=share(400, 2))
 def test_random_curves(generator: Rows, seed: int) -> None:
     """Degree 1 to 5, up to 40 control points, weights 0.1 to 10, two to five axes, BLU from 1e-4 to
     1 mm.
@@ -48,7 +48,7 @@ def test_random_curves(generator: Rows, seed: int) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("seed", range(share(60, 2)))
+@pytest.mark.parametrize("seed", range(share(60, 1)))
 def test_against_geomdl(generator: Rows, seed: int) -> None:
     """Every grid point is within half a BLU of the curve in each axis.
 
@@ -108,7 +108,7 @@ def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
         check(generator, [polyline([end, center])], start, scale)
 
 
-@pytest.mark.parametrize("seed", range(share(200, 4)))
+@pytest.mark.parametrize("seed", range(share(200, 2)))
 def test_each_row_is_the_exit_from_the_square(seed: int) -> None:
     """All steps of a Bezier of degree 2 to 5, in order, by an independent walk."""
     rng = np.random.default_rng(seed)
@@ -205,7 +205,7 @@ def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
 @BOTH
 def test_turning_inside_the_square(generator: Rows) -> None:
     """Waves a fraction of a BLU high, and hairpins narrower than the square."""
-    for height in share((0.3, 0.49, 0.51, 0.7, 0.99, 1.01, 1.4), (0.49, 0.51, 1.01)):
+    for height in share((0.3, 0.49, 0.51, 0.7, 0.99, 1.01, 1.4), (0.49, 1.01)):
         points = np.array(
             [
                 [0.0, 0.0],
@@ -290,7 +290,7 @@ def test_buffers_and_parts(generator: Rows) -> None:
     """Small buffers and a walk in parts give the same rows."""
     blocks = [trident(), polyline([[9.5, 1.0], [8.0, 0.73]]), arc([8.0, 0.73], (9.0, 0.7), 0.6)]
     whole = check(generator, blocks, [10.0, 10.0], [20.0, 31.0])
-    for room in (1, 7, len(whole.step)):
+    for room in share((1, 7, len(whole.step)), (7,)):
         again = check(generator, blocks, [10.0, 10.0], [20.0, 31.0], room=room)
         if (
             generator is enclosing_line_rows

@@ -28,7 +28,7 @@ from tests.support.soak import share
 
 
 @given(lines())
-@settings(max_examples=share(3000, 40), deadline=None)
+@settings(max_examples=share(3000, 20), deadline=None)
 def test_lines(case: tuple[list[Polyline], Floats, Floats]) -> None:
     blocks, start, scale = case
     ends = np.vstack((start, blocks[0].points))
@@ -41,7 +41,7 @@ def test_lines(case: tuple[list[Polyline], Floats, Floats]) -> None:
 
 
 @given(arcs())
-@settings(max_examples=share(2000, 28), deadline=None)
+@settings(max_examples=share(2000, 14), deadline=None)
 def test_arcs(case: tuple[list[ArcFeed], Floats, Floats]) -> None:
     check(*case)
 
@@ -114,7 +114,7 @@ def test_the_octants_of_the_recursion() -> None:
 
 
 @given(st.integers(-40, 40), st.integers(-40, 40))
-@settings(max_examples=share(500, 20), deadline=None)
+@settings(max_examples=share(500, 10), deadline=None)
 def test_integer_lines(xe: int, ye: int) -> None:
     """The paper's line from equation 1: the smaller |F| of the two candidates, on a tie the longer
     axis alone.
@@ -160,7 +160,7 @@ def test_ties_are_quiet(noise: float) -> None:
 
 
 @given(st.one_of(lines(), arcs()), st.integers(1, 9), st.lists(st.floats(0.01, 0.99), max_size=6))
-@settings(max_examples=share(600, 20), deadline=None)
+@settings(max_examples=share(600, 10), deadline=None)
 def test_the_same_rows_in_any_buffers_and_parts(
     case: tuple[list[Block], Floats, Floats], room: int, cuts: list[float]
 ) -> None:
@@ -188,7 +188,7 @@ def test_a_grid_point_a_whole_step_behind_is_set_right_at_once() -> None:
 
 
 @given(st.one_of(lines(), arcs()))
-@settings(max_examples=share(1000, 20), deadline=None)
+@settings(max_examples=share(1000, 10), deadline=None)
 def test_point_by_point(case: tuple[list[Block], Floats, Floats]) -> None:
     """Each row steps one axis, within half a BLU at all times, and the rows are as many as the
     steps of the axes.
@@ -227,7 +227,7 @@ def test_point_by_point_as_the_paper_has_it(turn: int) -> None:
 
 
 @given(st.integers(-30, 30), st.integers(-30, 30))
-@settings(max_examples=share(300, 13), deadline=None)
+@settings(max_examples=share(300, 7), deadline=None)
 def test_lines_by_points(xe: int, ye: int) -> None:
     steps = np.empty((100, 2), np.int8)
     count = line_by_points(xe, ye, steps)

@@ -146,7 +146,7 @@ def curves(draw: st.DrawFn) -> NurbsFeed:
     )
 
 
-@settings(max_examples=share(400, 10))
+@settings(max_examples=share(400, 6))
 @given(curves())
 def test_random_curves_are_run_within_the_limits(block: NurbsFeed) -> None:
     assume(np.diff(np.unique(block.knots)).min() > 1e-3)

@@ -53,7 +53,7 @@ def random_points(rng, count, axes):
     return np.round(points, int(rng.integers(2, 6))) if rng.random() < 0.7 else points
 
 
-@settings(max_examples=share(3000, 8), deadline=None)
+@settings(max_examples=share(3000, 4), deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     count=st.integers(2, 250),
@@ -85,7 +85,7 @@ def test_random_chains(seed, count, axes, tolerance):
     )
 
 
-@pytest.mark.parametrize("seed", range(share(300, 16)))
+@pytest.mark.parametrize("seed", range(share(300, 8)))
 def test_knots_lie_on_moves_shorter_than_their_spacing(seed):
     """The point of a knot behind vertices that do not count is not on a line past them."""
     rng = np.random.default_rng(seed)

@@ -102,7 +102,7 @@ def distances_to_warped(begin, end, whole, reference):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(2000, 22), deadline=None)
+@settings(max_examples=share(2000, 11), deadline=None)
 def test_heights_are_those_of_scipy(seed):
     random, surface, reference = random_surface(seed)
     points = on_grid(random, surface, 20)
@@ -112,7 +112,7 @@ def test_heights_are_those_of_scipy(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(1000, 14), deadline=None)
+@settings(max_examples=share(1000, 7), deadline=None)
 def test_pieces_of_straight_moves_are_within_a_quarter_of_the_tolerance(seed):
     random, surface, reference = random_surface(seed)
     points = on_grid(random, surface, 12)

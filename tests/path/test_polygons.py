@@ -24,7 +24,7 @@ def marks(points, tolerance):
     return corner
 
 
-@settings(max_examples=share(500, 50), deadline=None)
+@settings(max_examples=share(500, 25), deadline=None)
 @given(
     radius=st.floats(0.5, 100.0),
     tolerance=st.floats(1e-3, 0.2),

@@ -177,7 +177,9 @@ PLANS = [
     (
         [
             lines(
-                np.cumsum(np.tile([(0.15, 0.01, 0.0), (0.15, -0.01, 0.02)], (60, 1)), axis=0),
+                np.cumsum(
+                    np.tile([(0.15, 0.01, 0.0), (0.15, -0.01, 0.02)], (share(60, 15), 1)), axis=0
+                ),
                 feed=25.0,
             )
         ],
@@ -221,7 +223,10 @@ PLANS = [
         ],
         {"axis": (2400.0, 48000.0)},
     ),
-    *(([*random_blocks(np.random.default_rng(seed), 4)], {}) for seed in range(share(30, 1))),
+    *(
+        ([*random_blocks(np.random.default_rng(seed), share(4, 2))], {})
+        for seed in range(share(30, 1))
+    ),
 ]
 
 

@@ -29,7 +29,7 @@ def random_chain(seed):
     return tube, speeds
 
 
-@settings(max_examples=share(500, 20), deadline=None)
+@settings(max_examples=share(500, 8), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_it_is_smooth_and_joins_the_states_at_its_ends(seed):
     tube, speeds = random_chain(seed)
@@ -49,7 +49,7 @@ def test_it_is_smooth_and_joins_the_states_at_its_ends(seed):
     assert np.abs(np.diff(v, axis=0) / dt - a[1:-1]).max() <= 1.01 * change + rounding + 1e-9
 
 
-@settings(max_examples=share(500, 20), deadline=None)
+@settings(max_examples=share(500, 8), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_its_turns_keep_to_the_limits(seed):
     """Jerk in each axis and along the path, acceleration, and distance from the corner."""

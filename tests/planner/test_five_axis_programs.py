@@ -49,7 +49,9 @@ def test_random_programs_keep_the_limits_of_every_joint(
     period = float(rng.choice(share((1e-3, 1e-4), (1e-3,))))
     machine = five_axis_machine(kind, rng, period=period)
     program = tmp_path / "part.ngc"
-    program.write_text(with_angles(Job(rng, 8.0).write(), table_of(kind).tilting.upper(), rng))
+    program.write_text(
+        with_angles(Job(rng, share(8.0, 4.0)).write(), table_of(kind).tilting.upper(), rng)
+    )
     blocks, trace, pulses = (
         tmp_path / each for each in ("blocks.jsonl", "trace.npz", "pulses.npz")
     )

@@ -15,7 +15,7 @@ from tests.support.planner.legality import examine
 from tests.support.soak import share
 
 SEED = int(os.environ.get("CNC_SEED") or secrets.randbelow(10**9))
-TOGETHER = 20
+TOGETHER = share(20, 8)
 """Programs in one test."""
 
 CHANGING = {
@@ -33,7 +33,7 @@ def test_a_speed_bound_that_changes_on_a_straight_line_is_kept(name, tmp_path):
     assert not found.wrong
 
 
-@pytest.mark.parametrize("first", range(0, share(20_000, 20), TOGETHER))
+@pytest.mark.parametrize("first", range(0, share(20_000, TOGETHER), TOGETHER))
 def test_consecutive_moves_are_planned_legally(first, tmp_path):
     for number in range(first, first + TOGETHER):
         # The shapes differ from run to run too.

@@ -8,7 +8,7 @@ SHARE = "valley or a_stop or too_fast or errata or tangent or jump or exact_stop
 QUICK = (
     f"({SHARE}) and not bad_input and not requests_at_joints "
     "and not (parts_of_a_piece and not (corexy and few)) "
-    "or (theor and not hold) or theoretical_time[0.1-blocks0]"
+    "or theoretical_time[0.1-blocks0]"
 )
 FULL = f"{SHARE} or theor or (cusp and not bad_input)"
 
@@ -16,7 +16,7 @@ FULL = f"{SHARE} or theor or (cusp and not bad_input)"
 FOLDER = Path(__file__).parent
 FILES = [
     FOLDER / f"test_{name}.py"
-    for name in ("corners", "joint_path", "legality", "lookahead", "operator", "optimum")
+    for name in ("corners", "joint_path", "legality", "lookahead", "operator")
 ]
 
 

@@ -66,7 +66,7 @@ def random_mill(rng):
     )
 
 
-@settings(max_examples=share(2000, 3), deadline=None)
+@settings(max_examples=share(2000, 2), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_random_chains_are_legal_and_within_the_tolerance(seed):
     rng = np.random.default_rng(seed)
@@ -124,7 +124,7 @@ def any_mill(rng):
     return Machine(axes=axes, path=path)
 
 
-@settings(max_examples=share(2000, 4), deadline=None)
+@settings(max_examples=share(2000, 3), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_corners_are_legal_on_any_machine(seed):
     rng = np.random.default_rng(seed)
@@ -138,7 +138,7 @@ def test_corners_are_legal_on_any_machine(seed):
     assert off.max() <= tolerance * (1 + 1e-6)
 
 
-@settings(max_examples=share(500, 4), deadline=None)
+@settings(max_examples=share(500, 3), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_corners_are_the_same_wherever_plans_are_cut(seed):
     rng = np.random.default_rng(seed)

@@ -105,7 +105,7 @@ def test_the_examination_of_a_phase_finds_peaks_between_its_points():
         np.full(2, 100.0), np.full(2, 1000.0), np.full(2, 1 / 100.0), np.full(2, 1 / 1000.0)
     )
     scratch = np.empty((SCRATCH, 2))
-    for _ in range(share(300, 100)):
+    for _ in range(share(300, 30)):
         length, duration = 1.0, 0.06
         v, a = rng.uniform(8.0, 10.0), rng.normal(0.0, 10.0)
         j = rng.normal(0.0, 300.0)
@@ -185,7 +185,7 @@ def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
     assert not ahead.audit.violations
 
 
-@pytest.mark.parametrize("seed", share(range(20, 420), (20, 43, 258, 385, 392, 399)))
+@pytest.mark.parametrize("seed", share(range(20, 420), (20, 392)))
 def test_windows_that_begin_at_speed_are_as_fast_as_on_the_way_back(seed):
     # The seams of the windows lie elsewhere on the way back.
     assert duration(seed) == pytest.approx(duration(seed, backwards=True), rel=0.03)

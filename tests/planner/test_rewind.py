@@ -60,7 +60,7 @@ def holds(seed):
 
 def test_a_hold_between_corners_rests_within_a_leg():
     """But for requests that fall on a plan that the audit refuses to change there."""
-    took = np.array([time for seed in range(share(50, 4)) for time in holds(seed)])
+    took = np.array([time for seed in range(share(50, 3)) for time in holds(seed)])
     assert len(took) > 8
     assert (took <= 1.1).mean() >= 0.85
 

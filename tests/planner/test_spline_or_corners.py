@@ -28,14 +28,14 @@ def times(seed):
     return [duration(chunks) for chunks in made]
 
 
-@pytest.mark.parametrize("seed", [62000030, 83000058, 73000157])
+@pytest.mark.parametrize("seed", share([62000030, 83000058, 73000157], [62000030]))
 def test_a_polygon_takes_no_longer_than_with_stops(seed):
     spline, faster, stops = times(seed)
     assert spline > 1.1 * stops
     assert faster <= stops
 
 
-@settings(max_examples=share(1000, 6), deadline=None)
+@settings(max_examples=share(1000, 3), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_the_choice_makes_no_polygon_slower(seed):
     spline, faster, stops = times(seed)

@@ -115,7 +115,7 @@ def raster(rng: random.Random) -> str:
 @pytest.mark.parametrize("baud", [115200, 57600])
 def test_rasters_take_as_long_as_in_the_simulator(tmp_path: Path, baud: int) -> None:
     program, machine = tmp_path / "p.nc", laser(baud)
-    for seed in range(share(100, 8)):
+    for seed in range(share(100, 2)):
         program.write_text(raster(random.Random(seed)))
         settings = settings_of(machine) | {20: 0.0, 32: 1.0}
         simulator = GrblSimulator(settings=settings, baud=baud)

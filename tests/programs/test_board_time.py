@@ -120,13 +120,12 @@ def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
 @pytest.mark.parametrize(
     "file",
     [
-        "pocket",
         "trident",
         "engraving",
         "bezier",
         "thread-mill",
         "drilling",
-        *share(["finishing"], []),
+        *share(["finishing", "pocket"], []),
     ],
 )
 def test_shipped_programs_take_as_long_as_in_the_simulator(file):

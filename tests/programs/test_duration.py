@@ -63,7 +63,7 @@ def held(program: Path, machine: Machine) -> None:
     ("name", "machine"),
     [
         ("trident", "paper-nurbs"),
-        ("drilling", "default"),
+        *share([("drilling", "default")], []),
         ("bezier", "default"),
         ("engraving", "default"),
     ],

@@ -36,6 +36,8 @@ from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
 
 FOLDER = ROOT / "programs"
+LONG = ("bezier", "finishing", "pocket")
+"""Shipped programs whose motion has many points."""
 MILL = load_machine(None)
 TOLERANCE = MILL.path.tolerance
 ANYWHERE = {
@@ -90,7 +92,7 @@ def texts(program: str, **options: object) -> list[str]:
     [
         file.stem
         for file in sorted(FOLDER.glob("*.nc"))
-        if file.stem not in ("probing", "turned-thread", share("", "finishing"))
+        if file.stem not in ("probing", "turned-thread", *share((), LONG))
     ],
 )
 def test_shipped_programs_are_the_same_motion(file):
@@ -177,7 +179,7 @@ def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
     return angle + math.tau if angle <= 5e-7 else angle
 
 
-@settings(max_examples=share(2000, 28))
+@settings(max_examples=share(2000, 14))
 @given(
     radius=st.floats(-2.5, 3.0).map(lambda x: 10.0**x),
     angle=st.floats(0.0, math.tau),

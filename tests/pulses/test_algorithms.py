@@ -156,7 +156,7 @@ def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block
 
 @EVERY
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(300, 2), deadline=None)
+@settings(max_examples=share(300, 1), deadline=None)
 def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = int(rng.integers(2, 5))

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from cnc.kernels.pulses.enclosing_line import CLOSE, PLACES, next_places, window_rows
 from cnc.kernels.pulses.grid_moves import Moves
 from cnc.kernels.pulses.polynomial import POLYNOMIAL, interpolate
+from tests.support.soak import share
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ def _arc(radius: float, begin: float, sweep: float) -> Floats:
     return poly
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(share(60, 20)))
 def test_places_are_where_the_axis_is_at_its_lines(seed: int) -> None:
     random = np.random.default_rng(seed)
     radius = 10.0 ** random.uniform(0.5, 5.0)
@@ -56,7 +57,7 @@ def test_places_are_where_the_axis_is_at_its_lines(seed: int) -> None:
             assert count == min(lines, PLACES)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(share(20, 6)))
 def test_rows_are_where_the_curve_leaves_the_square(seed: int) -> None:
     random = np.random.default_rng(seed)
     radius = 10.0 ** random.uniform(1.0, 4.0)

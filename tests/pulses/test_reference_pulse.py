@@ -32,7 +32,7 @@ def test_lines_in_all_directions(axes: int) -> None:
     size = np.array([0.31, 0.17, 0.053, 0.2, 0.11, 0.07, 0.02, 0.05, 0.29])[:axes]
     scale = np.array([100.0, 160.0, 400.0, 10.0, 20.0, 100.0, 50.0, 200.0, 30.0])[:axes]
     every = list(itertools.product((-1, 0, 1), repeat=min(axes, 3)))
-    for signs in every[:: share(1, 5 if axes > 2 else 1)]:
+    for signs in every[:: share(1, 10 if axes > 2 else 1)]:
         if any(signs):
             direction = np.resize(signs, axes)
             check([polyline([direction * size])], np.zeros(axes), scale, dense=4)
@@ -45,7 +45,7 @@ def test_the_diagonal_steps_all_axes_at_once() -> None:
 
 
 @pytest.mark.parametrize("octant", range(0, 8, share(1, 3)))
-@pytest.mark.parametrize("turns", [0.125, -0.125, 1.0, -0.7])
+@pytest.mark.parametrize("turns", share([0.125, -0.125, 1.0, -0.7], [0.125, -0.7]))
 def test_arcs_in_all_octants(octant: int, turns: float) -> None:
     angle = octant * np.pi / 4
     center = (0.0137, -0.3)
@@ -55,7 +55,7 @@ def test_arcs_in_all_octants(octant: int, turns: float) -> None:
 
 def test_many_turns_helix_and_spiral() -> None:
     start = np.array([1.0, 0.0, 0.0])
-    check([arc(start, (0.0, 0.0), 2.25, rise=0.333)], start, 100.0, dense=1000)
+    check([arc(start, (0.0, 0.0), 2.25, rise=0.333)], start, share(100.0, 40.0), dense=1000)
     spiral = ArcFeed(FILE, 1, "XY", (0.0, 0.0), np.array([0.0, 1.2, 0.1]), 1.0, 0.25, 10.0)
     check([spiral], start, 100.0)
 
@@ -74,7 +74,7 @@ def test_nurbs() -> None:
     check([trident()], np.array([10.0, 10.0]), [20.0, 30.0], dense=2000)
 
 
-@pytest.mark.parametrize("seed", range(share(60, 3)))
+@pytest.mark.parametrize("seed", range(share(60, 2)))
 def test_random_nurbs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))

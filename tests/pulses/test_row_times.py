@@ -57,7 +57,7 @@ def check_phase(v: float, a: float, j: float, span: float, ds: np.ndarray) -> No
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(2000, 40), deadline=None)
+@settings(max_examples=share(2000, 20), deadline=None)
 def test_times_in_a_phase(seed: int) -> None:
     """Any speed, acceleration and jerk without a reversal in the phase, any distance of rows."""
     rng = np.random.default_rng(seed)
@@ -133,7 +133,7 @@ def test_rows_of_one_axis_that_are_too_near_wait() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=share(1000, 28), deadline=None)
+@settings(max_examples=share(1000, 14), deadline=None)
 def test_spacing_keeps_all_steps_in_order(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows, axes = int(rng.integers(1, 60)), int(rng.integers(1, 5))

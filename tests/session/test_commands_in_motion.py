@@ -206,7 +206,7 @@ def test_the_beam_is_off_during_a_hold(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(1.0, 60.0)), min_size=1, max_size=6))
-@settings(max_examples=share(200, 11), deadline=None)
+@settings(max_examples=share(200, 6), deadline=None)
 def test_times_of_places_invert_the_plan(moves: list[tuple[float, float]]) -> None:
     from cnc.model.blocks import Polyline
 

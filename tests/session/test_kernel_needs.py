@@ -23,6 +23,7 @@ from cnc.session import kernel_cache, kernel_jobs, kernel_needs
 from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING, READING
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with, run_with
+from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
 compiled = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
@@ -112,7 +113,9 @@ def called(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
 
 @compiled
-@pytest.mark.parametrize("name", ["trident", "pocket", "engraving", "siemens-bspline"])
+@pytest.mark.parametrize(
+    "name", ["trident", "engraving", "siemens-bspline", *share(["pocket"], [])]
+)
 def test_what_a_program_calls_it_has_asked_for(name: str, asked, called) -> None:
     run_with(ROOT / "programs" / f"{name}.nc")
     known = frozenset().union(*(JOBS[job].modules for job in asked))

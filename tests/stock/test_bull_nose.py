@@ -12,7 +12,7 @@ from cnc.kernels.stock.cutter import BULL, Cutter, height, lead
 from tests.support.soak import share
 
 
-@settings(max_examples=share(5000, 100), deadline=None)
+@settings(max_examples=share(5000, 20), deadline=None)
 @given(st.floats(-2.0, 1.0), st.floats(-1.5, 1.0), st.floats(-3.0, 2.0), st.floats(0.0, 1.0))
 @example(0.98, 0.55, -1.5, 0.86)
 @example(-1.9, 1.0, -2.9, 0.005)

@@ -144,6 +144,7 @@ def test_the_stock_of_a_machine_file(tmp_path):
         assert raised.value.diagnostic.message.startswith(message)
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_stock_on_the_command_line(tmp_path, capfd):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_text(HEAD + "G0 X30 Y30\nG0 Z-1\nM2\n")

@@ -80,7 +80,7 @@ def by_stamps(material, start, points, name, stamps):
 PLACES = st.tuples(st.floats(-3, 15), st.floats(-3, 13), st.floats(-7, 2))
 
 
-@settings(max_examples=share(300, 7), deadline=None)
+@settings(max_examples=share(300, 4), deadline=None)
 @given(st.sampled_from(sorted(CUTTERS)), st.lists(PLACES, min_size=2, max_size=4))
 @example("bull", [(0.0, 0.0, 0.0), (0.0, 2.0, -1.0)])
 def test_the_cut_is_that_of_the_tool_at_all_places(name, places):

@@ -18,8 +18,10 @@ import pytest
 from cnc import cli
 from cnc.view.figure import traverses
 from tests.support.paths import ROOT
+from tests.support.soak import share
 from tests.support.view.drawn import EVERYTHING, drawn
 
+LITTLE_MOTION = ["", "G4 P1\nM2\n", "G0 X10\nM2\n", "G1 Z10 F600\nM2"]
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 HOSTILE = """(</script><script>hacked = 1</script>)
 (<img src=x onerror="hacked = 1"> --> ]]> </style> \u2028 \u202e {{script}} <!--data-->)
@@ -96,8 +98,13 @@ def test_a_picture_in_each_format(view, tmp_path, suffix, begins):
     assert sorted(each.name for each in tmp_path.iterdir()) == [f"out.{suffix}", "p.nc"]
 
 
-@pytest.mark.parametrize("text", ["", "G4 P1\nM2\n", "G0 X10\nM2\n", "G1 Z10 F600\nM2"])
-@pytest.mark.parametrize("suffix", ["html", "png"])
+@pytest.mark.parametrize(
+    ("text", "suffix"),
+    [
+        *((text, "html") for text in LITTLE_MOTION),
+        *((text, "png") for text in LITTLE_MOTION[:: share(1, 3)]),
+    ],
+)
 def test_programs_with_little_motion_are_drawn(view, tmp_path, text, suffix):
     assert view(text, f"out.{suffix}") == (0, "")
     assert (tmp_path / f"out.{suffix}").stat().st_size > 1000
@@ -248,7 +255,7 @@ def test_traverses_over_the_same_line_are_drawn_once(tmp_path):
     assert np.allclose(lines, expected, atol=0.01)
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
+@pytest.mark.parametrize("suffix", share(["png", "svg"], ["svg"]))
 def test_names_are_not_read_as_formulas_or_markup(view, tmp_path, suffix):
     """matplotlib reads text between dollars as a formula; fonts and XML lack some letters."""
     assert view(GOOD, f"out.{suffix}", name="a $\\frac{1$ <b> & \x01 \u4e2d.nc") == (0, "")

@@ -14,14 +14,18 @@ from tests.support.view.drawn import EVERYTHING, Drawn, drawn, write
 SMALL = Sizes(strokes=300, curves=100, origins=8)
 PROGRAMS = {
     "trident.nc": "paper-nurbs",
-    "pocket.nc": "default",
-    "drilling.nc": "default",
     "compensation.nc": "default",
     "thread-mill.nc": "default",
     "engraving.nc": "default",
     "bezier.nc": "default",
     **share(
-        {"finishing.nc": "default", "siemens-bspline.nc": "default", "fanuc-nurbs.nc": "default"},
+        {
+            "pocket.nc": "default",
+            "drilling.nc": "default",
+            "finishing.nc": "default",
+            "siemens-bspline.nc": "default",
+            "fanuc-nurbs.nc": "default",
+        },
         {},
     ),
 }

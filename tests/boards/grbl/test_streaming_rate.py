@@ -12,6 +12,7 @@ from cnc.boards.grbl import line_stream
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import MACHINE, connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed
+from tests.support.soak import share
 
 LONG = ["G1 F600", *(f"X{k % 7}.125Y{k % 9}.25Z-{k % 3}.375" for k in range(900))]
 SHORT = ["G1 F600", *(f"X{k % 70}.1S{k}" for k in range(900))]
@@ -74,7 +75,7 @@ def test_answers_gather_while_the_wire_stays_busy(
     assert fewer[1] < 0.6 * readings
 
 
-@pytest.mark.parametrize("baud", [57600, 115200])
+@pytest.mark.parametrize("baud", share([57600, 115200], [115200]))
 def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The full planner answers nothing meanwhile, and then answers as fast as before."""
     hard: Any = {"check_only": False, "baud": baud, "settings": LASER}

@@ -250,7 +250,7 @@ def test_a_second_stop_request_stops_again() -> None:
 
 
 @pytest.mark.parametrize("inches", [0, 1])
-@pytest.mark.parametrize("mask", [0, 1, 2, 3, 255])
+@pytest.mark.parametrize("mask", share([0, 1, 2, 3, 255], [0, 3]))
 @pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
 def test_reports_of_every_kind_are_tracked(
     profile: FirmwareProfile, mask: int, inches: int

@@ -135,9 +135,7 @@ def test_stopped_process(steps: int, tmp_path: Path) -> None:
     assert f"the machine is at X{x:.6g} Y{y:.6g}" in said
 
 
-@pytest.mark.parametrize(
-    "moment", np.random.default_rng(5).uniform(0.3, 4.0, share(50, 2)).tolist()
-)
+@pytest.mark.parametrize("moment", MOMENTS[: share(50, 1)])
 @pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
 def test_pulled_cable(moment: float, mcu: str, tmp_path: Path) -> None:
     """The cable is pulled at any moment of the run; plugged in again, the board tells its place."""

@@ -31,14 +31,19 @@ from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share
 
 LONG = "G21 G90\nM3 S500\nG1 X30 Y20 F1500\nM2\n"
+SWITCHES = [("stop", "board-emergency-stop"), ("x", "board-limit")]
 STOP_S = 0.3e-3
 """Longest time from a switch to the last step."""
 CLOSED = np.random.default_rng(1409).uniform(0.0, 0.9, share(20, 1)).tolist()
 """Times at which a switch closes, anywhere between two samples, s."""
 
 
-@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040", "stm32f446"])
-@pytest.mark.parametrize(("key", "code"), [("stop", "board-emergency-stop"), ("x", "board-limit")])
+@pytest.mark.parametrize(
+    ("mcu", "key", "code"),
+    [(mcu, *switch) for mcu in ("atmega328p", "rp2040", "stm32f446") for switch in SWITCHES][
+        :: share(1, 3)
+    ],
+)
 @pytest.mark.parametrize("moment", CLOSED)
 def test_switches_stop_all_motors(
     mcu: str, key: str, code: str, moment: float, tmp_path: Path
@@ -95,7 +100,7 @@ def test_a_refused_jog_does_not_shorten_the_ramp_of_the_next_motion() -> None:
 PROBING = "G21 G90\nG38.{kind} X20 F300\nG1 X#5061 Y2 F600\nG0 X1 Y0\nM2\n"
 
 
-@pytest.mark.parametrize("kind", [2, 3])
+@pytest.mark.parametrize("kind", share([2, 3], [3]))
 def test_probe_position_is_exact_to_a_step(kind: int, tmp_path: Path) -> None:
     """The probe closes at 1000 steps; at 2 steps a millisecond it is seen within a step."""
     known = machine()
@@ -264,7 +269,7 @@ def test_shutdown_is_reported_with_its_reason(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["damaged", "dropped", "doubled"])
-@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+@pytest.mark.parametrize("mcu", share(["atmega328p", "rp2040"], ["rp2040"]))
 @pytest.mark.parametrize("seed", range(share(50, 1)))
 def test_bad_cable(fault: str, mcu: str, seed: int, tmp_path: Path) -> None:
     """With 1 % of the bytes spoilt, the steps are right, or the fault and the position are told."""

@@ -8,6 +8,7 @@ import pytest
 from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.feasibility import KlipperFeasibility
 from cnc.boards.klipper.profile import profile_of
+from cnc.boards.klipper.simulator.steppers import Motor
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MotionLimitError
 from tests.support.boards.klipper_rig import board, machine
@@ -73,3 +74,21 @@ def test_pulses_of_an_axis_do_not_overlap(gap_ns: int, fits: bool) -> None:
     assert caught.value.diagnostic.code == "board-step-rate"
     assert caught.value.diagnostic.line == 2
     assert "5 us and the pause after it take 10 us" in caught.value.diagnostic.message
+
+
+@pytest.mark.parametrize(
+    ("interval", "count", "add", "past"),
+    [
+        (10, 3, -4, False),  # 10, 6 and 2 ticks
+        (10, 4, -4, True),  # and -2
+        (10, 1, -40, False),
+        (10, 2, -11, True),
+        (0, 5, 3, False),
+    ],
+)
+def test_intervals_below_zero_are_in_the_past(
+    interval: int, count: int, add: int, past: bool
+) -> None:
+    motor = Motor(0, 1, 2, 0)
+    assert motor.add(interval, count, add, 0) == ""
+    assert bool(motor.past) == past

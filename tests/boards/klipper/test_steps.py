@@ -36,7 +36,7 @@ def check(
 
 
 @given(st.lists(st.integers(1, 2**20), max_size=200), st.integers(0, 2000), st.data())
-@settings(max_examples=share(2000, 33), deadline=None)
+@settings(max_examples=share(2000, 17), deadline=None)
 def test_any_steps(gaps: list[int], tolerance: int, data: st.DataObject) -> None:
     due = np.cumsum(np.array(gaps, np.int64)) + 7
     sign = np.array(

@@ -39,6 +39,7 @@ from tests.support.boards.klipper_rig import (
     played,
     with_board,
 )
+from tests.support.soak import share
 
 
 def test_datagrams_of_the_data_sheet() -> None:
@@ -198,8 +199,13 @@ def test_current_out_of_range_names_the_machine_file() -> None:
         ("tmc2209", "hot", "it is too hot"),
         ("tmc5160", "short", "short circuit to ground at coil A"),
         ("tmc2209", "reset", "its settings are lost"),
-        ("tmc2130", "reset", "its settings are lost"),
-        ("tmc2209", "off", "does not answer any more"),
+        *share(
+            [
+                ("tmc2130", "reset", "its settings are lost"),
+                ("tmc2209", "off", "does not answer any more"),
+            ],
+            [],
+        ),
         ("tmc5160", "off", "does not answer any more"),
     ],
 )

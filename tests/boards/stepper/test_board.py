@@ -178,7 +178,7 @@ braking has the rest, at worst.
     [
         *share([("G1 X30 F2400", 0.01, SPEEDING_UP)], []),
         ("G1 X30 F2400", 0.3, ON_A_LINE),
-        ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
+        *share([("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK)], []),
         *(
             ("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC)
             for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])

@@ -27,6 +27,7 @@ from cnc.boards.stepper.protocol import (
     Welcome,
 )
 from tests.support.paths import ROOT
+from tests.support.soak import share
 
 
 def test_crc_equals_the_check_value_of_the_catalogue() -> None:
@@ -172,7 +173,7 @@ def spoilt(data: bytes, chance: float, dice: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("chance", [0.0, 0.001, 0.01])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(share(10, 3)))
 def test_stream_arrives_complete_and_in_order(chance: float, seed: int) -> None:
     dice = random.Random(seed)
     link, board = StepperLink(), ModelBoard(room=200, pace=30)

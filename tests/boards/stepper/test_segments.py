@@ -183,7 +183,7 @@ def runs(draw):
     return np.cumsum(np.concatenate(gaps)), np.concatenate(steps).astype(np.int8)
 
 
-@settings(max_examples=share(1500, 20), deadline=None)
+@settings(max_examples=share(1500, 10), deadline=None)
 @given(
     runs(),
     st.sampled_from([500, 1000, 2000, 10_000]),

@@ -140,7 +140,7 @@ def test_commands_are_on_time(simulator: Simulator) -> None:
 # faults
 
 
-@pytest.mark.parametrize("chance", [0.001, 0.01])
+@pytest.mark.parametrize("chance", share([0.001, 0.01], [0.01]))
 @pytest.mark.parametrize("faults", FAULTS)
 @pytest.mark.parametrize("seed", range(share(50, 1)))
 def test_bad_cable_loses_no_step(chance: float, faults: str, seed: int) -> None:

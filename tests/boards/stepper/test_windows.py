@@ -14,7 +14,7 @@ def reach(w, low, high, x, y):
     return int(np.cumprod((value >= low) & (value <= high), axis=1).sum(axis=1).max())
 
 
-@settings(max_examples=share(2000, 26), deadline=None)
+@settings(max_examples=share(2000, 13), deadline=None)
 @given(st.integers(2, 40), st.floats(0.6, 8.0), st.integers(0, 2**32 - 1))
 def test_line_passes_as_many_windows_as_the_best(count, width, seed):
     random = np.random.default_rng(seed)

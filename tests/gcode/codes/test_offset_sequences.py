@@ -183,7 +183,7 @@ def tool_line(rng: random.Random, kind: str, words: dict[str, float], model: Mod
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
-@pytest.mark.parametrize("seed", range(share(2000, 20)))
+@pytest.mark.parametrize("seed", range(share(2000, 10)))
 def test_a_random_program_ends_where_the_model_does(seed: int, dialect: str) -> None:
     rng = random.Random(f"{dialect} {seed}")
     model = Model(9 if dialect == "linuxcnc" else 6)

@@ -87,7 +87,7 @@ def model(
         yield current, made, known
 
 
-@settings(max_examples=share(20000, 40), deadline=None)
+@settings(max_examples=share(20000, 20), deadline=None)
 @given(series())
 def test_series_against_a_second_implementation(
     program: list[tuple[str, str, str, dict[str, int]]],

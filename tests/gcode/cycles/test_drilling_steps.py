@@ -154,7 +154,7 @@ settings_of_holes = st.builds(
 CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
 
 
-@settings(max_examples=share(20000, 80), deadline=None)
+@settings(max_examples=share(20000, 40), deadline=None)
 @given(
     cycle=st.sampled_from(CYCLES),
     many=st.lists(holes, min_size=1, max_size=3),
@@ -189,7 +189,7 @@ def test_no_traverse_enters_material(
         reached = math.inf
 
 
-@settings(max_examples=share(5000, 28), deadline=None)
+@settings(max_examples=share(5000, 14), deadline=None)
 @given(cycle=st.sampled_from(CYCLES), hole=holes, settings=settings_of_holes)
 def test_spindle_and_overrides_end_as_they_were(
     cycle: int, hole: Hole, settings: HoleSettings

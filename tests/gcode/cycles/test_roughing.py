@@ -55,7 +55,7 @@ def limits(points: Floats, along: Floats) -> tuple[Floats, Floats]:
     return np.min(near, axis=0) - ROUNDING, np.max(near, axis=0) + ROUNDING
 
 
-@settings(max_examples=share(1500, 33), deadline=None)
+@settings(max_examples=share(1500, 17), deadline=None)
 @given(setups())
 def test_passes_stay_outside_and_shallow_and_traverses_in_the_air(setup: Setup) -> None:
     rough, finish = split(setup)

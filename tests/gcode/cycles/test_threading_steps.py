@@ -132,7 +132,7 @@ threads = st.builds(
 )
 
 
-@settings(max_examples=share(5000, 60), deadline=None)
+@settings(max_examples=share(5000, 30), deadline=None)
 @given(threads)
 def test_depths_by_summation(case: Thread) -> None:
     """depth ** degression grows by first ** degression a pass: the meaning of degression (2: area),
@@ -149,7 +149,7 @@ def test_depths_by_summation(case: Thread) -> None:
     assert list(depths(case)) == pytest.approx(expected, rel=1e-9)
 
 
-@settings(max_examples=share(5000, 60), deadline=None)
+@settings(max_examples=share(5000, 30), deadline=None)
 @given(threads)
 def test_every_pass_keeps_the_pitch_along_z(case: Thread) -> None:
     """z moves pitch a turn wherever the tool cuts along the thread, so that no pass leaves the

@@ -79,7 +79,7 @@ def accepted(moves: list[Move], side: Literal["left", "right"], radius: float) -
     return recorder
 
 
-@settings(max_examples=share(20_000, 80))
+@settings(max_examples=share(20_000, 40))
 @given(contours(), st.sampled_from(("left", "right")), st.floats(0.3, 6.0))
 @example(
     [
@@ -177,7 +177,7 @@ def moves_apart(draw: st.DrawFn) -> tuple[complex, Line | Arc]:
     return start, Arc(end.real, end.imag, other.real, other.imag, turns)
 
 
-@settings(max_examples=share(20_000, 80))
+@settings(max_examples=share(20_000, 40))
 @given(moves_apart(), moves_apart(), st.floats(0.0, 0.45), st.floats(0.55, 1.0))
 @example((0j, Arc(0.0, 0.0, 1.0, 0.0, 1.0)), (0j, Arc(0.0, 0.0, 1e-309, 3.0, 1.0)), 0.0, 1.0)
 @example((0j, Arc(0.0, 0.0, 1.0, 0.0, 1.0)), (-2 + 0j, Arc(-2.0, 0.0, 1.0, 1e-309, 1.0)), 0.0, 1.0)
@@ -218,7 +218,7 @@ def offset(start: complex, move: Line | Arc) -> Curve:
     return curve
 
 
-@settings(max_examples=share(5_000, 20))
+@settings(max_examples=share(5_000, 10))
 @given(contours(), st.floats(0.3, 6.0))
 def test_the_mirror_image_has_the_other_side(moves: list[Move], radius: float) -> None:
     mirrored: list[Move] = []

@@ -25,7 +25,7 @@ POINTS = st.tuples(NUMBERS, NUMBERS, NUMBERS).map(list)
     POINTS, st.tuples(FACTORS, FACTORS, FACTORS), POINTS, ANGLES, st.tuples(NUMBERS, NUMBERS),
     st.sampled_from(((0, 1), (2, 0), (1, 2))),
 )  # fmt: skip
-@settings(max_examples=share(2000, 33), deadline=None)
+@settings(max_examples=share(2000, 17), deadline=None)
 def test_a_point_goes_where_matrices_take_it_and_back(
     point: list[float],
     factors: tuple[float, float, float],

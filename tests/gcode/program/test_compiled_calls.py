@@ -48,7 +48,7 @@ def program(rng: random.Random, seed: int) -> list[str]:
 
 @pytest.mark.timeout(3600)
 def test_random_calls_across_windows(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(40_000, 50)):
+    for seed in range(share(40_000, 25)):
         rng = random.Random(seed)
         with monkeypatch.context() as patch:
             # Windows of some lines, so that calls lead to other windows.

@@ -145,7 +145,7 @@ def agree(
 
 @pytest.mark.timeout(3600)
 def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 60)):
+    for seed in range(share(30_000, 30)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         lines = [
@@ -213,7 +213,7 @@ def cam_line(rng: random.Random, axes: tuple[str, ...]) -> str:
 
 @pytest.mark.timeout(3600)
 def test_lines_of_any_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(60_000, 38)):
+    for seed in range(share(60_000, 20)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
         dialect = rng.choice(NAMES)
@@ -238,7 +238,7 @@ def _wrong_line(lines: list[str], axes: tuple[str, ...], dialect: str) -> int:
 
 @pytest.mark.timeout(3600)
 def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) -> None:
-    for seed in range(share(30_000, 60)):
+    for seed in range(share(30_000, 30)):
         written = Author(seed).program()
         agree(
             monkeypatch,
@@ -262,7 +262,7 @@ INSIDE = [
 @pytest.mark.timeout(3600)
 def test_programs_of_loops_and_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some are damaged, and some repeat more lines than is allowed."""
-    for seed in range(share(40_000, 40)):
+    for seed in range(share(40_000, 20)):
         rng = random.Random(seed)
         lines = ["G1 F100", "#<n>=1", *OWords(FlowAuthor(seed).program(), seed).text()]
         for _ in range(rng.choice([0, 0, 0, 1, 2, 8])):

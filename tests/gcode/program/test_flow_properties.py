@@ -19,8 +19,8 @@ from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share
 from tests.support.work import at_most
 
-AMOUNT = share(10_000, 40)
-DAMAGED = share(10_000, 22)
+AMOUNT = share(10_000, 20)
+DAMAGED = share(10_000, 12)
 LIMITS = Limits(repeated_lines=share(20_000, 4_000), depth=20)
 WORK = 100 * LIMITS.repeated_lines
 """Calls of functions that a program may need: a hundred for each line that is executed."""
@@ -164,7 +164,7 @@ MACRO_SOUP = [
 def test_random_sequences_of_control_lines(dialect: str, words: list[str]) -> None:
     """Lines in random order: each program ends or is refused at one of its lines."""
     ended = 0
-    amount = share(30_000, 500)
+    amount = share(30_000, 320)
     for seed in range(amount):
         rng = random.Random(seed)
         lines = [rng.choice(words).format(rng.randint(1, 3)) for _ in range(rng.randint(1, 12))]

@@ -72,7 +72,7 @@ def bits(value: float) -> bytes:
 def test_random_expressions_have_the_values_of_the_grammar() -> None:
     rng = Random(11)
     left = computed = 0
-    amount = share(60_000, 820)
+    amount = share(60_000, 400)
     for number in range(amount):
         tree = grow(rng, rng.randint(1, 5), macro=False)
         loose = number % 3 == 0

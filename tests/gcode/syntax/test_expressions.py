@@ -47,7 +47,7 @@ def test_random_expressions_have_the_values_of_the_oracle(macro: bool) -> None:
     """Equal to the last bit, with spare brackets, blanks and any case; or both refuse."""
     rng = Random(5)
     syntax, known = MACRO if macro else NGC, parameters(macro=macro)
-    amount, refused = share(60_000, 410), 0
+    amount, refused = share(60_000, 200), 0
     for _ in range(amount):
         tree = grow(rng, rng.randint(1, 5), macro=macro)
         plain = spell(tree, macro=macro)

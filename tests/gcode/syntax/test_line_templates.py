@@ -129,7 +129,7 @@ def _no_templates(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(line_templates, "_templates", {})
 
 
-@settings(max_examples=share(20_000, 60), deadline=None)
+@settings(max_examples=share(20_000, 30), deadline=None)
 @given(st.data())
 def test_templates_give_the_statements_of_the_grammar(data: st.DataObject) -> None:
     macro = data.draw(st.booleans())

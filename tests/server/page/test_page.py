@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.server.console_page import connect, enter, expect, take
 from tests.support.server.quick_mill import PLATE, PLATE_THICKNESS
-from tests.support.soak import share
+from tests.support.soak import share, soaking
 
 PROGRAM = """\
 G21 G90 G94 G17
@@ -228,7 +228,8 @@ def test_the_page_is_accessible(browser, address, width, theme, parts):
             found = opened.evaluate("options => axe.run(options)", rules)["violations"]
             grave = [each for each in found if each["impact"] in ("serious", "critical")]
             assert [(each["id"], each["nodes"][0]["failureSummary"]) for each in grave] == []
-        for dialog in ("question", "entry", "key-map"):
+        # On the phone the dialogs are the same but for their width.
+        for dialog in ("question", "entry", "key-map") if parts == [None] or soaking() else ():
             found = opened.evaluate(AXE_OF_DIALOG, [dialog, rules])
             assert [each for each in found if each[1] in ("serious", "critical")] == []
         opened.click("#theme")

@@ -4,6 +4,7 @@ import pytest
 
 from tests.support.server.console_page import connect, enter, expect, take
 from tests.support.server.quick_mill import SECONDS
+from tests.support.soak import share
 
 GAMEPAD = """() => {
   const button = () => ({pressed: false, touched: false, value: 0});
@@ -130,7 +131,7 @@ def test_a_finger_that_slides_off_its_button_still_jogs_until_it_lifts(phone, fi
     at_rest(phone)
 
 
-@pytest.mark.parametrize("lost", LOST_FOCUS)
+@pytest.mark.parametrize("lost", share([*LOST_FOCUS], ["the tab"]))
 def test_a_jog_by_touch_ends_with_the_focus(phone, finger, lost):
     finger.press(phone.get_by_role("button", name="Jog X minus", exact=True))
     moving(phone)
@@ -158,7 +159,7 @@ def test_a_jog_by_gamepad_ends_with_its_release(phone, gamepad, release):
     at_rest(phone)
 
 
-@pytest.mark.parametrize("lost", LOST_FOCUS)
+@pytest.mark.parametrize("lost", share([*LOST_FOCUS], ["the window"]))
 def test_a_jog_by_gamepad_ends_with_the_focus_and_the_stick_must_be_let_go_first(
     phone, gamepad, lost
 ):

@@ -147,7 +147,9 @@ class Motor:
     def _load(self, move: Move) -> None:
         k = np.arange(move.count, dtype=np.int64)
         self._times = self.last + (k + 1) * move.interval + move.add * (k * (k + 1) // 2)
-        if len(self._times) > 1 and int(np.diff(self._times).min()) < 0:
+        # Intervals rise or fall steadily, so the least is the second or the last.
+        last = move.count - 1
+        if last and move.interval + min(move.add, move.add * last) < 0:
             self.past = "Rescheduled timer in the past"
         self._at = 0
         self.due = int(self._times[0])

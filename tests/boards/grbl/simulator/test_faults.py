@@ -225,7 +225,7 @@ PIECES = st.one_of(
 @given(
     st.sampled_from([GRBL, GRBLHAL]), st.lists(st.tuples(PIECES, st.floats(0.0, 0.5)), max_size=30)
 )
-@settings(max_examples=share(3000, 70))
+@settings(max_examples=share(3000, 35))
 def test_arbitrary_bytes(profile, pieces):
     """Time advances, numbers stay finite, and after a reset it answers."""
     bench = Bench(profile, settings={22: 1.0, 21: 1.0, 110: 3000.0, 111: 3000.0, 112: 3000.0})

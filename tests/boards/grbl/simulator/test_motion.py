@@ -188,7 +188,7 @@ NUDGES = st.lists(
 
 
 @given(CORNERS, NUDGES)
-@settings(max_examples=share(400, 14))
+@settings(max_examples=share(400, 7))
 def test_no_run_of_lines_breaks_a_limit(corners, nudges):
     """Limits of axes and corners hold under all overrides and holds."""
     bench = Bench(settings=FAST)
@@ -252,7 +252,7 @@ def time_by_small_steps(moves, accelerations, deviation, pieces=400):
         st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(300.0, 5000.0)), min_size=2, max_size=6
     )
 )
-@settings(max_examples=share(200, 11))
+@settings(max_examples=share(200, 6))
 def test_a_run_that_fits_the_planner_is_time_optimal(corners):
     bench = Bench(settings=FAST | {120: 50.0, 121: 50.0})
     bench.send("".join(f"G1X{x:.2f}Y{y:.2f}F{feed:.0f}\n" for x, y, feed in corners))
