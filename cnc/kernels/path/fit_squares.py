@@ -19,7 +19,6 @@ from cnc.kernels.path.fit_spline import (
     ORDER,
     Spline,
     add_energy,
-    bernstein,
     new_spline,
     set_bezier,
     transfer,
@@ -36,36 +35,42 @@ STIFF = 1e-3
 
 
 @njit
+def _influence(extract: Floats, i: int, x: float) -> float:
+    """Return the influence of control point i at x of a span whose extraction is given (6, 6)."""
+    y = 1.0 - x
+    x2, y2 = x * x, y * y
+    low = y2 * y2 * y * extract[0, i] + 5.0 * x * y2 * y2 * extract[1, i]
+    low += 10.0 * x2 * y2 * y * extract[2, i]
+    low += 10.0 * x2 * x * y2 * extract[3, i]
+    low += 5.0 * x2 * x2 * y * extract[4, i]
+    return low + x2 * x2 * x * extract[5, i]
+
+
+@njit
 def _add_place(
     spline: Spline,
     k: int,
     x: float,
     ref: Floats,
-    keeps: Flags,
-    begin: int,
+    kept: Flags,
+    row: int,
     band: Floats,
     right: Floats,
-    work: Floats,
+    phi: Floats,
 ) -> None:
     """Add the squared distance from ``ref`` (n,) at x of span k to the least-squares system.
 
-    keeps: (N,): control points that keep their places. begin: control point of the system's first
-    row. work: (2, 6).
+    kept: (6,): control points of the span that keep their places. row: row of the first of them in
+    the system. phi: (6,) work space.
     """
-    bernstein(x, work[0])
+    extract = spline.extract[k]
     first = spline.first[k]
-    row = first - begin
-    phi = work[1]
     for i in range(ORDER):
-        phi[i] = 0.0
-    for j in range(ORDER):
-        weight = work[0, j]
-        for i in range(ORDER):
-            phi[i] += weight * spline.extract[k, j, i]
+        phi[i] = _influence(extract, i, x)
     for c in range(ref.shape[0]):
         off = ref[c]
         for i in range(ORDER):
-            if keeps[first + i]:
+            if kept[i]:
                 off -= phi[i] * spline.points[first + i, c]
         for i in range(ORDER):
             right[row + i, c] += phi[i] * off
@@ -110,7 +115,7 @@ def _lay(chain: Chain, spline: Spline, keeps: Flags, low: int, high: int) -> Non
     size = first[high - 1] + ORDER - begin
     band = np.zeros((size, ORDER))
     right = np.zeros((size, n))
-    work = np.empty((2, ORDER))
+    phi = np.empty(ORDER)
     for k in range(low, high):
         h = knots[k + 1]["t"] - knots[k]["t"]
         add_energy(extract[k], h, STIFF * h**DEGREE, first[k] - begin, band)
@@ -124,11 +129,13 @@ def _lay(chain: Chain, spline: Spline, keeps: Flags, low: int, high: int) -> Non
     for k in range(low, high):
         start = knots[k]["t"]
         h = knots[k + 1]["t"] - start
-        _add_place(spline, k, 0.0, p[k], keeps, begin, band, right, work)
+        row = first[k] - begin
+        kept = keeps[first[k] : first[k] + ORDER]
+        _add_place(spline, k, 0.0, p[k], kept, row, band, right, phi)
         for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"]):
             if chain.along[i] > chain.along[i - 1]:
                 x = (chain.along[i] - start) / h
-                _add_place(spline, k, x, chain.x[i], keeps, begin, band, right, work)
+                _add_place(spline, k, x, chain.x[i], kept, row, band, right, phi)
     for j in range(size):
         for i in range(min(j, DEGREE) + 1):
             if keeps[begin + j] or keeps[begin + j - i]:
