@@ -150,7 +150,7 @@ class Hints:
         steps = np.abs(steps_mm * self._steps_per_mm[:, None]).max(axis=0)
         short = feeding & (steps > 0.0) & (steps < 1.0 - ROUNDING)
         self._short.add(block.file, block.lines[short], steps[short], block.feeds[short])
-        if not self._synchronized and len(self._linear):
+        if not self._synchronized and len(self._linear) and self._may_be_unreachable(block.feeds):
             steps_mm = steps_mm[self._linear]
             lengths = np.sqrt((steps_mm * steps_mm).sum(axis=0))
             moving = feeding & (lengths > 0.0)
@@ -160,6 +160,12 @@ class Hints:
             excess = feeds * np.maximum(slowness, 1.0 / self._machine.path.max_feed)
             above = excess > 1.0 + ROUNDING
             self._unreachable.add(block.file, lines[above], excess[above], feeds[above])
+
+    def _may_be_unreachable(self, feeds: Floats) -> bool:
+        """Return whether a feed (moves,) is more than the machine reaches in some direction."""
+        lowest = min(float(self._max_velocity.min()), self._machine.path.max_feed)
+        fastest = float(np.fmax.reduce(feeds))
+        return fastest > lowest
 
     def _note_feed_move(self, file: str, line: int) -> None:
         """Keep the place of a feed move with the spindle off, one between two spindle words."""

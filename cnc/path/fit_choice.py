@@ -137,7 +137,9 @@ def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
         corner: (m,): its corners.
         short: mm; see SHORT.
     """
-    ends = np.unique(np.concatenate(([0], np.flatnonzero(corner), [len(x) - 1])))
+    is_end = corner.copy()
+    is_end[0] = is_end[-1] = True
+    ends = np.flatnonzero(is_end)
     few = np.flatnonzero((np.diff(ends) > 1) & (np.diff(ends) <= MOST_MOVES))
     for first, last in zip(ends[few].tolist(), ends[few + 1].tolist(), strict=True):
         step = np.diff(x[first : last + 1], axis=0)

@@ -14,19 +14,23 @@ and at corners, the spline is broken.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.path.fit_chain import LEAST, Chain, Flags, Knots
 from cnc.kernels.path.fit_proof import far_off, prove
 from cnc.kernels.path.fit_spline import ORDER, Spline, new_spline, transfer
-from cnc.kernels.path.fit_squares import least_squares, too_wide, with_cuts
+from cnc.kernels.path.fit_squares import (
+    NEAR,
+    cut_spans,
+    least_squares,
+    near_spans,
+    with_cuts,
+    with_knots,
+)
 from cnc.kernels.path.fit_tube import improve
 from cnc.path.records import Floats
 
 ALLOWED = 0.999
 """Part of the tolerance that is proved."""
-NEAR = 8
-"""Control points on either side that move again with those of a span that was cut."""
 MOVES_AT_END = 4
 """Most moves of a span at an end whose derivatives are given,"""
 SPANS_AT_END = 6
@@ -53,7 +57,7 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
     knots["polyline"][:-1] |= speck
     knots["ends"][:-1] |= speck
     spline = new_spline(chain, knots, states, np.empty(0), np.empty(0, np.int64), NONE)
-    spline = _with_knots(chain, spline, ~spline.fixed, states, tolerance)
+    spline = with_knots(chain, spline, ~spline.fixed, states, tolerance)
     free = ~spline.fixed
     turn = 0
     while True:
@@ -71,10 +75,10 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
         if left.any():
             spline, free = _broken(chain, spline, left, wrong, states, tolerance)
         elif cut.any():
-            spline, free = _cut(chain, spline, cut, wrong, states)
+            spline, free = cut_spans(chain, spline, cut, wrong, states)
             least_squares(chain, spline, ~free)
         else:
-            free = _near(spline, np.flatnonzero(wrong), NEAR)
+            free = near_spans(spline, np.flatnonzero(wrong), NEAR)
 
 
 def with_short_ends(chain: Chain, knots: Knots, ends: Flags) -> Knots:
@@ -102,52 +106,6 @@ def _touched(spline: Spline, free: Flags) -> Flags:
     return touched
 
 
-def _near(spline: Spline, spans: NDArray[np.int64], reach: int) -> Flags:
-    """Return the control points of spans and ``reach`` others on either side, if not fixed."""
-    steps = np.zeros(len(spline.points) + 1, np.int64)
-    first = spline.first[spans]
-    np.add.at(steps, np.maximum(first - reach, 0), 1)
-    np.add.at(steps, np.minimum(first + ORDER + reach, len(spline.points)), -1)
-    near: Flags = (np.cumsum(steps[:-1]) > 0) & ~spline.fixed
-    return near
-
-
-def _cut(
-    chain: Chain, spline: Spline, cut: Flags, anew: Flags, states: Floats
-) -> tuple[Spline, Flags]:
-    """Cut spans.
-
-    Args:
-        chain: the chain.
-        spline: the spline.
-        cut: (K - 1,): the spans that are cut.
-        anew: (K - 1,): these, and others that are placed anew.
-        states: see fitted.
-
-    Returns:
-        The spline, and the control points near these spans, which are to be placed.
-    """
-    knots = with_cuts(chain, spline.knots, cut)
-    finer = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
-    transfer(spline, finer)
-    cuts = np.cumsum(cut)
-    spans = np.flatnonzero(anew)
-    spans = np.concatenate((spans + cuts[spans] - cut[spans], spans + cuts[spans]))
-    return finer, _near(finer, spans, NEAR)
-
-
-def _with_knots(
-    chain: Chain, spline: Spline, free: Flags, states: Floats, tolerance: float
-) -> Spline:
-    """Return a spline whose free control points pass the vertices closely; it has more knots."""
-    while True:
-        least_squares(chain, spline, ~free)
-        wide = too_wide(chain, spline, _touched(spline, free), tolerance)
-        if not wide.any():
-            return spline
-        spline, free = _cut(chain, spline, wide, wide, states)
-
-
 def _broken(
     chain: Chain, spline: Spline, left: Flags, wrong: Flags, states: Floats, tolerance: float
 ) -> tuple[Spline, Flags]:
@@ -164,9 +122,9 @@ def _broken(
     knots["ends"][1:] |= left
     following = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
     transfer(spline, following)
-    free = _near(following, np.flatnonzero(anew), 0)
-    following = _with_knots(chain, following, free, states, tolerance)
+    free = near_spans(following, np.flatnonzero(anew), 0)
+    following = with_knots(chain, following, free, states, tolerance)
     before = np.searchsorted(knots["t"], following.knots["t"][:-1], "right") - 1
     # A last span of no length begins at the last knot.
     before = np.minimum(before, len(anew) - 1)
-    return following, _near(following, np.flatnonzero(anew[before]), 0)
+    return following, near_spans(following, np.flatnonzero(anew[before]), 0)

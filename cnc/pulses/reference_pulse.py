@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import get_args
 
@@ -84,6 +85,7 @@ class ReferencePulse:
             np.empty(ROWS, dtype=np.int64),
             np.empty(ROWS, dtype=np.int32),
             np.full(axes, -1, dtype=np.int64),
+            np.zeros(axes, dtype=np.int64),
         )
 
     @property
@@ -95,6 +97,11 @@ class ReferencePulse:
     def position_steps(self) -> NDArray[np.int64]:
         """Grid point after all pulses so far (axes,)."""
         return self._grid[self._stepping].copy()
+
+    @property
+    def steps_made(self) -> NDArray[np.int64]:
+        """Number of steps of each axis (axes,) in all pulses so far."""
+        return self._buffers.made[self._stepping].copy()
 
     @property
     def error_blu(self) -> float:
@@ -153,7 +160,8 @@ class ReferencePulse:
         """Return how many of the rows no later move can take back; all of them at rest."""
         if at_rest:
             return rows
-        safe_ns = self._last_ns - self.min_pulse_ns
+        # An integer: numpy would convert all times to the type of a float.
+        safe_ns = math.floor(self._last_ns - self.min_pulse_ns)
         ready = int(np.searchsorted(self._buffers.time_ns[:rows], safe_ns, side="right"))
         return rows if ready == 0 and rows == ROWS else ready
 
@@ -186,6 +194,7 @@ class ReferencePulse:
         while (self._grid != target).any():
             step = np.sign(target - self._grid)
             self._grid += step
+            self._buffers.made[:] += np.abs(step)
             earliest = self._released_ns + int(self._min_row_ns)
             self._last_ns = self._released_ns = max(
                 self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest

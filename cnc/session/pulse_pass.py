@@ -176,14 +176,11 @@ class PulsePass:
         """Make, count and write the pulses without a board."""
         report, observer = self._context.report, self._context.observer
         feasibility = _expected_feasibility(self._joints.machine)
-        steps = np.zeros(len(self._joints.machine.axes), np.int64)
 
         def count(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
-            nonlocal steps
             for chunk in chunks:
                 if feasibility is not None and planned is not None:
                     _add_to(feasibility, chunk, planned)
-                steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
                     on_pulses(chunk)
@@ -195,7 +192,8 @@ class PulsePass:
             if isinstance(item, PlanChunk):
                 count(pulses.pulses(item), item)
         count(pulses.settle())
-        report.steps = dict(zip(self._joints.machine.axes, steps.tolist(), strict=True))
+        steps = pulses.steps_made.tolist()
+        report.steps = dict(zip(self._joints.machine.axes, steps, strict=True))
 
     def _send(
         self,

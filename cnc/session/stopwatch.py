@@ -57,6 +57,11 @@ class TimedInterpolator:
         """Grid point after the pulses made so far (axes,)."""
         return self._interpolator.position_steps
 
+    @property
+    def steps_made(self) -> NDArray[np.int64]:
+        """Number of steps of each axis (axes,) in the pulses made so far."""
+        return self._interpolator.steps_made
+
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
         """Yield the grid moves of a chunk of the plan."""
         return self._stopwatch.inside(self._interpolator.pulses(chunk))

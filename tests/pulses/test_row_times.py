@@ -108,6 +108,7 @@ def buffers_of(times: list[int], steps: list[list[int]]) -> Buffers:
         np.array(times, np.int64),
         np.arange(len(times), dtype=np.int32),
         recent,
+        np.zeros(step.shape[1], np.int64),
     )
 
 
@@ -116,7 +117,7 @@ def test_rows_of_different_axes_that_are_too_near_become_one() -> None:
         [0, 100, 104, 200, 203, 207],
         [[1, 1, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0]],
     )
-    (step, _), time_ns, line, recent = buffers
+    (step, _), time_ns, line, recent, _ = buffers
     assert spaced(6, -(2**62), buffers, 10.0) == 3
     assert time_ns[:3].tolist() == [0, 104, 207]
     assert step[:3].tolist() == [[1, 1, 0], [1, -1, 0], [1, 1, 1]]
@@ -126,7 +127,7 @@ def test_rows_of_different_axes_that_are_too_near_become_one() -> None:
 
 def test_rows_of_one_axis_that_are_too_near_wait() -> None:
     buffers = buffers_of([0, 6, 14, 40], [[1, 0], [1, 0], [1, 1], [1, 0]])
-    (step, _), time_ns, _, _ = buffers
+    (step, _), time_ns, _, _, _ = buffers
     assert spaced(4, -5, buffers, 10.0) == 4
     assert time_ns.tolist() == [5, 15, 25, 40]
     assert step.tolist() == [[1, 0], [1, 0], [1, 1], [1, 0]]
@@ -142,7 +143,7 @@ def test_spacing_keeps_all_steps_in_order(seed: int) -> None:
     if not len(steps):
         return
     buffers = buffers_of(np.cumsum(rng.integers(0, 15, len(steps))).tolist(), steps.tolist())
-    (step, _), time_ns, _, recent = buffers
+    (step, _), time_ns, _, recent, _ = buffers
     before = [column[column != 0].tolist() for column in step.T]
     early = time_ns.copy()
     kept = spaced(len(steps), -100, buffers, 10.0)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import Floats
+from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.path.fit_band import factorise, solve
 from cnc.kernels.path.fit_chain import KNOT, Chain, Flags, Knots
 from cnc.kernels.path.fit_spline import (
@@ -19,10 +19,13 @@ from cnc.kernels.path.fit_spline import (
     ORDER,
     Spline,
     add_energy,
-    bernstein,
+    new_spline,
     set_bezier,
+    transfer,
 )
 
+NEAR = 8
+"""Control points on either side that move again with those of a span that was cut."""
 MISSES = 0.35
 """Part of the tolerance by which a span may miss a vertex."""
 STIFF = 1e-3
@@ -32,36 +35,42 @@ STIFF = 1e-3
 
 
 @njit
+def _influence(extract: Floats, i: int, x: float) -> float:
+    """Return the influence of control point i at x of a span whose extraction is given (6, 6)."""
+    y = 1.0 - x
+    x2, y2 = x * x, y * y
+    low = y2 * y2 * y * extract[0, i] + 5.0 * x * y2 * y2 * extract[1, i]
+    low += 10.0 * x2 * y2 * y * extract[2, i]
+    low += 10.0 * x2 * x * y2 * extract[3, i]
+    low += 5.0 * x2 * x2 * y * extract[4, i]
+    return low + x2 * x2 * x * extract[5, i]
+
+
+@njit
 def _add_place(
     spline: Spline,
     k: int,
     x: float,
     ref: Floats,
-    keeps: Flags,
-    begin: int,
+    kept: Flags,
+    row: int,
     band: Floats,
     right: Floats,
-    work: Floats,
+    phi: Floats,
 ) -> None:
     """Add the squared distance from ``ref`` (n,) at x of span k to the least-squares system.
 
-    keeps: (N,): control points that keep their places. begin: control point of the system's first
-    row. work: (2, 6).
+    kept: (6,): control points of the span that keep their places. row: row of the first of them in
+    the system. phi: (6,) work space.
     """
-    bernstein(x, work[0])
+    extract = spline.extract[k]
     first = spline.first[k]
-    row = first - begin
-    phi = work[1]
     for i in range(ORDER):
-        phi[i] = 0.0
-    for j in range(ORDER):
-        weight = work[0, j]
-        for i in range(ORDER):
-            phi[i] += weight * spline.extract[k, j, i]
+        phi[i] = _influence(extract, i, x)
     for c in range(ref.shape[0]):
         off = ref[c]
         for i in range(ORDER):
-            if keeps[first + i]:
+            if kept[i]:
                 off -= phi[i] * spline.points[first + i, c]
         for i in range(ORDER):
             right[row + i, c] += phi[i] * off
@@ -106,7 +115,7 @@ def _lay(chain: Chain, spline: Spline, keeps: Flags, low: int, high: int) -> Non
     size = first[high - 1] + ORDER - begin
     band = np.zeros((size, ORDER))
     right = np.zeros((size, n))
-    work = np.empty((2, ORDER))
+    phi = np.empty(ORDER)
     for k in range(low, high):
         h = knots[k + 1]["t"] - knots[k]["t"]
         add_energy(extract[k], h, STIFF * h**DEGREE, first[k] - begin, band)
@@ -120,11 +129,13 @@ def _lay(chain: Chain, spline: Spline, keeps: Flags, low: int, high: int) -> Non
     for k in range(low, high):
         start = knots[k]["t"]
         h = knots[k + 1]["t"] - start
-        _add_place(spline, k, 0.0, p[k], keeps, begin, band, right, work)
+        row = first[k] - begin
+        kept = keeps[first[k] : first[k] + ORDER]
+        _add_place(spline, k, 0.0, p[k], kept, row, band, right, phi)
         for i in range(knots[k]["vertex"] + 1, knots[k + 1]["vertex"]):
             if chain.along[i] > chain.along[i - 1]:
                 x = (chain.along[i] - start) / h
-                _add_place(spline, k, x, chain.x[i], keeps, begin, band, right, work)
+                _add_place(spline, k, x, chain.x[i], kept, row, band, right, phi)
     for j in range(size):
         for i in range(min(j, DEGREE) + 1):
             if keeps[begin + j] or keeps[begin + j - i]:
@@ -188,15 +199,17 @@ def _missed(chain: Chain, spline: Spline, k: int) -> float:
 
 
 @njit
-def too_wide(chain: Chain, spline: Spline, changed: Flags, tolerance: float) -> Flags:
+def too_wide(chain: Chain, spline: Spline, keeps: Flags, tolerance: float) -> Flags:
     """Return which spans miss a vertex and have one inside, at which they may be cut.
 
-    changed: (K - 1,): spans to be looked at.
+    keeps: (N,): control points that have kept their places. A span that has others is looked at.
     """
     knots = spline.knots
-    wide = np.zeros(changed.shape[0], np.bool_)
-    for k in range(changed.shape[0]):
-        if changed[k] and not knots[k]["straight"] and not knots[k]["polyline"]:
+    spans = knots.shape[0] - 1
+    wide = np.zeros(spans, np.bool_)
+    for k in range(spans):
+        looked_at = not knots[k]["straight"] and not knots[k]["polyline"]
+        if looked_at and _changes(spline, keeps, k):
             wide[k] = (
                 knots[k + 1]["vertex"] - knots[k]["vertex"] > 1
                 and _missed(chain, spline, k) > MISSES * tolerance
@@ -231,3 +244,62 @@ def with_cuts(chain: Chain, knots: Knots, cut: Flags) -> Knots:
             finer[to]["refused"] = knots[k]["refused"]
             to += 1
     return finer
+
+
+@njit
+def near_spans(spline: Spline, spans: Ints, reach: int) -> Flags:
+    """Return the control points of spans and ``reach`` others on either side, if not fixed."""
+    size = spline.points.shape[0]
+    near = np.zeros(size, np.bool_)
+    for k in range(spans.shape[0]):
+        first = spline.first[spans[k]]
+        for i in range(max(first - reach, 0), min(first + ORDER + reach, size)):
+            near[i] = not spline.fixed[i]
+    return near
+
+
+@njit
+def cut_spans(
+    chain: Chain, spline: Spline, cut: Flags, anew: Flags, states: Floats
+) -> tuple[Spline, Flags]:
+    """Cut spans.
+
+    Args:
+        chain: the chain.
+        spline: the spline.
+        cut: (K - 1,): the spans that are cut.
+        anew: (K - 1,): these, and others that are placed anew.
+        states: (2, 5, n): position and derivatives 1 to 4 by t at start and end, or NaN.
+
+    Returns:
+        The spline, and the control points near these spans, which are to be placed.
+    """
+    knots = with_cuts(chain, spline.knots, cut)
+    finer = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
+    transfer(spline, finer)
+    spans = np.empty(2 * cut.shape[0], np.int64)
+    count, to = 0, 0
+    for k in range(cut.shape[0]):
+        for _ in range(2 if cut[k] else 1):
+            if anew[k]:
+                spans[count] = to
+                count += 1
+            to += 1
+    return finer, near_spans(finer, spans[:count], NEAR)
+
+
+@njit
+def with_knots(
+    chain: Chain, spline: Spline, free: Flags, states: Floats, tolerance: float
+) -> Spline:
+    """Return a spline whose free control points pass the vertices closely; it has more knots.
+
+    states: see cut_spans.
+    """
+    while True:
+        keeps = ~free
+        least_squares(chain, spline, keeps)
+        wide = too_wide(chain, spline, keeps, tolerance)
+        if not wide.any():
+            return spline
+        spline, free = cut_spans(chain, spline, wide, wide, states)

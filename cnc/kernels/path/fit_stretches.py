@@ -186,11 +186,21 @@ def _put(knots: Knots, count: int, t: float, vertex: int, on: bool) -> int:
         The number of knots.
     """
     if count == 0 or t > knots[count - 1]["t"]:
-        knots[count]["t"] = t
-        knots[count]["vertex"] = vertex
-        knots[count]["on"] = on
+        _set(knots, count, t, vertex, on)
         count += 1
     return count
+
+
+@njit
+def _set(knots: Knots, k: int, t: float, vertex: int, on: bool) -> None:
+    """Write knot k, without a mark."""
+    knots[k]["t"] = t
+    knots[k]["vertex"] = vertex
+    knots[k]["on"] = on
+    knots[k]["ends"] = False
+    knots[k]["straight"] = False
+    knots[k]["polyline"] = False
+    knots[k]["refused"] = False
 
 
 @njit
@@ -254,7 +264,8 @@ def first_knots(chain: Chain, corner: Flags, tolerance: float, carried: Knots) -
     """
     along = chain.along
     counted = measured(chain, corner, tolerance)
-    knots = np.zeros(carried.shape[0] + (2 * TRANSITIONS + 2) * counted.shape[0] + 1, KNOT)
+    # Room for all that there might be: only what is used of it is touched.
+    knots = np.empty(carried.shape[0] + (2 * TRANSITIONS + 2) * counted.shape[0] + 1, KNOT)
     count = _put(knots, 0, 0.0, 0, True)
     a = 0
     for k in range(carried.shape[0]):
@@ -278,9 +289,7 @@ def first_knots(chain: Chain, corner: Flags, tolerance: float, carried: Knots) -
             count = _put(knots, count, along[counted[b]], counted[b], True)
             if edge and count == before:
                 # The chain ends where it began, and is nowhere farther than LEAST from there.
-                knots[count]["t"] = knots[count - 1]["t"]
-                knots[count]["vertex"] = counted[b]
-                knots[count]["on"] = True
+                _set(knots, count, knots[count - 1]["t"], counted[b], True)
                 count += 1
             knots[count - 1]["ends"] = edge
             since = 0

@@ -9,8 +9,8 @@ holds the limits at four points of a cell. So the search
    of the last step;
 3. examines the motion between the points when the weight is large enough. Cells that exceed a
    limit there are cut or allowed less (:mod:`cnc.kernels.planner.examination`), and the descent
-   goes on from the last motion that was kept, or anew from the first one if only that is inside the
-   limits at the new cuts;
+   goes on from the last motion that was kept. Where that is not inside the limits at the new cuts
+   it goes on from the one of a lower weight, or anew from the first one;
 4. slows the clock until the motion is legal, if it runs out of tries.
 
 A motion that starts or ends at speed keeps that speed: towards such an end the clock is slowed less
@@ -63,8 +63,10 @@ INWARD_WEIGHT = 2.0
 
 CHECKED_WEIGHT = 100.0
 """From this weight on the motion is good enough to be examined between the points of the cells.
-Until a first try has failed only that of the last step is examined.
+Until DOUBTFUL tries have failed only that of the last step is examined.
 """
+
+DOUBTFUL = 4
 
 TRIES = 30
 """Largest number of steps of the descent that may fail."""
@@ -203,6 +205,17 @@ def inside_instead(first: Cells, last: Cells, limits: SumLimits) -> bool:
 
 
 @njit
+def begun_with(motion: Cells, cells: Cells, limits: SumLimits) -> tuple[bool, Cells]:
+    """Return whether the descent shall begin with another motion, and the cells with that motion.
+
+    See :func:`inside_instead`. ``motion``: cells with it, which may be cut elsewhere.
+    """
+    begun = with_motion(cells, cells.v.copy(), cells.a.copy())
+    inside = moved_to(begun, motion) and inside_instead(begun, cells, limits)
+    return inside, begun
+
+
+@njit
 def after_violation(
     cells: Cells, found: Cells, shares: Shares, known: Intervals, limits: SumLimits
 ) -> Cells:
@@ -268,7 +281,8 @@ def search(
         slow_until(cells, limits, INSIDE)
     good = with_motion(cells, cells.v.copy(), cells.a.copy())
     first = with_motion(cells, cells.v.copy(), cells.a.copy())
-    good_weight = reached = 0.0
+    middle = with_motion(cells, cells.v.copy(), cells.a.copy())
+    good_weight = reached = middle_weight = 0.0
     lowest = INWARD_WEIGHT if moving else FIRST_WEIGHT
     weight = lowest
     tries = failed = 0
@@ -279,7 +293,7 @@ def search(
         copy_motion(kept.v, kept.a, cells.v, cells.a)
         legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
         used = 0.0
-        examined = weight == LAST_WEIGHT or (tries > 0 and weight >= CHECKED_WEIGHT)
+        examined = weight == LAST_WEIGHT or (tries >= DOUBTFUL and weight >= CHECKED_WEIGHT)
         if examined:
             used = examine(cells, known, limits, shares)
         if legal:
@@ -289,6 +303,8 @@ def search(
                 good = with_motion(cells, cells.v.copy(), cells.a.copy())
                 good_weight = weight
             copy_motion(cells.v, cells.a, kept.v, kept.a)
+            if weight < CHECKED_WEIGHT:
+                middle, middle_weight = with_motion(cells, cells.v.copy(), cells.a.copy()), weight
             reached = weight
             weight = min(weight * weight_step, LAST_WEIGHT)
             continue
@@ -306,10 +322,13 @@ def search(
             continue
         cells = after_violation(kept, cells, shares, known, limits)
         weight = max(weight / weight_step, lowest)
-        begun = with_motion(cells, cells.v.copy(), cells.a.copy())
-        if moved_to(begun, first) and inside_instead(begun, cells, limits):
-            cells = begun
-            weight = lowest
+        inside, begun = begun_with(middle, cells, limits)
+        if inside and middle_weight > 0.0:
+            cells, weight = begun, middle_weight * weight_step
+        else:
+            inside, begun = begun_with(first, cells, limits)
+            if inside:
+                cells, weight = begun, lowest
         n = len(cells.length)
         if n + 1 != len(kept.v):
             shares = Shares(np.empty(n), np.empty(n))

@@ -45,7 +45,14 @@ import numpy as np
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.pulses.grid_moves import Moves, slack
-from cnc.kernels.pulses.polynomial import approach, derivatives, estrin, value, value_less
+from cnc.kernels.pulses.polynomial import (
+    approach,
+    derivatives,
+    estrin,
+    is_constant,
+    value,
+    value_less,
+)
 
 CLOSE = 1e-8
 """BLU: largest distance of an axis from its line at a row."""
@@ -172,6 +179,7 @@ def window_rows(
     first = np.empty(n, np.int64)  # line of the first place, times the heading
     count = np.zeros(n, np.int64)
     due = np.full(n, BEYOND)  # place at which the axis leaves the square
+    stands = np.zeros(n, np.bool_)
     for i in range(n):
         heading[i] = np.sign(ends[i] - poly[i, 0])
         goal[i] = heading[i] * ends[i] - slack(ends[i])
@@ -179,6 +187,8 @@ def window_rows(
         if goal[i] > first[i]:
             count[i] = next_places(poly[i], first[i], heading[i], x, goal[i], places[i], off_line)
             due[i] = places[i, 0]
+        stands[i] = is_constant(poly[i])
+    begin = rows
     while True:
         near = due[0]
         for i in range(1, n):
@@ -189,7 +199,10 @@ def window_rows(
         s[rows] = x
         for i in range(n):
             move = heading[i]
-            if due[i] > near:
+            if stands[i] and rows > begin:
+                # as at the first row, and no step is left
+                move = 0
+            elif due[i] > near:
                 position = value(poly[i], x)
                 off = position - grid[i]
                 margin = 0.5 + slack(position)

@@ -83,6 +83,15 @@ def value(c: Floats, x: float) -> float:
 
 
 @njit
+def is_constant(c: Floats) -> bool:
+    """Return whether the polynomial c (POLYNOMIAL,) has the same value everywhere."""
+    constant = True
+    for k in range(1, 8):
+        constant = constant and c[k] == 0.0
+    return constant
+
+
+@njit
 def slope(c: Floats, x: float) -> float:
     """Return the first derivative at x of the polynomial c (POLYNOMIAL,)."""
     x2 = x * x

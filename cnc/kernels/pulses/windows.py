@@ -17,7 +17,16 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import curve_arclen
-from cnc.kernels.path.curve import METRIC, METRICS, TABLE, Floats, curve_eval, curve_range
+from cnc.kernels.path.curve import (
+    METRIC,
+    METRICS,
+    SPAN,
+    TABLE,
+    Floats,
+    curve_eval,
+    curve_range,
+    is_plain_quintic,
+)
 from cnc.kernels.pulses.grid_moves import SLACK, SLACK_PER_BLU, Piece
 from cnc.kernels.pulses.polynomial import POLYNOMIAL, interpolate, value
 
@@ -109,21 +118,18 @@ def length_rates(data: Floats, at: int, r: Floats, out: Floats) -> None:
 
 
 @njit
-def _fit(piece: Piece, ua: float, ub: float, scale: Floats, window: Window) -> tuple[float, float]:
-    """Fit the polynomials of the window [ua, ub], whose start is set.
+def _fit_axes(piece: Piece, ua: float, ub: float, scale: Floats, window: Window) -> float:
+    """Fit the axes' polynomials in the window [ua, ub], of which start and end are set.
 
     Returns:
-        The errors of the axes' polynomials and of that of the arc length, in parts of the allowed
-        ones.
+        Their largest error, in parts of the allowed one.
     """
     kind, data, at, _ = piece
-    poly, start, end, lengths, inside = window
+    poly, start, end, _, inside = window
     n = len(scale)
-    u0, _ = curve_range(kind, data, at)
     h = ub - ua
     h2 = 0.5 * h * h
     h3 = h * h * h / 6.0
-    curve_eval(kind, data, at, ub, end)
     for i in range(n):
         k = scale[i]
         interpolate(
@@ -137,34 +143,48 @@ def _fit(piece: Piece, ua: float, ub: float, scale: Floats, window: Window) -> t
     # One axis of an arc is as rough as the other is far from 0. Narrower windows would not be
     # better.
     allowed = 0.25 * SLACK + SLACK_PER_BLU * farthest
-    axes_off = 0.0
-    length_off = 0.0
-    measured = data[at + TABLE] != 0.0
-    if measured:
-        lengths[1, 0] = curve_arclen(kind, data, at, u0, ub)
-        length_rates(data, at, start, lengths[0])
-        length_rates(data, at, end, lengths[1])
-        if lengths[0, 1] > 0.0 and lengths[1, 1] > 0.0:
-            interpolate(
-                poly, n, lengths[0, 0], lengths[0, 1] * h, lengths[0, 2] * h2, lengths[0, 3] * h3,
-                lengths[1, 0], lengths[1, 1] * h, lengths[1, 2] * h2, lengths[1, 3] * h3,
-            )  # fmt: skip
-        else:
-            length_off = math.inf
-    else:
-        lengths[1, 0] = ub - u0
-        interpolate(poly, n, lengths[0, 0], h, 0.0, 0.0, lengths[1, 0], h, 0.0, 0.0)
+    off = 0.0
     for k in range(2):
         x = CHECKS[k]
-        u = ua + x * h
-        curve_eval(kind, data, at, u, inside)
+        curve_eval(kind, data, at, ua + x * h, inside)
         for i in range(n):
-            p = inside[0, i] * scale[i]
-            axes_off = max(axes_off, abs(value(poly[i], x) - p) / allowed)
-        if measured and length_off < math.inf:
-            off = abs(value(poly[n], x) - curve_arclen(kind, data, at, u0, u))
-            length_off = max(length_off, off / EXACT)
-    return axes_off, length_off
+            off = max(off, abs(value(poly[i], x) - inside[0, i] * scale[i]) / allowed)
+    return off
+
+
+@njit
+def _fit_length(piece: Piece, ua: float, ub: float, window: Window) -> float:
+    """Fit the polynomial of the arc length in the window [ua, ub], of which start and end are set.
+
+    Returns:
+        Its largest error, in parts of the allowed one.
+    """
+    kind, data, at, _ = piece
+    poly, start, end, lengths, _ = window
+    n = len(poly) - 1
+    u0, _ = curve_range(kind, data, at)
+    h = ub - ua
+    h2 = 0.5 * h * h
+    h3 = h * h * h / 6.0
+    if data[at + TABLE] == 0.0:
+        lengths[1, 0] = ub - u0
+        interpolate(poly, n, lengths[0, 0], h, 0.0, 0.0, lengths[1, 0], h, 0.0, 0.0)
+        return 0.0
+    lengths[1, 0] = curve_arclen(kind, data, at, u0, ub)
+    length_rates(data, at, start, lengths[0])
+    length_rates(data, at, end, lengths[1])
+    if not (lengths[0, 1] > 0.0 and lengths[1, 1] > 0.0):
+        return math.inf
+    interpolate(
+        poly, n, lengths[0, 0], lengths[0, 1] * h, lengths[0, 2] * h2, lengths[0, 3] * h3,
+        lengths[1, 0], lengths[1, 1] * h, lengths[1, 2] * h2, lengths[1, 3] * h3,
+    )  # fmt: skip
+    off = 0.0
+    for k in range(2):
+        x = CHECKS[k]
+        length = curve_arclen(kind, data, at, u0, ua + x * h)
+        off = max(off, abs(value(poly[n], x) - length) / EXACT)
+    return off
 
 
 @njit
@@ -189,6 +209,7 @@ def next_window(
     lengths = window.lengths
     u0, u1 = curve_range(kind, data, at)
     shortest = SHORTEST * (u1 - u0)
+    exact = kind == SPAN and is_plain_quintic(data, at)
     steepest = 0.0
     for i in range(len(scale)):
         steepest = max(steepest, scale[i])
@@ -198,18 +219,20 @@ def next_window(
     too_wide = True
     while too_wide:
         ub = ua + width if limit - (ua + width) > 0.1 * width else limit
-        axes_off, length_off = _fit(piece, ua, ub, scale, window)
+        curve_eval(kind, data, at, ub, window.end)
+        length_off = _fit_length(piece, ua, ub, window)
+        by_table = length_off > 1.0
+        divides = ub - ua > shortest
+        too_wide = by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW and divides
+        # The axes' polynomials of a quintic are exact: they are needed in the last window only.
+        axes_off = 0.0 if too_wide and exact else _fit_axes(piece, ua, ub, scale, window)
         # The error grows with the eighth power of the width.
         width = (ub - ua) * min(
             max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1),
             4.0,
         )
-        by_table = length_off > 1.0
         by_rounding = 0.5 * wider_off < axes_off < ROUNDING
-        too_wide = (axes_off > 1.0 and not by_rounding) or (
-            by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW
-        )
-        too_wide = too_wide and ub - ua > shortest
+        too_wide = too_wide or (axes_off > 1.0 and not by_rounding and divides)
         if too_wide:
             width = min(width, 0.7 * (ub - ua))
             wider_off = axes_off

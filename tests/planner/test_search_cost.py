@@ -1,0 +1,59 @@
+"""Cost of the search for the fastest motion: what is done again after a limit was exceeded."""
+
+import numpy as np
+import pytest
+
+from cnc.kernels.planner import fastest
+from cnc.kernels.planner.cells import describe, plan_cells
+from cnc.kernels.planner.descent import TOUCH, centre
+from cnc.kernels.planner.examination import examine
+from cnc.kernels.planner.refine import sum_limits
+from cnc.kernels.planner.stretches import Stretch
+from cnc.model.blocks import PathMode
+from cnc.path.chunk import PathChunk
+from cnc.planner.intervals import STANDSTILL, intervals_of
+from cnc.planner.limits import Limits
+from cnc.planner.phases import plan_to_rest
+from tests.support.planner.motions import lines, machine, path_of
+
+
+def bends(seed: int) -> PathChunk:
+    """Return the fitted path of random bends in short moves."""
+    random = np.random.default_rng(seed)
+    heading = np.cumsum(random.normal(0.0, 0.5, 60))
+    steps = 10 ** random.uniform(-1.0, 0.2, 60)
+    moves = np.stack((steps * np.cos(heading), steps * np.sin(heading), 0.0 * steps), axis=1)
+    blocks = [PathMode("t.nc", 1, "blend", 0.02), lines(np.cumsum(moves, axis=0), 50.0)]
+    chunks = [item for item in path_of(blocks) if isinstance(item, PathChunk)]
+    return chunks[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeypatch):
+    limits = Limits.of(machine(axis=(1000.0, 50_000.0)))
+    known = intervals_of(bends(seed), limits, STANDSTILL, STANDSTILL)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
+    sums = sum_limits(limits.arrays)
+    first_rest = int(np.flatnonzero(np.append(phases["v"][1:], 0.0) == 0.0)[0]) + 1
+    end = float(phases["s"][first_rest]) if first_rest < len(phases) else float(known.end[-1])
+    cells = plan_cells(Stretch(phases, 0, first_rest, end, 0.0, False), known, sums)
+    describe(cells, known)
+    weights, used = [], []
+
+    def counted(*arguments):
+        weights.append(arguments[-1])
+        return centre(*arguments)
+
+    def examined(*arguments):
+        used.append(examine(*arguments))
+        return used[-1]
+
+    monkeypatch.setattr(fastest, "centre", counted)
+    monkeypatch.setattr(fastest, "examine", examined)
+    solved, _ = fastest.search.py_func(cells, known, sums, fastest.WEIGHT_STEP)
+    assert solved
+    assert used[0] > 1.0 + TOUCH, "the case shows nothing"
+    assert weights.count(fastest.FIRST_WEIGHT) == 1
+    # Only motions of the last step are examined, the last of them with success.
+    assert len(used) == weights.count(fastest.LAST_WEIGHT)
+    assert used[-1] <= 1.0 + TOUCH
