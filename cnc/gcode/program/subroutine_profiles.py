@@ -14,7 +14,7 @@ from cnc.gcode.cycles.turning_moves import TurningMoves
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.subprograms import Call
 from cnc.gcode.program.turning_profiles import ProfileCycle
-from cnc.gcode.state.block_buffer import Diverted
+from cnc.gcode.state.lasting_state import Diverted
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.statement import Control, Statement

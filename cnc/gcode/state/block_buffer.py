@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import compress
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.state.lasting_state import lasting_state
+from cnc.gcode.state.lasting_state import Diverted, lasting_state
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.model.blocks import (
     ArcFeed,
@@ -43,14 +42,6 @@ _Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 """Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
 
-class Diverted(NamedTuple):
-    """What a buffer had before its blocks were kept back."""
-
-    ready: list[Block]
-    in_effect: dict[tuple[str, int], tuple[object, ...]]
-    turning: str
-
-
 class BlockBuffer:
     """Blocks of a program in order.
 
@@ -76,9 +67,7 @@ class BlockBuffer:
         self._feeds: list[float] = []
         self._lines: list[int] = []
         self._pieces: list[_Piece] = []
-        self._held = 0
-        self._timed = False
-        self._turning = ""
+        self._held, self._timed, self._turning = 0, False, ""
         self._commands: dict[int, tuple[Block, ...]] = {}
         self._many_commands: list[tuple[NDArray[np.intp], Commands]] = []
         self.in_effect: dict[tuple[str, int], tuple[object, ...]] = {}
@@ -357,17 +346,12 @@ class BlockBuffer:
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:
         """Take the blocks that are added meanwhile; the list has them at the end."""
-        self.flush()
         found: list[Block] = []
-        begin, in_effect = len(self.ready), self.in_effect.copy()
-        turning = self._turning
+        kept = self.divert()
         try:
             yield found
         finally:
-            self.flush()
-            found += self.ready[begin:]
-            del self.ready[begin:]
-            self.in_effect, self._turning = in_effect, turning
+            found += self.restore(kept)
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
@@ -411,7 +395,6 @@ class BlockBuffer:
         if state is None:
             return True
         kind, values = state
-        if self.in_effect.get(kind) == values:
-            return False
+        before = self.in_effect.get(kind)
         self.in_effect[kind] = values
-        return True
+        return before != values

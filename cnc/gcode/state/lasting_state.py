@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cnc.model.blocks import (
     AnalogOutput,
     Block,
@@ -11,6 +13,14 @@ from cnc.model.blocks import (
     PathMode,
     Spindle,
 )
+
+
+class Diverted(NamedTuple):
+    """What a buffer had before its blocks were kept back."""
+
+    ready: list[Block]
+    in_effect: dict[tuple[str, int], tuple[object, ...]]
+    turning: str
 
 
 def lasting_state(block: Block) -> tuple[tuple[str, int], tuple[object, ...]] | None:
