@@ -51,7 +51,8 @@ def part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
     if end - first == len(plan.phase_j):
         return plan
     piece_s = plan.piece_s
-    begin = first_piece(plan, first)
+    # A motion may begin at the end of the path but for rounding.
+    begin = min(first_piece(plan, first), len(plan.path) - 1)
     after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
     zero = float(piece_s[begin])
     span = slice(first, end + 1)

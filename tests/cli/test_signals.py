@@ -149,6 +149,9 @@ def test_a_signal_while_the_program_is_loaded_ends_it_with_a_message(
     code = f"""
 import signal, sys
 
+# A shell without job control starts its processes in the background with SIGINT ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 class Interrupted:
     def find_spec(self, name, path, target=None):
         if name == "{module}":

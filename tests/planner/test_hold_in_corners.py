@@ -11,7 +11,9 @@ from cnc.kernels.planner.timed import is_timed
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
+from cnc.planner.audit import Audit
 from cnc.planner.detour import detour
+from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import slice_end
@@ -146,3 +148,17 @@ def test_a_slice_ends_inside_the_last_phase_that_may_be_sent():
     assert slice_end(phases, 0.7, 0.0) == (1, pytest.approx(0.2))
     assert slice_end(phases, 0.3, 3.0) == (1, pytest.approx(1.0))
     assert slice_end(phases, 11.0, 0.0) == (2, 0.0)
+
+
+def test_a_slice_that_is_left_at_the_end_of_the_path_has_a_piece():
+    """Within the rounding error of a length, the end of the path is behind its last piece."""
+    (whole,) = LookAhead(PER_AXIS).plan(
+        build([lines([(3.0, 0.0, 0.0)], 60.0)], axes=AXES, start=np.zeros(3))
+    )
+    finished = Finished()
+    finished.add([FinishedPart(whole, (), 0.0, False, Audit(Limits.of(PER_AXIS)))])
+    finished.take(whole.duration - 5e-6)
+    rest = finished.take(1.0)
+    assert not finished
+    assert len(rest.path) == 1
+    assert whole.phase_s[-1] - rest.phase_s[0] < 1e-9

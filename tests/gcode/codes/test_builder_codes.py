@@ -80,7 +80,7 @@ def test_codes_without_effect_are_named_once(dialect: str, line: str, codes: lis
 def test_a_code_is_recognised_by_its_words() -> None:
     assert block_summaries("G8\nG0 X2") == ["rapid 2 0 0"]
     assert block_summaries("G70\nG0 X1\nG71 G91.1\nX1") == ["rapid 25.4 0 0", "rapid 1 0 0"]
-    assert error_of("G71 P1 Q2").code == "code-not-in-dialect"
+    assert error_of("G71 P1 Q2").code == "turning-plane"
     assert isinstance(run("G5.1 X10 I5 J10 F60")[0], NurbsFeed)
 
 
