@@ -154,21 +154,24 @@ class Audit:
         Raises:
             MotionLimitError: ``plan-illegal`` if it breaks a limit and this audit judges.
         """
-        if broken := self.broken(chunk):
+        broken, _ = self.examined(chunk)
+        if broken:
             raise self.refusal(chunk, broken)
 
-    def broken(self, chunk: PlanChunk) -> list[tuple[str, str]]:
-        """Return name and description of each limit that a plan breaks; none if it does not judge.
+    def examined(self, chunk: PlanChunk) -> tuple[list[tuple[str, str]], Audit]:
+        """Check one plan. A plan that breaks a limit leaves the audit as it was.
 
-        A plan that breaks a limit leaves the audit as it was.
+        Returns:
+            Name and description of each limit that it breaks, none if the audit does not judge; and
+            the audit as it was before the plan.
         """
         before = self.copy()
         broken = self._continuity(chunk) + self._values(chunk)
         if not self._judges:
-            return []
+            return [], before
         if broken:
             self.adopt(before)
-        return broken
+        return broken, before
 
     def refusal(self, chunk: PlanChunk, broken: list[tuple[str, str]]) -> MotionLimitError:
         """Count the violations of a plan, and return the error that reports them."""

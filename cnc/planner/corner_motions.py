@@ -112,7 +112,7 @@ class CornerMotions:
                 yield from self.flush()
                 held = None
             if held is None and not plan.path.tolerance.any():
-                yield self._as_planned(plan, self._audit.copy())
+                yield self._as_planned(plan)
                 continue
             self._held = None
             whole = plan if held is None else joined_plans(held, plan)
@@ -139,11 +139,13 @@ class CornerMotions:
             return plan
         return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
 
-    def _as_planned(self, plan: PlanChunk, audit: Audit) -> FinishedPart:
-        """Return a part of the plan with its stops; ``audit``: as it is before."""
+    def _as_planned(self, plan: PlanChunk) -> FinishedPart:
+        """Return a part of the plan with its stops."""
         moved = self._moved(plan)
-        self._audit.check(moved)
-        return FinishedPart(moved, (), plan.t0, self._shared, audit)
+        broken, before = self._audit.examined(moved)
+        if broken:
+            raise self._audit.refusal(moved, broken)
+        return FinishedPart(moved, (), plan.t0, self._shared, before)
 
     def _decided(self, plan: PlanChunk) -> tuple[int, PlanChunk]:
         """Return the number of phases that no later plan can change, and the plan cut there."""
@@ -153,18 +155,18 @@ class CornerMotions:
 
     def _past_corners(self, plan: PlanChunk) -> FinishedPart:
         """Return the plan with motions past its corners, or with stops where those are illegal."""
-        audit = self._audit.copy()
         while (found := self._without_stops(plan)) is not None:
             cut = found.plan
-            if not self._audit.broken(cut):
+            broken, before = self._audit.examined(cut)
+            if not broken:
                 self._earlier += plan.duration - cut.duration
                 self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-                return FinishedPart(cut, found.chains, plan.t0, self._shared, audit)
+                return FinishedPart(cut, found.chains, plan.t0, self._shared, before)
             stops = self._refused(plan, cut, found.origin)
             plan = replace(
                 plan, path=replace(plan.path, tolerance=np.where(stops, 0.0, plan.path.tolerance))
             )
-        return self._as_planned(plan, audit)
+        return self._as_planned(plan)
 
     def _refused(
         self, plan: PlanChunk, cut: PlanChunk, origin: NDArray[np.int32]
@@ -186,7 +188,7 @@ class CornerMotions:
         for end in ends.tolist():
             phase = int(np.searchsorted(cut.phase_s, cut.piece_s[end] - REST)) + 1
             legs = origin[begin_piece:end][timed[begin_piece:end]]
-            if audit.broken(with_own_end(part(cut, first_phase, phase))):
+            if audit.examined(with_own_end(part(cut, first_phase, phase)))[0]:
                 stops[legs.min() : legs.max()] = True
                 return stops
             begin_piece, first_phase = end, phase

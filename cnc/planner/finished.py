@@ -160,7 +160,7 @@ class Finished:
                 )
             )
         audit = first.audit.copy()
-        if time > SAME and audit.broken(_between(plan, 0.0, time)):
+        if time > SAME and audit.examined(_between(plan, 0.0, time))[0]:
             return None
         phase, cut = cut_at_time(plan, time)
         found = Return(

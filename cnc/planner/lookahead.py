@@ -85,7 +85,7 @@ class LookAhead:
         self._corners = CornerMotions(self.limits, self.audit)
         self._rewind = Rewind()
         self._factor = 1.0
-        """The factor of the feeds that was requested last."""
+        """The factor of the feeds for which the plan was made that counts."""
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished = Finished()

@@ -208,6 +208,8 @@ class GrblProtocol:
     def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
         """Return the bytes of a line that :meth:`fits`."""
         kind = kind or kind_of(text)
+        if not self.fits(text, kind):
+            raise RuntimeError(f"The line {text!r} does not fit in state {self.state.name}.")
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(

@@ -170,15 +170,8 @@ def _whole(body: Profile) -> Profile:
     found: Profile = []
     for piece in body:
         last = found[-1] if found else None
-        if (
-            last
-            and piece.center is not None
-            and (last.center, last.spin)
-            == (
-                piece.center,
-                piece.spin,
-            )
-        ):
+        same = last is not None and (last.center, last.spin) == (piece.center, piece.spin)
+        if last is not None and same and piece.center is not None:
             found[-1] = replace(last, end=piece.end)
         else:
             found.append(piece)

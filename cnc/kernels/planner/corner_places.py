@@ -46,8 +46,8 @@ MOST_CORNERS = 8
 """Largest number of corners of a chain."""
 
 MOST_TIME, MOST_RAMPS = 0.4, 2.5
-"""A chain of stops that takes more seconds, and more times the ramp to its feed, ends. A hold waits
-for the end of a chain that has begun.
+"""A chain of stops that takes more seconds, and more times the ramp to its feed, ends. An
+override waits for the end of a chain that has begun.
 """
 
 SPARE = 0.01

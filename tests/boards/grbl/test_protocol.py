@@ -146,6 +146,17 @@ def test_the_buffer_of_grbl_is_used_completely() -> None:
     assert protocol.mark_fits()
 
 
+def test_a_line_for_which_there_is_no_space_is_not_sent() -> None:
+    protocol = ready()
+    while protocol.fits("G1 X1", "motion"):
+        protocol.send("G1 X1", 1)
+    used = protocol.used
+    for text in ("G1 X1", "$X"):
+        with pytest.raises(RuntimeError):
+            protocol.send(text, 2)
+    assert protocol.used == used
+
+
 def test_a_line_longer_than_the_buffer_is_sent_alone() -> None:
     protocol = ready()
     protocol.rx_bytes = 32
