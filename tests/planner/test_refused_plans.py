@@ -90,7 +90,7 @@ def test_a_refused_motion_past_a_corner_is_left_out(monkeypatch):
     ends = [(60, 0, 0), (60, 60, 0), (0, 60, 0), (0, 120, 0)]
     blocks = [PathMode("t.nc", 1, "blend", 0.1), lines(ends, 80.0)]
     passed, stopped = duration(run(mill, blocks)), duration(run(mill, blocks[1:]))
-    broken = Audit.broken
+    examined = Audit.examined
 
     def past(chunk, corner):
         place = np.array(ends[corner][:2])
@@ -101,11 +101,11 @@ def test_a_refused_motion_past_a_corner_is_left_out(monkeypatch):
     for refused in ((0,), (1,), (2,), (0, 2), (0, 1, 2)):
         monkeypatch.setattr(
             Audit,
-            "broken",
+            "examined",
             lambda audit, chunk, refused=refused: (
-                [("jerk", "")]
+                ([("jerk", "")], audit.copy())
                 if any(past(chunk, corner) for corner in refused)
-                else broken(audit, chunk)
+                else examined(audit, chunk)
             ),
         )
         plans = run(mill, blocks)
