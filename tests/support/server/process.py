@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Sequence
 from contextlib import suppress
@@ -48,15 +49,18 @@ class ServerProcess:
         self._key = self("POST", "control", {"client": "test"})["key"]
 
     def __call__(self, method: str, path: str, body: Any = None) -> Any:
-        """Send a request; return the answer."""
+        """Send a request; return the answer. A refusal fails the test with the server's words."""
         request = urllib.request.Request(
             f"{self.url}api/{path}",
             data=None if body is None else json.dumps(body).encode(),
             method=method,
             headers={"Content-Type": "application/json", "X-Control": self._key},
         )
-        with urllib.request.urlopen(request, timeout=120) as answer:
-            return json.loads(answer.read())
+        try:
+            with urllib.request.urlopen(request, timeout=120) as answer:
+                return json.loads(answer.read())
+        except urllib.error.HTTPError as error:
+            raise AssertionError(f"{method} {path}: {error.code}: {error.read()!r}") from error
 
     def owner_of(self, port: str) -> int:
         """Return the number of the process that has opened a port (Linux: proc(5))."""
