@@ -2,7 +2,7 @@
 
 Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
 before the firmware greets. A board that was not reset answers ``?``, and gets a soft reset once it
-is at rest. A board that sends nothing gets a line end, which firmware of another kind answers. Then
+is at rest. The first answers do not count: they may be for the process that had the port before. A board that sends nothing gets a line end, which firmware of another kind answers. Then
 it is reset, then gets DTR.
 """
 
@@ -35,6 +35,12 @@ RAISE_DTR_AFTER = 2.5
 """Seconds without a byte after which DTR is raised: some boards send only then. A board that this
 resets still greets in time. Where DTR is up, nothing else can be tried.
 """
+STALE_FOR = 0.3
+"""Seconds in which a report does not count. The system, and the USB chip of the board, may hold
+reports from before the port was opened.
+"""
+BUSY_AFTER = 0.8
+"""Seconds after which a board that still moves is refused."""
 FOREIGN = 2.0
 """Seconds from the first line or noise of another device until it counts as one: a boot loader may
 send bytes before the welcome.
@@ -57,10 +63,13 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
     received: list[str] = []
     began, foreign_since = link.clock.now(), math.inf
     ended = forced = reset = raised = False
+    unready: Status | None = None
     if link.protocol.state is not State.UNKNOWN:
         link.write(link.protocol.reset())
         reset = True
     while (now := link.clock.now()) - began < WELCOME_TIMEOUT:
+        if unready is not None and now - began > BUSY_AFTER:
+            _refuse_unready(unready, link.name)
         if not ended and not received and now - began > LINE_END_AFTER:
             ended = True
             link.write(b"\n")
@@ -81,9 +90,11 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             if isinstance(event, Reported) and (
                 link.protocol.state is State.UNKNOWN or (raised and not reset)
             ):
-                _refuse_unready(event.status, link.name)
-                link.write(link.protocol.reset())
-                reset = True
+                ready = event.status.at_rest and not event.status.emergency
+                unready = None if ready else event.status
+                if ready and link.clock.now() - began > STALE_FOR:
+                    link.write(link.protocol.reset())
+                    reset = True
             elif isinstance(event, Other):
                 if old := _OLD_REPORT.match(event.text):
                     raise faults.too_old(link.name, "0.9", old[0])

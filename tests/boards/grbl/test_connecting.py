@@ -101,6 +101,50 @@ def test_firmware_that_answers_lines_only_is_shown() -> None:
     assert device.time < 2.7
 
 
+class WithOldReport(GrblSimulatorPort):
+    """The port of a board that another process used a moment ago; it holds a report from then."""
+
+    def __init__(self, simulator: GrblSimulator, state: str) -> None:
+        super().__init__(simulator, hang_up=False)
+        self.old = f"<{state}|MPos:1.000,0.000,0.000|FS:500,0>\r\n".encode()
+
+    def read(self, timeout: float) -> bytes:
+        old, self.old = self.old, b""
+        return old or super().read(timeout)
+
+
+def used_before(lines: bytes) -> GrblSimulator:
+    """Return a board that greeted long ago and has some lines; its DTR stays up."""
+    simulator = GrblSimulator()
+    port = GrblSimulatorPort(simulator, hang_up=False)
+    port.clock.sleep(3.0)
+    port.write(lines)
+    port.clock.sleep(1.0)
+    while port.read(0.0):
+        pass
+    return simulator
+
+
+def test_an_old_report_of_a_motion_does_not_count() -> None:
+    simulator = used_before(b"G1 X1 F6000\n")
+    port = WithOldReport(simulator, "Run")
+    board = GrblBoard(port, MACHINE, port.clock, "/dev/ttyUSB0")
+    board.connect()
+    assert simulator.position[0] == pytest.approx(1.0)
+
+
+def test_an_old_report_of_rest_does_not_count() -> None:
+    simulator = used_before(b"G1 X100 F600\n")
+    port = WithOldReport(simulator, "Idle")
+    board = GrblBoard(port, MACHINE, port.clock, "/dev/ttyUSB0")
+    with pytest.raises(BoardError) as caught:
+        board.connect()
+    assert caught.value.diagnostic.code == "board-busy"
+    # It was not reset: the motion goes on.
+    port.clock.sleep(12.0)
+    assert simulator.position[0] == pytest.approx(100.0)
+
+
 class OtherBaud:
     """A port at another baud rate than the board: each side samples the bits of the other."""
 
