@@ -72,8 +72,11 @@ def part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
 def with_own_end(plan: PlanChunk) -> PlanChunk:
     """Return a part of a plan that ends with the speed of its own last phase.
 
-    Where a timed piece follows, the coordinate of the plan has another speed there.
+    Where a timed piece follows, the coordinate of the plan has another speed there. A rest stays
+    exactly one.
     """
+    if plan.phase_v[-1] == 0.0:
+        return plan
     last = len(plan.phase_j) - 1
     _, v, a = state_at(float(plan.phase_t[-1]), last, plan.arrays)
     return replace(

@@ -66,6 +66,13 @@ def test_a_finished_motion_is_handed_out_in_slices():
     assert max(whole) <= SLICE + 1e-6
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_last_slice_ends_at_rest_exactly(seed):
+    points = np.cumsum(np.random.default_rng([seed, 44]).uniform(-3.0, 3.0, (6, 3)), axis=0)
+    last = list(planning(points)[1])[-1]
+    assert (last.phase_v[-1], last.phase_a[-1]) == (0.0, 0.0)
+
+
 def test_slices_are_the_motion_without_an_operator():
     sliced = list(planning(ZIGZAG)[1])
     blocks = [PathMode("t.nc", 1, "blend", 0.05), lines(ZIGZAG, 60.0)]
