@@ -44,7 +44,7 @@ class _Evidence(NamedTuple):
     Attributes:
         language: The language.
         kind: The language in words, if it is not a dialect.
-        points: Weight.
+        points: Weight. Below 0 it speaks against the language.
         what: The finding in words.
         place: The part of a line that is searched; "first" is the first line with code besides %,
             "later" those behind it.
@@ -214,7 +214,7 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
     if not ranked or points[ranked[0]] < table.enough:
         return Recognition()
     best = ranked[0]
-    reasons = tuple(reason for _, reason in found[best])
+    reasons = tuple(reason for evidence, reason in found[best] if evidence.points > 0)
     rivals = [each for each in ranked[1:] if points[each] >= table.enough and _is_dialect(each)]
     if len(ranked) > 1 and points[ranked[1]] == points[best]:
         return Recognition(rival=" or ".join(sorted((best, ranked[1]))), reasons=())
