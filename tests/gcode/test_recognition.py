@@ -55,6 +55,7 @@ EVIDENCE = [
     ("T1 M06\nG28 X Y", "auto"),
     ("M3 S20\nG28 X\nG1 X5 E0.2 F100", "marlin"),
     ("G28 X\nM300 S30", "marlin"),
+    ("G92 E0\nM6 T1\nM3", "marlin"),
     ("M104 S200\nG1 X1 E0.5", "marlin"),
     ("M104 S205.0", "marlin"),
     ("M109 S0.010 (pulse of a laser)", "auto"),
@@ -131,6 +132,15 @@ def test_a_printer_takes_its_programs() -> None:
 def test_a_program_with_y_words_is_no_lathe_program() -> None:
     mill = ["T0101 M6", "G50", "G96 S150", "G0 X1. Y2.", "G99 G81 Z-1. R1. F100."]
     refuse(recognise(mill), "mill", "part.nc")
+
+
+def test_a_lathe_with_driven_tools_has_a_y_axis() -> None:
+    turned = ["O1234", "G0 T0101", "G97 S206 M3", "G50 S3600", "G96 S200", "G99 G1 X-.0625 F.01"]
+    milled = ["G28 U0. V0. W0.", "G0 T0202", "G98 G1 Y-.75 F45."]
+    with pytest.raises(GcodeError) as caught:
+        refuse(recognise(turned + milled), "mill", "part.nc")
+    assert caught.value.diagnostic.code == "program-for-lathe"
+    assert recognise(milled).lathe == ()
 
 
 def test_mirroring_of_haas_needs_other_evidence() -> None:
