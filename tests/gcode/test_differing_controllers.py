@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
+from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import ArcFeed, Dwell
+from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, rows, run
 
 MM = "G21 G90\n"
@@ -121,6 +123,18 @@ def test_auto_names_its_choice(source: str, code: str) -> None:
     found: list[str] = []
     run(f"{source}\nM30", dialect="auto", warn=lambda each: found.append(each.code))
     assert code in found
+
+
+TOOL = ToolEntry(1, offsets={"Z": 40.0}, diameter=6.0)
+
+
+@pytest.mark.parametrize("code", ["G43 G0 Z10.", "G41 G1 X9. Y9. F100\nX20.\nG40 X30. Y0."])
+def test_auto_names_the_tool_of_a_code_without_h_or_d(code: str) -> None:
+    source = f"{MM}T1 M6\n{code}\nM30"
+    for dialect, expected in (("auto", 1), ("linuxcnc", 0)):
+        found: list[Diagnostic] = []
+        run(source, dialect=dialect, tools=ToolTable([TOOL]), warn=found.append)
+        assert [each.code for each in found].count("tool-offset-assumed") == expected, dialect
 
 
 def test_r_of_an_arc_comes_before_its_centre_for_fanuc() -> None:

@@ -49,6 +49,7 @@ class Dialect:
     shift_stays: bool
     rotation: bool
     offset_memory: bool
+    tool_offset_unclear: bool
     offset_diameters: bool
     length_in_increments: Literal["left", "added", "unclear"]
     length_axes: str
@@ -258,7 +259,7 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "arc_radius_first", "path_stop",
     "offsets_current", "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory",
-    "length_axes",
+    "tool_offset_unclear", "length_axes",
     "offset_diameters",
     "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
     "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",
