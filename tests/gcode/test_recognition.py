@@ -51,6 +51,11 @@ EVIDENCE = [
     (";FLAVOR:Marlin\nG28", "marlin"),
     ("G28 X Y ; home", "marlin"),
     ("G28 X0 Y0", "auto"),
+    ("M3 S8000\nG1 X5 F100\nG28 X", "auto"),
+    ("T1 M06\nG28 X Y", "auto"),
+    ("M3 S20\nG28 X\nG1 X5 E0.2 F100", "marlin"),
+    ("G28 X\nM300 S30", "marlin"),
+    ("G92 E0\nM6 T1\nM3", "marlin"),
     ("M104 S200\nG1 X1 E0.5", "marlin"),
     ("M104 S205.0", "marlin"),
     ("M109 S0.010 (pulse of a laser)", "auto"),
@@ -101,6 +106,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
+        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor"),
+        ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
         ('M291 P"Zero set?" S3', "not-gcode", "Duet"),
         ("G10 L20 P1 X{param.R*-1}", "not-gcode", "RepRapFirmware"),
         ("T0101\nG50 S2000\nG96 S150 M3\nG99 G1 Z-10. F0.2", "program-for-lathe", "T0101"),
@@ -125,6 +132,15 @@ def test_a_printer_takes_its_programs() -> None:
 def test_a_program_with_y_words_is_no_lathe_program() -> None:
     mill = ["T0101 M6", "G50", "G96 S150", "G0 X1. Y2.", "G99 G81 Z-1. R1. F100."]
     refuse(recognise(mill), "mill", "part.nc")
+
+
+def test_a_lathe_with_driven_tools_has_a_y_axis() -> None:
+    turned = ["O1234", "G0 T0101", "G97 S206 M3", "G50 S3600", "G96 S200", "G99 G1 X-.0625 F.01"]
+    milled = ["G28 U0. V0. W0.", "G0 T0202", "G98 G1 Y-.75 F45."]
+    with pytest.raises(GcodeError) as caught:
+        refuse(recognise(turned + milled), "mill", "part.nc")
+    assert caught.value.diagnostic.code == "program-for-lathe"
+    assert recognise(milled).lathe == ()
 
 
 def test_mirroring_of_haas_needs_other_evidence() -> None:

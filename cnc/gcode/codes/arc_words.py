@@ -74,9 +74,7 @@ class ArcMoves:
             message = f"{beside.written} beside the angle of an arc, which has an end point only"
             raise fault("arc-radius-and-center", message, beside)
         if radius:
-            if clash := next(filter(None, centers), None):
-                later = max(radius, clash, key=lambda word: word.column)
-                raise fault("arc-radius-and-center", f"{user} takes R or a centre, not both", later)
+            self._refuse_center(radius, centers, user)
             arc = self._arc_of(end, motion, (i, j), None, radius.number, turns, radius)
         else:
             self._check_center(letters, centers, user, at)
@@ -85,6 +83,19 @@ class ArcMoves:
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         return self._block(arc, end, feed)
+
+    def _refuse_center(self, radius: Word, centers: list[Word | None], user: str) -> None:
+        """Refuse a centre beside R, or report it where the dialect ignores it."""
+        clash = next(filter(None, centers), None)
+        if clash is None:
+            return
+        if self._dialect.arc_radius_first:
+            message = f"{clash.written} has no effect beside {radius.written}"
+            hint = "remove it; other controllers refuse the line"
+            self._here.report_warning("word-without-effect", message, clash, hint)
+            return
+        later = max(radius, clash, key=lambda word: word.column)
+        raise fault("arc-radius-and-center", f"{user} takes R or a centre, not both", later)
 
     def _radius_of_angle(self, word: Word, end: list[float], plane: tuple[int, int]) -> Word:
         """Return the radius of an arc whose end and opening angle are given (SINUMERIK's AR).

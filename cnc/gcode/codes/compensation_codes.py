@@ -156,7 +156,7 @@ class CompensationCodes:
                     "give D and the number of the offset",
                 )
         else:
-            number = number or self._state.loaded
+            number = number or self._tools.tool_in_spindle("D", at)
         if number == 0:
             return 0.0, 0
         entry = self._tools.entry(number, word or at)

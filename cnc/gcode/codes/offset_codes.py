@@ -255,7 +255,11 @@ class OffsetCodes:
         if here:
             self._coordinates.set_origin_here(index, values, self._motion.position)
         else:
-            add = dialect.offsets_add and not self._state.absolute
+            if values and not self._state.absolute and dialect.offsets_add == "unclear":
+                message = f"{at.written} L2 under G91: FANUC adds to the offset, others set it"
+                hint = "give G10 L2 under G90, or name the --dialect"
+                raise fault("offset-incremental", message, at, hint)
+            add = dialect.offsets_add == "yes" and not self._state.absolute
             self._coordinates.set_origin(index, values, rotation=rotation, add=add)
 
     @property

@@ -45,6 +45,7 @@ class ToolCodes:
         self.here = here
         self._zero_without_table = zero_without_table
         self._zero_reported = False
+        self._spindle_reported = False
         self.turret_offset = 0
         self._last_h = 0
         self._length_on = False
@@ -162,6 +163,19 @@ class ToolCodes:
     def _with(offset: list[float], values: dict[int, float]) -> list[float]:
         return [values.get(index, old) for index, old in enumerate(offset)]
 
+    def tool_in_spindle(self, letter: str, at: Word) -> int:
+        """Return the tool for a code without H or D, with a warning where controllers differ."""
+        loaded = self.state.loaded
+        if loaded and self._dialect.tool_offset_unclear and not self._spindle_reported:
+            self._spindle_reported = True
+            message = (
+                f"{at.written} without {letter} takes tool {loaded}, which is in the spindle; "
+                f"FANUC and Haas need {letter} or take the one before"
+            )
+            hint = f"give {letter}{loaded}, or name the --dialect"
+            self.here.report_warning("tool-offset-assumed", message, at, hint)
+        return loaded
+
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
@@ -174,7 +188,7 @@ class ToolCodes:
             )
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
-            number = number or self.state.loaded
+            number = number or self.tool_in_spindle("H", at)
         elif word is None:
             number = self._last_h
         else:

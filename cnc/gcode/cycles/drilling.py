@@ -141,7 +141,7 @@ class DrillingCycles:
                 "cycle-retract-below-bottom",
                 message,
                 _of_line(words, "R", at),
-                f"{name} goes from R down to {plane.across}",
+                _downwards(name, plane.across, at),
             )
         smallest = settings.least or settings.peck
         if settings.peck and repeats * (top - bottom) > MOST_PECKS * smallest:
@@ -386,6 +386,12 @@ class DrillingCycles:
         clear = max(level, top) if state.initial_level else top
         self._check_level(top, clear, at)
         return top, bottom, clear
+
+
+def _downwards(name: str, across: str, at: Word) -> str:
+    """Return the hint for R below the bottom; a cycle of an earlier line is not ``at`` itself."""
+    hint = f"{name} goes from R down to {across}"
+    return hint if at.letter == "G" else f"{hint}; it is still in effect, and G80 ends it"
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

@@ -39,15 +39,17 @@ class Dialect:
     units_before_feed: bool
     arc_turns: bool
     arc_idle_center: bool
+    arc_radius_first: bool
     path_stop: PathControl
     path_words: frozenset[str]
     offsets: tuple[int, ...]
     offsets_current: bool
-    offsets_add: bool
+    offsets_add: Literal["no", "yes", "unclear"]
     more_systems: int
     shift_stays: bool
     rotation: bool
     offset_memory: bool
+    tool_offset_unclear: bool
     offset_diameters: bool
     length_in_increments: Literal["left", "added", "unclear"]
     length_axes: str
@@ -255,8 +257,9 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
 
 
 _PLAIN = (
-    "units_before_feed", "arc_turns", "arc_idle_center", "path_stop", "offsets_current",
-    "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory", "length_axes",
+    "units_before_feed", "arc_turns", "arc_idle_center", "arc_radius_first", "path_stop",
+    "offsets_current", "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory",
+    "tool_offset_unclear", "length_axes",
     "offset_diameters",
     "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
     "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",

@@ -23,6 +23,8 @@ MOST_REASONS = 6
 """Reasons for a lathe that are named, the strongest first."""
 STRONG = 2
 """Points of evidence for a lathe that milling programs do not have."""
+DRIVEN = 3
+"""Evidence for a lathe in a program with Y, as a multiple of the evidence without Y."""
 _LATHES = ("auto", "fanuc", "haas")
 """Languages that mean something else on a lathe; ``auto`` is no language."""
 
@@ -44,7 +46,7 @@ class _Evidence(NamedTuple):
     Attributes:
         language: The language.
         kind: The language in words, if it is not a dialect.
-        points: Weight.
+        points: Weight. Below 0 it speaks against the language.
         what: The finding in words.
         place: The part of a line that is searched; "first" is the first line with code besides %,
             "later" those behind it.
@@ -157,13 +159,20 @@ def recognise(lines: Iterable[str]) -> Recognition:
     if prose and not has_words and not found:
         return Recognition(refusal="plain text", reasons=(prose,))
     choice = _choice(table, found)
-    if has_y or choice.refusal or choice.dialect not in _LATHES:
+    if choice.refusal or choice.dialect not in _LATHES:
         return choice
     lathe.sort(key=lambda row: -row[0].points)
     if not lathe or lathe[0][0].points < STRONG:
         return choice
-    points = sum(evidence.points for evidence, _ in lathe) + (plane is not None)
-    reasons = [reason for _, reason in lathe] + ([plane] if plane else [])
+    points = sum(evidence.points for evidence, _ in lathe)
+    reasons = [reason for _, reason in lathe]
+    if has_y:
+        # A lathe with driven tools may have a Y axis.
+        if points <= DRIVEN * table.enough:
+            return choice
+    elif plane:
+        points += 1
+        reasons.append(plane)
     return choice._replace(lathe=tuple(reasons[:MOST_REASONS]), turns=points > table.enough)
 
 
@@ -214,7 +223,7 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
     if not ranked or points[ranked[0]] < table.enough:
         return Recognition()
     best = ranked[0]
-    reasons = tuple(reason for _, reason in found[best])
+    reasons = tuple(reason for evidence, reason in found[best] if evidence.points > 0)
     rivals = [each for each in ranked[1:] if points[each] >= table.enough and _is_dialect(each)]
     if len(ranked) > 1 and points[ranked[1]] == points[best]:
         return Recognition(rival=" or ".join(sorted((best, ranked[1]))), reasons=())

@@ -65,6 +65,8 @@ def test_an_unknown_code_is_an_error_or_one_warning() -> None:
         ("auto", "G05 P10000", ["code-not-needed"]),
         ("auto", "G08 P1", ["code-not-needed"]),
         ("auto", "G103 P1", ["code-not-needed"]),
+        ("auto", "G22 X9. Y9. Z9. I0. J0. K0.", ["code-not-needed"]),
+        ("fanuc", "G23", ["code-not-needed"]),
         ("auto", "G187 P1 E0.01", ["code-not-needed"]),
         ("auto", "G50", []),
         ("haas", "M31", ["code-without-effect"]),

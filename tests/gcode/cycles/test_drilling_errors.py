@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.gcode.gcode_cases import (
-    assert_error_at,
-)
+from tests.support.gcode.gcode_cases import assert_error_at, error_of
 
 WRONG: dict[str, tuple[str, str]] = {
     "no Z": ("cycle-word-missing", "¦G81 X4 R1"),
@@ -76,3 +74,12 @@ def test_errors_are_reported_at_the_word(name: str) -> None:
 )
 def test_errors_of_fanuc(code: str, source: str) -> None:
     assert_error_at(code, "G21 F600. S1000 M3\n" + source, dialect="fanuc")
+
+
+def test_a_cycle_that_was_not_ended_is_named() -> None:
+    # M6 does not end a cycle: the height of the next tool would be the bottom of a hole.
+    source = "G81 X1. Y1. Z-3. R2. F100\nM9\nG91 G28 Z0.\nT2 M6\nG90 Z25.\nM30"
+    found = error_of(f"O1\nG21 G90\nG0 Z20.\n{source}", dialect="fanuc")
+    assert (found.code, found.line) == ("cycle-retract-below-bottom", 8)
+    assert "G81" in found.hint
+    assert "G80 ends it" in found.hint

@@ -293,7 +293,8 @@ profile-line profile-missing profile-not-monotone profile-place profile-start pr
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
-tool-length-zero word-idle compensation-radius-zero decimal-point-missing dwell-long
+tool-length-zero tool-offset-assumed word-idle compensation-radius-zero decimal-point-missing
+dwell-long
 dwell-short cycle-level-unclear offset-diameter offset-variable-wear
 feed-before-units feed-in-mm s-def only-zero word-shadowed word-without-effect no-such-file
 unreadable-file unwritable-file
