@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import effects_of, rows_of
+from cnc.model.line_effects import LineEffect, effect_columns, rows_of
 from cnc.model.streams import GcodeLine
+
+_line: Callable[[tuple[str, int, LineEffect | None]], GcodeLine] = partial(tuple.__new__, GcodeLine)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,5 +51,9 @@ class PackedLines:
         return len(self.rows)
 
     def __iter__(self) -> Iterator[GcodeLine]:
-        for text, (line, effect) in zip(self.text.split("\n"), effects_of(self.rows), strict=False):
-            yield GcodeLine(text, line, effect)
+        texts = iter(self.text.split("\n"))
+        # Without a function of Python for each line.
+        return chain.from_iterable(
+            map(_line, zip(islice(texts, len(lines)), lines, effects, strict=True))
+            for lines, effects in effect_columns(self.rows)
+        )

@@ -52,7 +52,7 @@ class OperatorRequests:
         self.control = control
         self._held = self._held_by_machine = False
         self._requested_at = -PATIENCE
-        self._seen: tuple[float, ...] = ()
+        self._seen: tuple[object, ...] = ()
         self._steps = {column: Stepped(-PATIENCE, -1) for column in (FEED, RAPID, SPINDLE)}
 
     @property
@@ -71,13 +71,7 @@ class OperatorRequests:
             now: Present time, s.
         """
         control = self.control
-        seen = (
-            status_at,
-            control.held,
-            control.feed_override,
-            control.rapid_override,
-            control.spindle_override,
-        )
+        seen = (status_at, control.requested)
         if seen == self._seen:
             return b""
         self._seen = seen

@@ -103,9 +103,9 @@ class PositionTracker:
 
     def seconds_at(self, feed: float, rapid: float) -> float:
         """Return the same at overrides of feed and traverse, in per cent."""
-        ahead = self.seconds
-        if not ahead:
+        if self._at is None or not self._moves:
             return 0.0
+        ahead = self._seconds - self._passed * self._moves[0].seconds
         traversing = self._traversing - self._passed * self._traverses[0]
         return (ahead - traversing) * 100.0 / feed + traversing * 100.0 / rapid
 
