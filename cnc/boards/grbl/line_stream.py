@@ -41,6 +41,8 @@ LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
+SPARE = 0.0035
+"""Time before the wire is idle at which waiting ends, s: a computer may wake up late."""
 BEHIND_REPORT = 0.8
 """Share of the gathering while answers may wait behind a report or the answer to a mark."""
 REPORT = 40
@@ -175,8 +177,9 @@ class LineStream:
         behind = behind or self._asked
         pause = (BEHIND_REPORT if behind else 1.0) * GATHERING * (waiting - 1) * interval
         few = FEW_FOR_SLOW_BOARD if interval > SLOWER_THAN_WIRE * on_one_line else FEW_ARRIVED
-        if busy > (waiting - few) * on_one_line:
-            pause = min(pause, busy - SHORTEST_GATHERING)
+        # As long as the wire is busy, lines that are sent now would only wait for it.
+        undisturbed = busy - SPARE
+        pause = undisturbed if busy > (waiting - few) * on_one_line else max(pause, undisturbed)
         if behind and protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
             pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
