@@ -4,6 +4,8 @@ A byte may get lost (the board loses bytes while it writes to its EEPROM). So ea
 compared with the status reports, and repeated. Where the machine itself holds (a program stop, a
 tool change, the safety door, a button), this becomes a hold of the operator, who resumes at the
 machine or here.
+
+A board that brakes ignores a resume. So it is sent when a report shows that the machine rests.
 """
 
 from __future__ import annotations
@@ -85,6 +87,8 @@ class OperatorRequests:
     def _hold(self, status: Status, status_at: float, now: float) -> bytes:
         control = self.control
         if control.held != self._held:
+            if self._held and self._braking(status, status_at):
+                return b""
             self._held, self._held_by_machine, self._requested_at = control.held, False, now
             return RealTime.HOLD.value if self._held else RealTime.RESUME.value
         if now - self._requested_at <= PATIENCE or status_at <= self._requested_at:
@@ -100,6 +104,12 @@ class OperatorRequests:
             self._held = self._held_by_machine = False
             control.resume()
         return b""
+
+    def _braking(self, status: Status, status_at: float) -> bool:
+        """Return whether a hold is not complete, by a report that may be older than the hold."""
+        if status.state not in WAITING:
+            return status_at - self._requested_at <= PATIENCE
+        return status_at <= self._requested_at or not status.at_rest
 
     def reached(self, status: Status) -> bool:
         """Return whether the board has all requested overrides."""
