@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import LineEffect, effect_columns, rows_of
-from cnc.model.streams import GcodeLine
-
-_line: Callable[[tuple[str, int, LineEffect | None]], GcodeLine] = partial(tuple.__new__, GcodeLine)
+from cnc.model.line_effects import effect_columns, rows_of
+from cnc.model.streams import GcodeLine, new_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +51,6 @@ class PackedLines:
         texts = iter(self.text.split("\n"))
         # Without a function of Python for each line.
         return chain.from_iterable(
-            map(_line, zip(islice(texts, len(lines)), lines, effects, strict=True))
+            map(new_line, zip(islice(texts, len(lines)), lines, effects, strict=True))
             for lines, effects in effect_columns(self.rows)
         )

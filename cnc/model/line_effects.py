@@ -118,7 +118,8 @@ def rows_of(lines: Sequence[int], effects: Sequence[LineEffect | None]) -> NDArr
     return rows
 
 
-_effect: Callable[[tuple[object, ...]], LineEffect] = partial(tuple.__new__, LineEffect)
+new_effect: Callable[[tuple[object, ...]], LineEffect] = partial(tuple.__new__, LineEffect)
+"""Make an effect of all its fields. A call of the type would take a function of Python."""
 
 
 def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]]:
@@ -137,4 +138,4 @@ def effect_columns(rows: NDArray[np.void]) -> Iterator[tuple[list[int], list[Lin
         wholes = zip(
             kinds, map(tuple, target), feed, plane, map(tuple, center), seconds, strict=True
         )
-        yield line, [None if each[0] is None else _effect(each) for each in wholes]
+        yield line, [None if each[0] is None else new_effect(each) for each in wholes]
