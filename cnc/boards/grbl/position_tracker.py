@@ -164,6 +164,15 @@ class PositionTracker:
         self._reported = found
         return 0.0
 
+    def stopped(self, position: Sequence[float], waiting: int) -> None:
+        """Note that the machine has been stopped here; arguments as of :meth:`off`.
+
+        It may have come some lines further than the last report while it moved.
+        """
+        # A place counts when the next report confirms it.
+        for _ in range(2):
+            self.off(position, waiting)
+
     def arrived(self, position: Sequence[float]) -> float:
         """Return how far the board rests from the end of its lines.
 
