@@ -50,9 +50,7 @@ def test_it_is_the_line_of_the_resting_position(percent: int, tmp_path: Path) ->
 def test_after_a_probe_it_is_the_line_of_the_probe(tmp_path: Path) -> None:
     """The next run does not know where the probe has touched."""
     simulator = GrblSimulator(settings=FAST, environment=material_below(-4.0))
-    report = stopped(
-        tmp_path, PROBING, simulator, lambda sent: (sent.position or (0.0,))[0] > 6.0
-    )
+    report = stopped(tmp_path, PROBING, simulator, lambda sent: (sent.position or (0.0,))[0] > 6.0)
     assert report.stopped_at_line == CUT_LINE
     assert report.resume_line == PROBE_LINE
     again = ran(simulator, tmp_path / "p.nc", from_line=report.resume_line)
