@@ -95,7 +95,8 @@ class LineStream:
     @property
     def stopping(self) -> bool:
         """Whether the operator has asked to stop the run."""
-        return self._requests is not None and self._requests.control.stopped
+        requests = self._requests
+        return requests is not None and requests.control.stopped
 
     @property
     def held(self) -> bool:
@@ -132,23 +133,21 @@ class LineStream:
             self.rest()
         if self.stopping:
             return False
-        status = self.status
-        if status.state == "Alarm":
+        if self.status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
-            or not protocol.fits(text, kind)
-            or monitor.far_ahead(status)
+            or monitor.far_ahead(link.status)
+            or not (data := protocol.offer(text, line.line, kind))
         ):
             self._await_answers()
             if self.stopping:
                 return False
-            status = self.status
         if kind == "probe":
             self.probed = None
         now = link.now()
         monitor.sending(line, now)
-        link.queue(protocol.send(text, line.line, kind))
+        link.queue(data)
         if (
             protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
         ) and protocol.mark_fits():

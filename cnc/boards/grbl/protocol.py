@@ -204,9 +204,15 @@ class GrblProtocol:
 
     def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
         """Return the bytes of a line that :meth:`fits`."""
-        kind = kind or kind_of(text)
-        if not self.fits(text, kind):
+        data = self.offer(text, line, kind or kind_of(text))
+        if not data:
             raise RuntimeError(f"The line {text!r} does not fit in state {self.state.name}.")
+        return data
+
+    def offer(self, text: str, line: int, kind: Kind) -> bytes:
+        """Return the bytes of a line, empty if it does not fit now."""
+        if not self.fits(text, kind):
+            return b""
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(
