@@ -41,8 +41,10 @@ LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
-SPARE = 0.0035
-"""Time before the wire is idle at which waiting ends, s: a computer may wake up late."""
+SPARE = 0.0015
+"""Time before the wire is idle at which waiting ends, s; the lateness of wake-ups is added."""
+LATE_WEIGHT = 0.9
+"""Part of the lateness that counts at the next wake-up."""
 BEHIND_REPORT = 0.8
 """Share of the gathering while answers may wait behind a report or the answer to a mark."""
 REPORT = 40
@@ -78,6 +80,7 @@ class LineStream:
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
         self._asked = False
+        self._late = 0.0
         self.wait = WAIT
 
     @property
@@ -169,7 +172,8 @@ class LineStream:
             link.write_queued()
         except PortLost as error:
             raise self._port_lost(error) from error
-        waiting, busy = protocol.waiting, wire.busy(link.now())
+        waiting, now = protocol.waiting, link.now()
+        busy = wire.busy(now)
         on_one_line = wire.time_of(protocol.used) / max(waiting, 1)
         behind = self._asked
         self._asked = link.asked or protocol.marked
@@ -177,13 +181,15 @@ class LineStream:
         pause = (BEHIND_REPORT if behind else 1.0) * GATHERING * (waiting - 1) * interval
         few = FEW_FOR_SLOW_BOARD if interval > SLOWER_THAN_WIRE * on_one_line else FEW_ARRIVED
         # As long as the wire is busy, lines that are sent now would only wait for it.
-        undisturbed = busy - SPARE
+        undisturbed = busy - SPARE - self._late
         pause = undisturbed if busy > (waiting - few) * on_one_line else max(pause, undisturbed)
         if behind and protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
             pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
         if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
-            link.clock.sleep(min(pause, LONGEST_GATHERING))
+            pause = min(pause, LONGEST_GATHERING)
+            link.clock.sleep(pause)
+            self._late = max(link.now() - now - pause, LATE_WEIGHT * self._late)
         self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
