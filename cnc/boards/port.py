@@ -62,9 +62,8 @@ class SystemClock:
     now = staticmethod(time.monotonic)
     """The monotonic time, s."""
 
-    def sleep(self, seconds: float) -> None:
-        """Wait for ``seconds``."""
-        time.sleep(seconds)
+    sleep = staticmethod(time.sleep)
+    """Wait for a number of seconds."""
 
 
 class PortLost(BoardError):

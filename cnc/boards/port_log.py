@@ -38,13 +38,13 @@ class LoggedPort:
     def read(self, timeout: float) -> bytes:
         """Return the received bytes; see :meth:`Port.read`."""
         data = self.port.read(timeout)
-        if data and self._wanted:
+        if data and (self.on_line is not None or self._log.isEnabledFor(logging.DEBUG)):
             self._log_received(data)
         return data
 
     def write(self, data: bytes) -> None:
         """Send bytes at once; see :meth:`Port.write`."""
-        if self._wanted:
+        if self.on_line is not None or self._log.isEnabledFor(logging.DEBUG):
             for line in data.splitlines() if self._text else [data]:
                 self._log_line("->", line)
         self.port.write(data)
@@ -58,10 +58,6 @@ class LoggedPort:
         """Close the connection."""
         self._log.debug("%s: close", self._name)
         self.port.close()
-
-    @property
-    def _wanted(self) -> bool:
-        return self.on_line is not None or self._log.isEnabledFor(logging.DEBUG)
 
     def _log_received(self, data: bytes) -> None:
         """Log complete lines; the rest waits for its end."""

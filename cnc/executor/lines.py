@@ -25,6 +25,7 @@ from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
+from cnc.model.line_effects import LineKind
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
@@ -109,11 +110,14 @@ class LineOutcome:
         lines: Number of lines sent.
         stopped_at_line: None after a complete run. After a stop, the source line of the last
             motion, else the last line that the board has accepted.
+        began: Time of the first line with an effect other than modes, by the clock of the board, s;
+            None without one.
     """
 
     position: tuple[float, ...]
     lines: int
     stopped_at_line: int | None = None
+    began: float | None = None
 
 
 class _Stream:
@@ -136,6 +140,7 @@ class _Stream:
         self.pause: Block | None = None
         self.text: tuple[Block | None, str] = (None, "")
         self.sent = 0
+        self.began: float | None = None
         self.file = ""
         self.wanted: Mapping[str, float] | None = None
 
@@ -193,6 +198,8 @@ class _Stream:
                 return
             self.board.send_line(line)
             self.sent += 1
+            if self.began is None and not _only_modes(line):
+                self.began = self.board.now()
             if self.on_line is not None:
                 self.on_line(line)
 
@@ -233,7 +240,11 @@ class _Stream:
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
         line = board.moving_line or board.confirmed_line
-        return LineOutcome(board.position, self.sent, line if stopped else None)
+        return LineOutcome(board.position, self.sent, line if stopped else None, self.began)
+
+
+def _only_modes(line: GcodeLine) -> bool:
+    return line.effect is not None and line.effect.kind is LineKind.MODES
 
 
 def stream(

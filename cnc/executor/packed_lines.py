@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import effects_of, rows_of
-from cnc.model.streams import GcodeLine
+from cnc.model.line_effects import effect_columns, rows_of
+from cnc.model.streams import GcodeLine, new_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,5 +48,9 @@ class PackedLines:
         return len(self.rows)
 
     def __iter__(self) -> Iterator[GcodeLine]:
-        for text, (line, effect) in zip(self.text.split("\n"), effects_of(self.rows), strict=False):
-            yield GcodeLine(text, line, effect)
+        texts = iter(self.text.split("\n"))
+        # Without a function of Python for each line.
+        return chain.from_iterable(
+            map(new_line, zip(islice(texts, len(lines)), lines, effects, strict=True))
+            for lines, effects in effect_columns(self.rows)
+        )

@@ -362,7 +362,7 @@ class BoardTime:
         """Keep the time at the end of lines; fewer of them as the program grows."""
         sums = self._total + np.cumsum(times, axis=0)
         ends = np.flatnonzero(np.append(np.diff(owners) > 0, True))
-        self._keep((int(owners[k]), sums[k]) for k in ends.tolist())
+        self._keep(zip(owners[ends].tolist(), sums[ends], strict=True))
         self._total = sums[-1]
 
     def _keep(self, marks: Iterable[tuple[int, Floats]]) -> None:

@@ -22,8 +22,8 @@ from cnc.grbl_lines.number_format import (
     feed_word,
 )
 from cnc.grbl_lines.printed_arc import ArcPrinter, Printed
-from cnc.model.line_effects import REST, LineEffect, LineKind
-from cnc.model.streams import GcodeLine
+from cnc.model.line_effects import REST, LineEffect, LineKind, new_effect
+from cnc.model.streams import GcodeLine, new_line
 from cnc.model.units import per_minute, per_second
 
 LINE_TIME, BYTE_TIME = 2.1e-3, 30e-6
@@ -178,16 +178,19 @@ class LineWriter:
     def straights(self, moves: Iterable[Move]) -> list[GcodeLine]:
         """Return the lines of straight moves: most lines of most programs are made here."""
         lines: list[GcodeLine] = []
-        offset, places = self._arcs.offset, f"%.{self._arcs.digits}f"
+        places = f"%.{self._arcs.digits}f"
         values, texts = list(self._at.values), list(self._at.texts)
-        before, unnamed = self._point, (math.nan,) * len(values)
+        axes = [(k, letter, self._arcs.offset[k]) for k, letter in self._axes]
+        before, unnamed = self._point or (math.nan,) * len(values), [math.nan] * len(values)
+        kind, distance, is_nan = LineKind.FEED, math.dist, math.isnan
         for move in moves:
             point = move.end
             words: list[str] = []
-            start, target = values.copy(), list(unnamed)
-            for k, letter in self._axes:
-                if before is None or texts[k] is None or point[k] != before[k]:
-                    text = places % (point[k] - offset[k])
+            start, target = values.copy(), unnamed.copy()
+            for k, letter, offset in axes:
+                at = point[k]
+                if at != before[k] or texts[k] is None:
+                    text = places % (at - offset)
                     if text[-1] == "0":
                         text = text.rstrip("0").rstrip(".")
                         text = "0" if text == "-0" else text
@@ -200,25 +203,27 @@ class LineWriter:
                 continue
             if len(self._named) < len(self._axes):
                 self._named.update(word[0] for word in words)
-            length, feed = math.dist(values, start), ""
-            kind = LineKind.FEED
-            if math.isnan(move.feed):
-                kind = LineKind.RAPID
+            length, text = distance(values, start), " ".join(words)
+            if is_nan(move.feed):
+                kind, feed = LineKind.RAPID, ""
                 seconds = length / max(move.speed, 1e-6)
                 self._ahead = min(self._ahead + seconds, MOST_AHEAD)
             else:
-                feed = self._feed_word(length, len(" ".join(words)), move)
+                kind, feed = LineKind.FEED, self._feed_word(length, len(text), move)
             if feed:
-                words.append(feed)
+                text += " " + feed
             if MOTION_WORDS[kind] != self._motion:
                 self._motion = MOTION_WORDS[kind]
-                words.insert(0, self._motion)
+                text = self._motion + " " + text
             if self._power:
-                words.append(self._power)
+                text += " " + self._power
                 self._power = ""
-            effect = LineEffect(kind, tuple(target), self._printed_feed, self._plane)
-            lines.append(GcodeLine(" ".join(words), move.line, effect))
-        self._at, self._point = Printed(tuple(values), tuple(texts)), before
+            effect = new_effect(
+                (kind, tuple(target), self._printed_feed, self._plane, (0.0, 0.0), 0.0)
+            )
+            lines.append(new_line((text, move.line, effect)))
+        self._at = Printed(tuple(values), tuple(texts))
+        self._point = None if any(map(is_nan, before)) else before
         return lines
 
     def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:

@@ -6,8 +6,10 @@ Whoever writes a line knows its motion. The line carries it, so that no receiver
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
+from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +48,8 @@ MOTIONS = frozenset(
         LineKind.PROBE,
     )
 )
-KINDS = tuple(LineKind)
+KINDS = (*LineKind, None)
+"""The kinds by number, and None for UNKNOWN."""
 ARCS = frozenset((LineKind.CLOCKWISE, LineKind.COUNTERCLOCKWISE))
 
 
@@ -115,16 +118,24 @@ def rows_of(lines: Sequence[int], effects: Sequence[LineEffect | None]) -> NDArr
     return rows
 
 
+new_effect: Callable[[tuple[object, ...]], LineEffect] = partial(tuple.__new__, LineEffect)
+"""Make an effect of all its fields. A call of the type would take a function of Python."""
+
+
 def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]]:
-    """Yield source line and effect of rows."""
+    """Return an iterator over source line and effect of rows."""
+    return chain.from_iterable(zip(*columns, strict=True) for columns in effect_columns(rows))
+
+
+def effect_columns(rows: NDArray[np.void]) -> Iterator[tuple[list[int], list[LineEffect | None]]]:
+    """Yield the source lines and the effects of some rows at a time."""
     for first in range(0, len(rows), TOGETHER):
         some = rows[first : first + TOGETHER]
         line, kind, plane, target, feed, center, seconds = (
             some[name].tolist() for name in some.dtype.names or ()
         )
-        kinds = [None if each == UNKNOWN else KINDS[each] for each in kind]
+        kinds = map(KINDS.__getitem__, kind)
         wholes = zip(
             kinds, map(tuple, target), feed, plane, map(tuple, center), seconds, strict=True
         )
-        effects = [None if each[0] is None else LineEffect._make(each) for each in wholes]
-        yield from zip(line, effects, strict=True)
+        yield line, [None if each[0] is None else new_effect(each) for each in wholes]

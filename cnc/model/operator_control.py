@@ -63,6 +63,11 @@ class Control:
         return self._spindle_override
 
     @property
+    def requested(self) -> tuple[bool, float, int, float]:
+        """Hold and overrides together: to see whether any has changed."""
+        return self._held, self._feed_override, self._rapid_override, self._spindle_override
+
+    @property
     def held(self) -> bool:
         """Whether motion is held until :meth:`resume`."""
         return self._held

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -66,3 +68,9 @@ class GcodeLine(NamedTuple):
     text: str
     line: int
     effect: LineEffect | None = None
+
+
+new_line: Callable[[tuple[str, int, LineEffect | None]], GcodeLine] = partial(
+    tuple.__new__, GcodeLine
+)
+"""Make a line of all its fields. A call of the type would take a function of Python."""

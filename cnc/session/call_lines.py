@@ -1,4 +1,4 @@
-"""Lines of subprograms, and the lines of the main program that call them."""
+"""Lines of subprograms, the lines of the main program that call them, and unanswered lines."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cnc.model.blocks import Block, CallBoundary, Polyline
+from cnc.model.blocks import Block, CallBoundary, Polyline, Probe, WaitInput
 from cnc.model.motion_commands import apart
 
 
@@ -34,3 +34,28 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
             low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
             found = found or (call if low <= line <= high else 0)
     return found
+
+
+def unanswered_line(blocks: Iterable[Block], file: str, line: int) -> int:
+    """Return the first line at which a probe or an input decides how the program continues.
+
+    Args:
+        blocks: Blocks of the program, with marks at its calls.
+        file: The program.
+        line: The line up to which to look.
+
+    Returns:
+        The line in the main program, 0 for none before ``line``.
+    """
+    call = 0
+    for block in apart(blocks):
+        if isinstance(block, CallBoundary):
+            call = block.line if block.inside else 0
+            continue
+        last = int(block.lines.max()) if isinstance(block, Polyline) else block.line
+        here = call or (last if block.file == file else 0)
+        if here >= line:
+            return 0
+        if here and isinstance(block, Probe | WaitInput):
+            return here
+    return 0

@@ -111,7 +111,7 @@ class CheckpointWriter:
         ended: str,
         line: int | None,
         position: Mapping[str, float],
-        main_program_line: Callable[[int], int],
+        line_to_continue_at: Callable[[int], int],
     ) -> int:
         """Close the checkpoint of a run that did not reach its end.
 
@@ -119,14 +119,15 @@ class CheckpointWriter:
             ended: The reason, as in the file.
             line: The line that the run has reached, if it is known exactly.
             position: The final position; empty to keep the last one.
-            main_program_line: Returns the line of the main program for a line of a subprogram.
+            line_to_continue_at: Returns the line of the main program at which a run that reached a
+                line can continue.
 
         Returns:
             The line to continue at, 0 if the run reached none.
         """
         self._close()
         line = line if line and self._in_main_file else self.latest.line
-        line = main_program_line(line) if line else 0
+        line = line_to_continue_at(line) if line else 0
         final = dict(position) or self.latest.position
         self.latest = self.latest.model_copy(
             update={"ended": ended, "line": line, "position": final}

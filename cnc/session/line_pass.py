@@ -20,7 +20,6 @@ from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.model.blocks import Block, Tool
 from cnc.model.diagnostics import BoardError, Diagnostic
-from cnc.model.line_effects import LineKind
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -97,13 +96,6 @@ class LinePass:
                 present.described(progress, time=time, left=left, axes=machine.axis_names)
             )
 
-        began: list[float] = []
-
-        def on_line(line: GcodeLine) -> None:
-            if not began and (line.effect is None or line.effect.kind is not LineKind.MODES):
-                began.append(board.now())
-            present.sent(line)
-
         before_motion()
         on_progress(Progress(0.0, 0, 0))
         try:
@@ -112,7 +104,7 @@ class LinePass:
                 board,
                 control=control,
                 on_progress=on_progress,
-                on_line=on_line,
+                on_line=present.sent,
                 afterwards=changed_offsets,
                 pause_text=lambda block: pause_text(block, context.reader),
             )
@@ -123,7 +115,8 @@ class LinePass:
         if outcome.stopped_at_line is not None:
             report.duration_s = self.timing.seconds - self.timing.remaining(outcome.lines)
         if not board.check_only:
-            report.played_s = max(board.rested_at - began[0], 0.0) if began else 0.0
+            began = outcome.began
+            report.played_s = 0.0 if began is None else max(board.rested_at - began, 0.0)
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
     def _steps(self, on_lines: Callable[[PackedLines], None] | None = None) -> Iterator[Step]:

@@ -36,7 +36,7 @@ from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
 from cnc.planner.joints import Joints, ToolTipOf
 from cnc.planner.motion_time import motion_time
-from cnc.session.call_lines import line_of_call
+from cnc.session.call_lines import line_of_call, unanswered_line
 from cnc.session.resume import RestartPoint
 from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import WITHOUT_FILE
@@ -251,12 +251,15 @@ class ProgramReader:
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
 
-    def main_program_line(self, line: int) -> int:
+    def line_to_continue_at(self, line: int) -> int:
         """Return the line of the main program at which a run that reached ``line`` can continue.
 
-        It is the call of the subprogram that the line lies in, or the line itself.
+        It is the call of the subprogram that the line lies in, or the line itself. Where a probe or
+        an input before it decides how the program continues, it is the line of that: the next run
+        does not know the answer.
         """
-        return line_of_call(self._marked_blocks(self.start), self.name, line) or line
+        line = line_of_call(self._marked_blocks(self.start), self.name, line) or line
+        return unanswered_line(self._marked_blocks(self.start), self.name, line) or line
 
     def _marked_blocks(self, start: Floats) -> Iterator[Block]:
         """Yield the blocks from a start position, with marks at subprogram calls."""

@@ -107,7 +107,7 @@ class RunRecord:
         if checkpoint is None:
             return
         if ended:
-            resume = checkpoint.end(ended, line, position, self._main_program_line)
+            resume = checkpoint.end(ended, line, position, self._line_to_continue_at)
             self._context.report.resume_line = resume or None
         else:
             checkpoint.done()
@@ -122,9 +122,9 @@ class RunRecord:
             replace(found, hint=f"{found.hint}; then {hint}" if found.hint else hint)
         )
 
-    def _main_program_line(self, line: int) -> int:
+    def _line_to_continue_at(self, line: int) -> int:
         try:
-            return self._context.reader.main_program_line(line)
+            return self._context.reader.line_to_continue_at(line)
         except (CncError, StoppedBeforeMotion):
             return line
 

@@ -227,7 +227,10 @@ class Session:
         overrides = control.feed_override, float(control.rapid_override)
         timing = self._write_lines(board, capabilities)
         timing = self._run_pass(board, record, kept, check.depends_on_answers) or timing
-        exact = report.stopped_at_line if isinstance(board, PulseSink) else None
+        exact = report.stopped_at_line
+        if isinstance(board, LineSink) and exact != board.moving_line:
+            # The last line that the board has accepted may lie ahead of the motion.
+            exact = None
         stopped = report.stopped_at_line is not None
         record.end("stopped" if stopped else "", report.end_position, exact)
         if timing is not None and capabilities.lines and not stopped:

@@ -350,10 +350,13 @@ class GrblBoard:
 
         Lines that are not carried out are dropped; the position is kept.
         """
-        fault = self.link.halt() if self.state == "running" else None
+        running, waiting = self.state == "running", self.link.protocol.waiting
+        fault = self.link.halt() if running else None
         self.stream.state = "stopped"
         if fault is not None:
             raise self.stream.at_confirmed(fault)
+        if running:
+            self.stream.monitor.tracker.stopped(self.stream.position, waiting)
 
     def abort(self) -> None:
         """Stop: nothing is quicker that keeps the position."""

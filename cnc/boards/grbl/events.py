@@ -37,9 +37,15 @@ class SentLine:
 
 @dataclass(slots=True)
 class Confirmed:
-    """The board accepted a line."""
+    """The board accepted lines.
+
+    Attributes:
+        sent: The last of them.
+        count: Their number: answers that came together are one event.
+    """
 
     sent: SentLine
+    count: int = 1
 
 
 @dataclass(frozen=True, slots=True)

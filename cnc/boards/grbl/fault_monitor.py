@@ -110,15 +110,15 @@ class FaultMonitor:
         self._busy_at = now
 
     def sending(self, line: GcodeLine, now: float) -> None:
-        """Note a line that is sent now."""
-        if not self._protocol.waiting:
+        """Note a line that has been sent just now."""
+        if self._protocol.waiting == 1:
             self.liveness.begin(now)
         if self._moves:
             self.tracker.send(line)
 
-    def far_ahead(self, status: Status) -> bool:
+    def far_ahead(self, status: Status | None) -> bool:
         """Return whether the board has enough motion ahead for now."""
-        if not self.tracker.lines:
+        if not self._moves or status is None:
             return False
         feed, rapid, _ = status.overrides or (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
         return self.tracker.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead

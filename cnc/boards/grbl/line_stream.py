@@ -41,6 +41,10 @@ LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
+SPARE = 0.0015
+"""Time before the wire is idle at which waiting ends, s; the lateness of wake-ups is added."""
+LATE_WEIGHT = 0.9
+"""Part of the lateness that counts at the next wake-up."""
 BEHIND_REPORT = 0.8
 """Share of the gathering while answers may wait behind a report or the answer to a mark."""
 REPORT = 40
@@ -76,6 +80,7 @@ class LineStream:
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
         self._asked = False
+        self._late = 0.0
         self.wait = WAIT
 
     @property
@@ -93,7 +98,8 @@ class LineStream:
     @property
     def stopping(self) -> bool:
         """Whether the operator has asked to stop the run."""
-        return self._requests is not None and self._requests.control.stopped
+        requests = self._requests
+        return requests is not None and requests.control.stopped
 
     @property
     def held(self) -> bool:
@@ -128,25 +134,23 @@ class LineStream:
         protocol, liveness = link.protocol, monitor.liveness
         if kind in ("writer", "system"):
             self.rest()
-        status = self.status
-        if status.state == "Alarm":
+        if self.stopping:
+            return False
+        if self.status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
-            or not protocol.fits(text, kind)
-            or monitor.far_ahead(status)
+            or monitor.far_ahead(link.status)
+            or not (data := protocol.offer(text, line.line, kind))
         ):
+            self._await_answers()
             if self.stopping:
                 return False
-            self._await_answers()
-            status = self.status
-        if self.stopping:
-            return False
         if kind == "probe":
             self.probed = None
         now = link.now()
         monitor.sending(line, now)
-        link.queue(protocol.send(text, line.line, kind), now)
+        link.queue(data)
         if (
             protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
         ) and protocol.mark_fits():
@@ -162,21 +166,30 @@ class LineStream:
         slowly than the board reads them is not left idle. A report makes answers late: behind it,
         more lines are answered than is known.
         """
-        interval, now = self.monitor.liveness.interval, self.link.now()
-        protocol, wire = self.link.protocol, self.link.wire
-        size = protocol.used / max(protocol.waiting, 1)
-        arrived = protocol.waiting - wire.on_wire(now) / max(size, 1.0)
-        asked, self._asked = self._asked, self.link.asked or protocol.marked
-        part = GATHERING * (BEHIND_REPORT if asked or self._asked else 1.0)
-        pause = part * (protocol.waiting - 1) * interval
-        slow = interval > SLOWER_THAN_WIRE * wire.time_of(size)
-        if arrived < (FEW_FOR_SLOW_BOARD if slow else FEW_ARRIVED):
-            pause = min(pause, wire.busy(now) - SHORTEST_GATHERING)
-        if protocol.partial[:1] in (b"<", b"["):
+        link, interval = self.link, self.monitor.liveness.interval
+        protocol, wire = link.protocol, link.wire
+        try:
+            link.write_queued()
+        except PortLost as error:
+            raise self._port_lost(error) from error
+        waiting, now = protocol.waiting, link.now()
+        busy = wire.busy(now)
+        on_one_line = wire.time_of(protocol.used) / max(waiting, 1)
+        behind = self._asked
+        self._asked = link.asked or protocol.marked
+        behind = behind or self._asked
+        pause = (BEHIND_REPORT if behind else 1.0) * GATHERING * (waiting - 1) * interval
+        few = FEW_FOR_SLOW_BOARD if interval > SLOWER_THAN_WIRE * on_one_line else FEW_ARRIVED
+        # As long as the wire is busy, lines that are sent now would only wait for it.
+        undisturbed = busy - SPARE - self._late
+        pause = undisturbed if busy > (waiting - few) * on_one_line else max(pause, undisturbed)
+        if behind and protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
             pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
         if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
-            self.link.pause(min(pause, LONGEST_GATHERING))
+            pause = min(pause, LONGEST_GATHERING)
+            link.clock.sleep(pause)
+            self._late = max(link.now() - now - pause, LATE_WEIGHT * self._late)
         self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
@@ -241,8 +254,7 @@ class LineStream:
         try:
             events = link.pump(timeout) if poll is None else link.pump(timeout, poll)
         except PortLost as error:
-            self.state = "stopped"
-            raise self.at_confirmed(error) from error
+            raise self._port_lost(error) from error
         except BoardError as error:
             link.drop()
             self.state = "stopped"
@@ -252,15 +264,17 @@ class LineStream:
         for event in events:
             # At the wire's full rate nearly all are answers, which cost least together.
             if type(event) is Confirmed:
-                confirmed += 1
+                confirmed += event.count
                 continue
             if confirmed:
                 self.monitor.confirmed(confirmed, now)
                 confirmed = 0
             self.receive(event, now)
         if confirmed:
+            # A board that answers is alive.
             self.monitor.confirmed(confirmed, now)
-        self._check_liveness(now)
+        else:
+            self._check_liveness(now)
         self._serve_operator()
 
     def receive(self, event: Event, now: float) -> None:
@@ -286,8 +300,7 @@ class LineStream:
         try:
             self.link.write(data)
         except PortLost as error:
-            self.state = "stopped"
-            raise self.at_confirmed(error) from error
+            raise self._port_lost(error) from error
 
     def end_check_mode(self) -> None:
         """Leave the check mode of the board by a reset."""
@@ -312,6 +325,11 @@ class LineStream:
             else "; the board had confirmed no line yet"
         )
         return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
+
+    def _port_lost(self, error: PortLost) -> BoardError:
+        """Return the fault of a lost connection, which ends the run."""
+        self.state = "stopped"
+        return self.at_confirmed(error)
 
     def _check_liveness(self, now: float) -> None:
         protocol = self.link.protocol
@@ -349,7 +367,7 @@ class LineStream:
     def _mark(self) -> None:
         self._marked_at = self.link.now()
         self.monitor.liveness.marked(self._marked_at)
-        self.link.queue(self.link.protocol.mark(), self._marked_at)
+        self.link.queue(self.link.protocol.mark())
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""

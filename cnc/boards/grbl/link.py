@@ -99,22 +99,20 @@ class GrblLink:
         """Call a function with direction (``->``, ``<-``) and text of each line; None ends it."""
         self._port.on_line = on_line
 
-    def queue(self, data: bytes, now: float) -> None:
-        """Write with the next bytes, or before the next :meth:`pump`; ``now``: present time, s."""
-        self.wire.written(len(data), now)
+    def queue(self, data: bytes) -> None:
+        """Write with the next bytes, or before the next :meth:`pump`."""
         self._queued += data
 
     def write(self, data: bytes) -> None:
-        """Write at once; PortLost."""
-        self.wire.written(len(data), self.clock.now())
+        """Write at once, behind what is queued; PortLost."""
         data, self._queued = self._queued + data, b""
+        self.wire.written(len(data), self.clock.now())
         self._port.write(data.translate(ABOVE_ASCII) if self.info.commands_above_ascii else data)
 
-    def pause(self, seconds: float) -> None:
-        """Write what is queued, then wait without receiving."""
+    def write_queued(self) -> None:
+        """Write what is queued; PortLost."""
         if self._queued:
             self.write(b"")
-        self.clock.sleep(seconds)
 
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""

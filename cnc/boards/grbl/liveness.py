@@ -55,11 +55,13 @@ class LivenessMonitor:
         max_waiting: Lines that may be unanswered: as many as were answered lately in AHEAD s. A
             board with a full planner answers one line for each move. So long moves leave few lines
             in its receive buffer, and short moves as many as fit.
+        interval: Average time between two answers, s: lately, or over a longer time if that is
+            less. A long move does not raise it by much.
     """
 
     def __init__(self) -> None:
         self.max_waiting = FEWEST_WAITING
-        self._interval = self._lasting = 0.0
+        self.interval = self._interval = self._lasting = 0.0
         self._gap, self._read, self._before = 0.0, 0, (0.0, 0.0)
         self._answered_at = self._marked_at = 0.0
         self._quiet_since = 0.0
@@ -67,14 +69,6 @@ class LivenessMonitor:
         self._reported_at = 0.0
         self._state = ""
         self._position: tuple[float, ...] | None = None
-
-    @property
-    def interval(self) -> float:
-        """Average time between two answers, s: lately, or over a longer time if that is less.
-
-        A long move does not raise it by much.
-        """
-        return min(self._interval, self._lasting)
 
     def begin(self, now: float) -> None:
         """Note that a line is sent after a time without lines."""
@@ -91,6 +85,7 @@ class LivenessMonitor:
         self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
         each = min(each, STALL * max(long, FASTEST))
         self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read
+        self.interval = min(self._interval, self._lasting)
         self.max_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._interval, 1e-6)))
         self._answered_at = self._quiet_since = self._moved_at = now
 

@@ -4,6 +4,8 @@ A byte may get lost (the board loses bytes while it writes to its EEPROM). So ea
 compared with the status reports, and repeated. Where the machine itself holds (a program stop, a
 tool change, the safety door, a button), this becomes a hold of the operator, who resumes at the
 machine or here.
+
+A board that brakes ignores a resume. So it is sent when a report shows that the machine rests.
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ class OperatorRequests:
         self.control = control
         self._held = self._held_by_machine = False
         self._requested_at = -PATIENCE
-        self._seen: tuple[float, ...] = ()
+        self._seen: tuple[object, ...] = ()
         self._steps = {column: Stepped(-PATIENCE, -1) for column in (FEED, RAPID, SPINDLE)}
 
     @property
@@ -71,13 +73,7 @@ class OperatorRequests:
             now: Present time, s.
         """
         control = self.control
-        seen = (
-            status_at,
-            control.held,
-            control.feed_override,
-            control.rapid_override,
-            control.spindle_override,
-        )
+        seen = (status_at, control.requested)
         if seen == self._seen:
             return b""
         self._seen = seen
@@ -91,6 +87,8 @@ class OperatorRequests:
     def _hold(self, status: Status, status_at: float, now: float) -> bytes:
         control = self.control
         if control.held != self._held:
+            if self._held and self._braking(status, status_at):
+                return b""
             self._held, self._held_by_machine, self._requested_at = control.held, False, now
             return RealTime.HOLD.value if self._held else RealTime.RESUME.value
         if now - self._requested_at <= PATIENCE or status_at <= self._requested_at:
@@ -106,6 +104,12 @@ class OperatorRequests:
             self._held = self._held_by_machine = False
             control.resume()
         return b""
+
+    def _braking(self, status: Status, status_at: float) -> bool:
+        """Return whether a hold is not complete, by a report that may be older than the hold."""
+        if status.state not in WAITING:
+            return status_at - self._requested_at <= PATIENCE
+        return status_at <= self._requested_at or not status.at_rest
 
     def reached(self, status: Status) -> bool:
         """Return whether the board has all requested overrides."""

@@ -103,9 +103,9 @@ class PositionTracker:
 
     def seconds_at(self, feed: float, rapid: float) -> float:
         """Return the same at overrides of feed and traverse, in per cent."""
-        ahead = self.seconds
-        if not ahead:
+        if self._at is None or not self._moves:
             return 0.0
+        ahead = self._seconds - self._passed * self._moves[0].seconds
         traversing = self._traversing - self._passed * self._traverses[0]
         return (ahead - traversing) * 100.0 / feed + traversing * 100.0 / rapid
 
@@ -163,6 +163,15 @@ class PositionTracker:
             return min(closest, nearest)
         self._reported = found
         return 0.0
+
+    def stopped(self, position: Sequence[float], waiting: int) -> None:
+        """Note that the machine has been stopped here; arguments as of :meth:`off`.
+
+        It may have come some lines further than the last report while it moved.
+        """
+        # A place counts when the next report confirms it.
+        for _ in range(2):
+            self.off(position, waiting)
 
     def arrived(self, position: Sequence[float]) -> float:
         """Return how far the board rests from the end of its lines.

@@ -68,6 +68,7 @@ from cnc.boards.grbl.status import StatusReader
 
 RX_BYTES = 128
 """Receive buffer of GRBL 1.1 on an AVR; every board has that much."""
+ANSWER = b"ok\r\n"
 MARK = "$G"
 MARK_BYTES = len(MARK) + 1
 
@@ -138,6 +139,8 @@ class GrblProtocol:
     Attributes:
         firmware: The firmware: by its welcome, or by its answers if it is grblHAL that greets as
             GRBL.
+        used: Bytes of the unanswered lines.
+        unmarked: Number of lines since the last mark.
     """
 
     def __init__(self) -> None:
@@ -146,10 +149,9 @@ class GrblProtocol:
         self.status_reader = StatusReader()
         self.confirmed_line = 0
         self._messages = Messages()
+        self.used = self.unmarked = 0
         self._unanswered: deque[SentLine] = deque()
-        self._used = 0
         self._marks = 0
-        self._since_mark = 0
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
         self.firmware = Firmware.GRBL
@@ -163,11 +165,6 @@ class GrblProtocol:
     def waiting(self) -> int:
         """Number of unanswered lines."""
         return len(self._unanswered)
-
-    @property
-    def used(self) -> int:
-        """Bytes of the unanswered lines."""
-        return self._used
 
     @property
     def oldest(self) -> SentLine | None:
@@ -203,13 +200,19 @@ class GrblProtocol:
             return False
         if (kind or kind_of(text)) in ("writer", "system"):
             return False
-        return self._used + len(text) + 1 + MARK_BYTES < self.rx_bytes
+        return self.used + len(text) + 1 + MARK_BYTES < self.rx_bytes
 
     def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
         """Return the bytes of a line that :meth:`fits`."""
-        kind = kind or kind_of(text)
-        if not self.fits(text, kind):
+        data = self.offer(text, line, kind or kind_of(text))
+        if not data:
             raise RuntimeError(f"The line {text!r} does not fit in state {self.state.name}.")
+        return data
+
+    def offer(self, text: str, line: int, kind: Kind) -> bytes:
+        """Return the bytes of a line, empty if it does not fit now."""
+        if not self.fits(text, kind):
+            return b""
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(
@@ -222,11 +225,6 @@ class GrblProtocol:
             )
         )
 
-    @property
-    def unmarked(self) -> int:
-        """Number of lines since the last mark."""
-        return self._since_mark
-
     def mark_fits(self) -> bool:
         """Return whether a mark may be sent: one at a time, without writers or system lines."""
         if (
@@ -235,14 +233,13 @@ class GrblProtocol:
             or (self._unanswered and self._unanswered[-1].kind in ("writer", "system"))
         ):
             return False
-        return self._used + MARK_BYTES < self.rx_bytes
+        return self.used + MARK_BYTES < self.rx_bytes
 
     def mark(self) -> bytes:
         """Return the bytes of a mark that fits."""
         if not self.mark_fits():
             raise RuntimeError(f"A mark does not fit in state {self.state.name}.")
         self._marks += 1
-        self._since_mark = 0
         line = self._unanswered[-1].line if self._unanswered else self.confirmed_line
         return self._enter(
             SentLine(
@@ -254,21 +251,42 @@ class GrblProtocol:
         """Return the soft reset; both sides drop the lines that are not carried out."""
         self.state = State.RESETTING
         self._unanswered.clear()
-        self._used = self._marks = self._since_mark = 0
+        self.used = self.unmarked = self._marks = 0
         self._expected_modes.clear()
         self.status_reader.forget()
         return RealTime.RESET.value
 
     def receive(self, data: bytes) -> list[Event]:
         """Return the events in bytes from the board."""
+        count = self._accepted(data)
+        if count:
+            return [self._confirmed(count)]
         events = [self._event(message) for message in self._messages.receive(data)]
         return [event for event in events if event is not None]
 
     def _enter(self, sent: SentLine) -> bytes:
         self._unanswered.append(sent)
-        self._used += sent.size
-        self._since_mark += not sent.mark
+        self.used += sent.size
+        self.unmarked = 0 if sent.mark else self.unmarked + 1
         return sent.text.encode("ascii") + b"\n"
+
+    def _accepted(self, data: bytes) -> int:
+        """Return the number of lines that bytes accept; 0 if they may hold anything else.
+
+        At the full rate of the wire nearly all bytes are such answers.
+        """
+        count = len(data) // len(ANSWER)
+        plain = self.state is State.READY and not self._marks and not self._messages.partial
+        return count if plain and count <= self.waiting and data == ANSWER * count else 0
+
+    def _confirmed(self, count: int) -> Confirmed:
+        """Return the event of ``count`` accepted lines, none of which is a mark."""
+        self._starting = False
+        for _ in range(count):
+            sent = self._unanswered.popleft()
+            self.used -= sent.size
+            self.confirmed_line = sent.line or self.confirmed_line
+        return Confirmed(sent, count)
 
     def _event(self, message: Message) -> Event | None:
         if message is OK or isinstance(message, Reply):
@@ -299,7 +317,7 @@ class GrblProtocol:
             self.state = State.FAILED
             return UnexpectedReply(reply.error)
         sent = self._unanswered.popleft()
-        self._used -= sent.size
+        self.used -= sent.size
         self._marks -= sent.mark
         if reply.error:
             self.state = State.FAILED

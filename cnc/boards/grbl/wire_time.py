@@ -32,7 +32,3 @@ class WireTime:
     def busy(self, now: float) -> float:
         """Return the time for which the wire is busy from a time on, s."""
         return max(self._idle_from - now, 0.0)
-
-    def on_wire(self, now: float) -> float:
-        """Return the bytes that are still on their way at a time, s."""
-        return self.busy(now) / self._byte_time

@@ -21,6 +21,8 @@ TINY = ["G1 F855", *(f"X{110 + k / 20:.2f} Z-{1 + k % 7 / 1000:.3f} S{k}" for k 
 FAST = {110: 5000.0, 120: 500.0}
 LASER = {110: 6000.0, 111: 6000.0, 112: 6000.0, 120: 5000.0, 121: 5000.0, 122: 5000.0}
 PROMPT = {110: 2e4, 111: 2e4, 112: 2e4, 120: 5e3, 121: 5e3, 122: 5e3}
+NEVER = 1.0
+"""A shortest gathering, s, that is longer than any."""
 LIGHT = {110: 6000.0, 112: 3000.0, 120: 1500.0, 122: 400.0}
 
 
@@ -36,7 +38,7 @@ def overscanned(rows: int, pixels: int) -> Iterator[str]:
 
 def streamed(
     monkeypatch: pytest.MonkeyPatch,
-    gathering: float,
+    shortest: float,
     lines: list[str],
     *,
     check_only: bool,
@@ -44,7 +46,7 @@ def streamed(
     settings: Mapping[int, float] = FAST,
 ) -> tuple[float, int]:
     """Return the seconds of the lines on the board, and the number of readings."""
-    monkeypatch.setattr(line_stream, "GATHERING", gathering)
+    monkeypatch.setattr(line_stream, "SHORTEST_GATHERING", shortest)
     simulator = GrblSimulator(settings=settings, baud=baud)
     changed = MACHINE.board.model_copy(update={"baud": baud})
     board = connected(simulator, MACHINE.model_copy(update={"board": changed}))
@@ -68,8 +70,8 @@ def streamed(
 def test_answers_gather_while_the_wire_stays_busy(
     lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gathering = line_stream.GATHERING
-    seconds, readings = streamed(monkeypatch, 0.0, lines, check_only=True)
+    gathering = line_stream.SHORTEST_GATHERING
+    seconds, readings = streamed(monkeypatch, NEVER, lines, check_only=True)
     fewer = streamed(monkeypatch, gathering, lines, check_only=True)
     assert fewer[0] < 1.004 * seconds
     assert fewer[1] < 0.6 * readings
@@ -79,8 +81,8 @@ def test_answers_gather_while_the_wire_stays_busy(
 def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The full planner answers nothing meanwhile, and then answers as fast as before."""
     hard: Any = {"check_only": False, "baud": baud, "settings": LASER}
-    gathering, lines = line_stream.GATHERING, list(overscanned(12, 60))
-    seconds, _ = streamed(monkeypatch, 0.0, lines, **hard)
+    gathering, lines = line_stream.SHORTEST_GATHERING, list(overscanned(12, 60))
+    seconds, _ = streamed(monkeypatch, NEVER, lines, **hard)
     fewer, _ = streamed(monkeypatch, gathering, lines, **hard)
     assert fewer < 1.01 * seconds
 
@@ -89,16 +91,16 @@ def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     slow: Any = {"check_only": False, "baud": 57600, "settings": LIGHT}
-    gathering = line_stream.GATHERING
-    seconds, readings = streamed(monkeypatch, 0.0, TINY, **slow)
+    gathering = line_stream.SHORTEST_GATHERING
+    seconds, readings = streamed(monkeypatch, NEVER, TINY, **slow)
     fewer = streamed(monkeypatch, gathering, TINY, **slow)
     assert fewer[0] < 1.002 * seconds
     assert fewer[1] < 0.6 * readings
 
 
 def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    gathering = line_stream.GATHERING
-    seconds, readings = streamed(monkeypatch, 0.0, MOVES, check_only=False)
+    gathering = line_stream.SHORTEST_GATHERING
+    seconds, readings = streamed(monkeypatch, NEVER, MOVES, check_only=False)
     fewer = streamed(monkeypatch, gathering, MOVES, check_only=False)
     assert fewer[0] < 1.002 * seconds
     assert fewer[1] < len(MOVES) / 3 < readings
@@ -113,9 +115,9 @@ def test_a_board_that_reads_more_slowly_than_the_wire_takes_few_wake_ups(
         f"X{20 + 9 * math.cos(a):.3f}Y{20 + 9 * math.sin(a):.3f}Z-{1 + k % 3 * 0.01:.3f}"
         for k, a in enumerate(angles)
     )
-    lines, gathering = ["G1 F6000", *circle], line_stream.GATHERING
+    lines, gathering = ["G1 F6000", *circle], line_stream.SHORTEST_GATHERING
     hard: Any = {"check_only": False, "settings": PROMPT}
-    seconds, _ = streamed(monkeypatch, 0.0, lines, **hard)
+    seconds, _ = streamed(monkeypatch, NEVER, lines, **hard)
     fewer = streamed(monkeypatch, gathering, lines, **hard)
     assert fewer[0] < 1.004 * seconds
     assert fewer[1] < 0.8 * len(lines)

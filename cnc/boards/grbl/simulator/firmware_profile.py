@@ -115,7 +115,7 @@ GRBL = FirmwareProfile(
     name="grbl",
     banner="Grbl 1.1h ['$' for help]",
     version="1.1h.20190830",
-    options="VN",
+    options="V",
     rx_capacity=128,
     rx_reported=128,
     tx_capacity=104,
@@ -126,10 +126,14 @@ GRBL = FirmwareProfile(
     eeprom_blinds=True,
     estop_alarm=None,
     alarm_s=0.5,
+    line_numbers=False,
 )
-"""GRBL 1.1h on an Arduino Uno with line numbers (interface.md). The line buffer has 80 characters
-with the end of the string.
+"""GRBL 1.1h on an Arduino Uno (interface.md). The line buffer has 80 characters with the end of the
+string.
 """
+
+NUMBERED_GRBL = replace(GRBL, options="VN", planner_blocks=14, line_numbers=True)
+"""The same compiled with USE_LINE_NUMBERS: the numbers take the memory of a block."""
 
 GRBLHAL = FirmwareProfile(
     name="grblhal",

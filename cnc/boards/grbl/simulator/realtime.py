@@ -112,6 +112,8 @@ def serve(core: Core) -> None:
         flags.status = False
         core.say(status_report(core))
         _push_modes(core)
+    # A hold that arrives together with a cycle start prevails.
+    core.flags.start &= not (core.flags.hold or core.flags.jog_cancel or core.flags.door)
     _serve_holds(core)
     _serve_start(core)
     for byte in flags.overrides:

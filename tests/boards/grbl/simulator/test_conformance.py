@@ -2,7 +2,7 @@
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL, NUMBERED_GRBL
 from tests.support.boards.simulator_bench import HOMING, Bench, material_below
 
 
@@ -63,7 +63,7 @@ def test_positions_are_reported_in_inches():
 
 
 def test_line_numbers_are_those_of_the_running_block():
-    bench = Bench()
+    bench = Bench(NUMBERED_GRBL)
     bench.send("N5G1X1F300\nN6X2\n", 0.1)
     assert bench.status()["Ln"] == "5"
     bench.hear(0.4)
@@ -197,7 +197,7 @@ def test_stored_places():
 
 
 def test_build_info():
-    assert Bench().send("$I\n") == ["[VER:1.1h.20190830:]", "[OPT:VN,15,128]", "ok"]
+    assert Bench().send("$I\n") == ["[VER:1.1h.20190830:]", "[OPT:V,15,128]", "ok"]
     bench = Bench(GRBLHAL)
     bench.reply("$I=lathe")
     heard = bench.send("$I\n")

@@ -307,7 +307,7 @@ def test_at_a_terminal_opened_as_a_serial_port():
         link.write(b"$I\n")
         while not heard.endswith(b"ok\r\n") and time.monotonic() < end:
             heard += link.read(0.1)
-        assert b"[OPT:VN,15,128]" in heard
+        assert b"[OPT:V,15,128]" in heard
         server.simulator.inject(Unplug())
         with pytest.raises(PortLost):
             link.read(HANG)
