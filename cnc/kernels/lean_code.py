@@ -19,6 +19,7 @@ from typing import Any
 from unittest.mock import patch
 
 from llvmlite import ir as llvm
+from llvmlite.ir import IRBuilder
 from numba.core import cgutils, ir, types
 from numba.core.callconv import (
     RETCODE_EXC,
@@ -35,6 +36,7 @@ from numba.np import arrayobj
 
 from cnc.kernels.borrowing import owned_variables
 from cnc.kernels.kernel_arguments import KernelArguments
+from cnc.kernels.values import extracted, set_once
 
 _make_array = arrayobj.make_array
 _index = arrayobj.basic_indexing
@@ -49,6 +51,7 @@ def detours_left_out() -> Iterator[None]:
     """Generate code without the detours, inside the ``with`` statement."""
     with ExitStack() as stack:
         for owner, name, function in (
+            (IRBuilder, "extract_value", extracted),
             (arrayobj, "make_array", _array),
             (arrayobj, "basic_indexing", _indexed),
             (CPUCallConv, "_get_return_status", _status),
@@ -70,6 +73,10 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Generate the code, when it is known which variables own arrays."""
         models = self.context.data_model_manager
         self._owned = owned_variables(self.blocks, self.fndesc.typemap, models)
+        # Variables that need no memory, or need it for their owner only.
+        once = set_once(self.blocks)
+        self._kept = dict.fromkeys(once & self._owned - self._singly_assigned_vars)
+        self._singly_assigned_vars |= once - self._owned
         return super().lower_function_body()
 
     def lower_inst(self, inst: Any) -> Any:
@@ -83,10 +90,16 @@ class KernelLower(Lower):  # type: ignore[misc]
         finally:
             self.library.counts_references = counts
 
+    def loadvar(self, name: str) -> Any:
+        """Return the value of a variable."""
+        return self._kept.get(name) or super().loadvar(name)
+
     def storevar(self, value: Any, name: str, argidx: Any = None) -> None:
         """Store a value; what the variable had before is let go if it owned that."""
         if name in self._owned:
             super().storevar(value, name, argidx)
+            if name in self._kept:
+                self._kept[name] = value
             return
         self._alloca_var(name, self.typeof(name))
         if name in self._singly_assigned_vars:
@@ -98,9 +111,6 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Let go what a variable owns."""
         if name in self._owned:
             super().delvar(name)
-        elif name not in self._blk_local_varmap:
-            self._singly_assigned_vars.discard(name)
-            self._alloca_var(name, self.typeof(name))
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
