@@ -17,7 +17,7 @@ from typing import Any
 from llvmlite import ir as llvm
 from llvmlite.ir import instructions as code
 from numba.core import ir
-from numba.core.analysis import compute_cfg_from_blocks, compute_use_defs
+from numba.core.analysis import compute_use_defs
 
 Path = tuple[int, ...]
 
@@ -25,24 +25,28 @@ WITHOUT_EFFECT = (code.InsertValue, code.ExtractValue, code.LoadInstr, code.Cast
 """Instructions that are left out where nothing uses their values."""
 
 
-def set_once(blocks: Any) -> set[str]:
+def set_once(blocks: Any, graph: Any) -> dict[str, int]:
     """Return the variables that have the value of one instruction wherever they are used.
 
     Args:
         blocks: the instructions of a function, in blocks by their order.
+        graph: numba's graph of the blocks.
+
+    Returns:
+        The block that sets each.
     """
     places: dict[str, list[int]] = {}
     for offset, block in blocks.items():
         for each in block.find_insts(ir.Assign):
             places.setdefault(each.target.name, []).append(offset)
     found = {name: offsets[0] for name, offsets in places.items() if len(offsets) == 1}
-    passed_before = compute_cfg_from_blocks(blocks).dominators()
+    passed_before = graph.dominators()
     for offset, used in compute_use_defs(blocks).usemap.items():
         for name in used & found.keys():
             # The code of the blocks is generated in their order.
             if found[name] >= offset or found[name] not in passed_before[offset]:
                 del found[name]
-    return set(found)
+    return found
 
 
 class _Fields:
@@ -127,7 +131,10 @@ def leave_out_unused(module: Any) -> None:
 
 def _leave_out_unused(blocks: Any) -> None:
     uses = Counter(
-        id(operand) for block in blocks for each in block.instructions for operand in _operands(each)
+        id(operand)
+        for block in blocks
+        for each in block.instructions
+        for operand in _operands(each)
     )
     for block in reversed(blocks):
         kept = []
