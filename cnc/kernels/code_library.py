@@ -18,8 +18,8 @@ from cnc.kernels.jit import kernels
 from cnc.kernels.values import leave_out_unused
 
 INLINED = 100
-"""Lines of a function in LLVM's language up to which callers contain it. LLVM inlines functions of
-up to about 50 instructions, and some more if they have many arguments.
+"""Lines of a function in LLVM's language, and arguments of its calls, up to which callers contain
+it. LLVM inlines functions of up to about 50 instructions, and more if they have many arguments.
 """
 
 NO_COUNT = """
@@ -132,8 +132,9 @@ class KernelLibrary(LeanLibrary):
     @cached_property
     def is_small(self) -> bool:
         """Whether callers contain this code."""
-        function = self._final_module.get_function(self.symbol)
-        return str(function).count("\n") <= INLINED
+        lines = str(self._final_module.get_function(self.symbol)).splitlines()
+        # Machine code puts each argument of a call in place by an instruction.
+        return len(lines) + sum(line.count(", ") for line in lines if " call " in line) <= INLINED
 
     def _optimize_final_module(self) -> None:
         """Optimise once, unless a first pass brings counts together that cancel each other."""

@@ -9,6 +9,8 @@ A profile by kind of instruction showed that two thirds of the code move values 
   and looks whether it is inside a ``try``.
 - Variables are cleared where they are last used, though no references are counted in them. Where
   they are, all fields are in memory, and not the references alone.
+- An exception about the shapes of arrays has a text with both: each kernel that writes to a part
+  of an array contains thousands of lines that join texts.
 
 The machine code does the same. It is mostly the same code, which is found in less time.
 """
@@ -33,6 +35,7 @@ from numba.core.callconv import (
     CPUCallConv,
 )
 from numba.core.compiler_machinery import register_pass
+from numba.core.extending import overload
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.misc import MemInfoPointer
@@ -60,6 +63,7 @@ def detours_left_out() -> Iterator[None]:
             (IRBuilder, "extract_value", extracted),
             (arrayobj, "make_array", _array),
             (arrayobj, "basic_indexing", _indexed),
+            (arrayobj, "raise_with_shape_context", _refuse_shape),
             (CPUCallConv, "call_function", _called),
             (CPUCallConv, "_get_return_status", _status),
             (CPUCallConv, "return_status_propagate", _propagated),
@@ -235,6 +239,13 @@ def _indexed(
     rest = shape[len(indices) :]
     strides = cgutils.unpack_tuple(builder, array.strides, kind.ndim) if rest else []
     return builder.gep(array.data, [place]), rest, strides[len(indices) :]
+
+
+def _refuse_shape(src_shapes: Any, index_shape: Any) -> None:
+    """Raise an exception: an array does not have the shape of the part that it is written to."""
+
+
+overload(_refuse_shape)(arrayobj.ol_raise_with_shape_context_generic)
 
 
 def _from_start(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
