@@ -48,6 +48,7 @@ _COMPILER = {
         "compiler_work",
         "kernel_arguments",
         "lean_code",
+        "values",
     )
 }
 _TAG = sys.implementation.cache_tag or sys.implementation.name

@@ -15,10 +15,11 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import rtsys
 
 from cnc.kernels.jit import kernels
+from cnc.kernels.values import leave_out_unused
 
 INLINED = 100
-"""Lines of a function in LLVM's language up to which callers contain it. LLVM inlines functions of
-up to about 50 instructions, and some more if they have many arguments.
+"""Lines of a function in LLVM's language, and arguments of its calls, up to which callers contain
+it. LLVM inlines functions of up to about 50 instructions, and more if they have many arguments.
 """
 
 NO_COUNT = """
@@ -40,11 +41,20 @@ class Callee(NamedTuple):
     arguments: Types
 
 
-class InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A function of numba that kernels contain, which are optimised and compiled as a whole."""
+class LeanLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code without values that nothing uses. Functions are not optimised by themselves."""
+
+    def add_ir_module(self, module: Any) -> None:
+        """Add code of a function."""
+        leave_out_unused(module)
+        super().add_ir_module(module)
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
+
+
+class InnerLibrary(LeanLibrary):
+    """A function of numba that kernels contain, which are optimised and compiled as a whole."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -57,7 +67,7 @@ class InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
         return 0
 
 
-class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+class KernelLibrary(LeanLibrary):
     """The compiled code of one kernel.
 
     Attributes:
@@ -122,11 +132,9 @@ class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
     @cached_property
     def is_small(self) -> bool:
         """Whether callers contain this code."""
-        function = self._final_module.get_function(self.symbol)
-        return str(function).count("\n") <= INLINED
-
-    def _optimize_functions(self, module: Any) -> None:
-        module.data_layout = self._codegen._data_layout
+        lines = str(self._final_module.get_function(self.symbol)).splitlines()
+        # Machine code puts each argument of a call in place by an instruction.
+        return len(lines) + sum(line.count(", ") for line in lines if " call " in line) <= INLINED
 
     def _optimize_final_module(self) -> None:
         """Optimise once, unless a first pass brings counts together that cancel each other."""

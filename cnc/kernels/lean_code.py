@@ -4,9 +4,13 @@ A profile by kind of instruction showed that two thirds of the code move values 
 
 - Each use of an array stores all its seven fields in memory, and loads those that are needed.
 - Index and shape of an array are taken apart twice for each element.
-- Each call of a function computes six properties of its status, of which callers use one, and
-  looks whether it is inside a ``try``.
-- Variables are cleared where they are last used, though no references are counted in them.
+- Each call of a function clears the place of the value twice, has a place of its own for an
+  exception, which is then copied, computes six properties of the status, of which callers use one,
+  and looks whether it is inside a ``try``.
+- Variables are cleared where they are last used, though no references are counted in them. Where
+  they are, all fields are in memory, and not the references alone.
+- An exception about the shapes of arrays has a text with both: each kernel that writes to a part
+  of an array contains thousands of lines that join texts.
 
 The machine code does the same. It is mostly the same code, which is found in less time.
 """
@@ -15,11 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, cast
 from unittest.mock import patch
 
 from llvmlite import ir as llvm
+from llvmlite.ir import IRBuilder
 from numba.core import cgutils, ir, types
+from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.callconv import (
     RETCODE_EXC,
     RETCODE_NONE,
@@ -29,17 +35,22 @@ from numba.core.callconv import (
     CPUCallConv,
 )
 from numba.core.compiler_machinery import register_pass
+from numba.core.extending import overload
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
+from numba.core.types.misc import MemInfoPointer
 from numba.np import arrayobj
 
 from cnc.kernels.borrowing import owned_variables
 from cnc.kernels.kernel_arguments import KernelArguments
+from cnc.kernels.values import extracted, set_once
 
 _make_array = arrayobj.make_array
 _index = arrayobj.basic_indexing
+_call = CPUCallConv.call_function
 _propagate = CPUCallConv.return_status_propagate
 _check_try = CPUCallConv.check_try_status
+_COUNT = MemInfoPointer(types.voidptr)
 _TRY_STATE = "_CPUCallConv__eh_try_state"
 """Attribute of numba's builder of code where a function has a ``try``."""
 
@@ -49,8 +60,11 @@ def detours_left_out() -> Iterator[None]:
     """Generate code without the detours, inside the ``with`` statement."""
     with ExitStack() as stack:
         for owner, name, function in (
+            (IRBuilder, "extract_value", extracted),
             (arrayobj, "make_array", _array),
             (arrayobj, "basic_indexing", _indexed),
+            (arrayobj, "raise_with_shape_context", _refuse_shape),
+            (CPUCallConv, "call_function", _called),
             (CPUCallConv, "_get_return_status", _status),
             (CPUCallConv, "return_status_propagate", _propagated),
             (CPUCallConv, "check_try_status", _checked_try),
@@ -70,6 +84,13 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Generate the code, when it is known which variables own arrays."""
         models = self.context.data_model_manager
         self._owned = owned_variables(self.blocks, self.fndesc.typemap, models)
+        graph = compute_cfg_from_blocks(self.blocks)
+        once = set_once(self.blocks, graph)
+        self._singly_assigned_vars |= once.keys() - self._owned
+        kept = once.keys() & self._owned - self._singly_assigned_vars
+        self._kept: dict[str, Any] = dict.fromkeys(kept)
+        self._set_again = {name for name in kept if graph.in_loops(once[name])}
+        self._references: dict[str, list[Any]] = {}
         return super().lower_function_body()
 
     def lower_inst(self, inst: Any) -> Any:
@@ -83,24 +104,57 @@ class KernelLower(Lower):  # type: ignore[misc]
         finally:
             self.library.counts_references = counts
 
+    def loadvar(self, name: str) -> Any:
+        """Return the value of a variable."""
+        return self._kept.get(name) or super().loadvar(name)
+
     def storevar(self, value: Any, name: str, argidx: Any = None) -> None:
         """Store a value; what the variable had before is let go if it owned that."""
-        if name in self._owned:
+        if name in self._kept:
+            self._keep(value, name)
+        elif name in self._owned:
             super().storevar(value, name, argidx)
-            return
-        self._alloca_var(name, self.typeof(name))
-        if name in self._singly_assigned_vars:
+        elif name in self._singly_assigned_vars:
             self._blk_local_varmap[name] = value
         else:
+            self._alloca_var(name, self.typeof(name))
             self.builder.store(value, self.getvar(name))
 
     def delvar(self, name: str) -> None:
         """Let go what a variable owns."""
-        if name in self._owned:
+        if name in self._kept:
+            self._let_go(name)
+        elif name in self._owned:
             super().delvar(name)
-        elif name not in self._blk_local_varmap:
-            self._singly_assigned_vars.discard(name)
-            self._alloca_var(name, self.typeof(name))
+
+    def _alloca_var(self, name: str, type: Any) -> None:
+        if name not in self._kept:
+            super()._alloca_var(name, type)
+
+    def _keep(self, value: Any, name: str) -> None:
+        """Keep a value. Of an owner, references are in memory: it may be let go without a value."""
+        if name in self._set_again:
+            self._let_go(name)
+        counts = self.context.nrt.get_meminfos(self.builder, self.typeof(name), value)
+        for (_, count), place in zip(counts, self._places(name), strict=True):
+            self.builder.store(count, place)
+        self._kept[name] = value
+
+    def _let_go(self, name: str) -> None:
+        for place in self._places(name):
+            self.decref(_COUNT, self.builder.load(place))
+            self.builder.store(llvm.Constant(place.type.pointee, None), place)
+
+    def _places(self, name: str) -> list[Any]:
+        """Return the places in memory of the references that a variable owns."""
+        if name not in self._references:
+            kind = self.typeof(name)
+            none = llvm.Constant(self.context.get_value_type(kind), llvm.Undefined)
+            counts = self.context.nrt.get_meminfos(self.builder, kind, none)
+            self._references[name] = [
+                cgutils.alloca_once(self.builder, count.type) for _, count in counts
+            ]
+        return self._references[name]
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -187,6 +241,13 @@ def _indexed(
     return builder.gep(array.data, [place]), rest, strides[len(indices) :]
 
 
+def _refuse_shape(src_shapes: Any, index_shape: Any) -> None:
+    """Raise an exception: an array does not have the shape of the part that it is written to."""
+
+
+overload(_refuse_shape)(arrayobj.ol_raise_with_shape_context_generic)
+
+
 def _from_start(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
     """Return an index counted from the start of an axis; a negative one counts from its end."""
     if isinstance(index, llvm.Constant) and index.constant >= 0:
@@ -199,7 +260,7 @@ class _Status:
 
     Attributes:
         code: the status.
-        excinfoptr: the exception, if there is one.
+        excinfoptr: the exception, if there is one; None if the caller of the function has it.
     """
 
     def __init__(self, builder: Any, code: Any, excinfoptr: Any) -> None:
@@ -240,6 +301,39 @@ class _Status:
         return self._is("==", RETCODE_STOPIT)
 
 
+def _called(
+    convention: Any,
+    builder: Any,
+    callee: Any,
+    result: Any,
+    kinds: Any,
+    values: Any,
+    attributes: Any = None,
+) -> tuple[Any, Any]:
+    """Call a function. Return its status, and its value, which counts if there is no exception.
+
+    The caller of a function without ``try`` receives the exception from where it is made.
+    """
+    passed_on = not hasattr(builder, _TRY_STATE) and _receives_exception(builder.function)
+    if not passed_on or attributes is not None:
+        return cast(
+            "tuple[Any, Any]",
+            _call(convention, builder, callee, result, kinds, values, attributes),
+        )
+    with builder.goto_entry_block():
+        place = builder.alloca(convention.get_return_type(result).pointee)
+    exception = convention._get_excinfo_argument(builder.function)
+    arguments = convention._get_arg_packer(kinds).as_arguments(builder, values)
+    code = builder.call(callee, [place, exception, *arguments])
+    value = convention.context.get_returned_value(builder, result, builder.load(place))
+    return _Status(builder, code, None), value
+
+
+def _receives_exception(function: Any) -> bool:
+    """Return whether the caller of a function has given a place for an exception."""
+    return len(function.args) > 1 and function.args[1].name == "excinfo"
+
+
 def _status(_: Any, builder: Any, code: Any, excinfoptr: Any) -> _Status:
     """Return the properties of a status."""
     return _Status(builder, code, excinfoptr)
@@ -250,7 +344,8 @@ def _propagated(convention: Any, builder: Any, status: Any) -> None:
     if hasattr(builder, _TRY_STATE):
         _propagate(convention, builder, status)
     else:
-        builder.store(status.excinfoptr, convention._get_excinfo_argument(builder.function))
+        if status.excinfoptr is not None:
+            builder.store(status.excinfoptr, convention._get_excinfo_argument(builder.function))
         convention._return_errcode_raw(builder, status.code)
 
 
