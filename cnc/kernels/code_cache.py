@@ -95,14 +95,17 @@ _is_ours = "NUMBA_CACHE_DIR" not in os.environ
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder that holds the compiled code of all kernel files."""
+    """Return the folder that holds the compiled code of all kernel files.
+
+    A home folder that does not exist is not made, not even by root.
+    """
     if not _is_ours:
         return Path(os.environ["NUMBA_CACHE_DIR"])
     beside = _SOURCES / "__pycache__" / "compiled"
-    home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    named, home = os.environ.get("XDG_CACHE_HOME"), Path(os.path.expanduser("~"))
     installation = hashlib.sha256(str(_SOURCES).encode()).hexdigest()[:16]
-    user_cache = home / "cnc" / "compiled" / installation
-    for folder in (beside, user_cache):
+    user_cache = Path(named or home / ".cache") / "cnc" / "compiled" / installation
+    for folder in (beside, user_cache) if named or home.is_dir() else (beside,):
         if _writable(folder):
             return folder
     return _private_folder()

@@ -58,6 +58,33 @@ def test_code_of_an_earlier_text_is_removed(place: Place, tmp_path: Path) -> Non
     assert not without_tag.exists()
 
 
+@pytest.mark.parametrize(
+    ("home", "named", "found"),
+    [
+        ("home", None, "home/.cache/cnc/compiled"),
+        ("missing", None, "temporary"),
+        ("missing", "caches", "caches/cnc/compiled"),
+    ],
+)
+def test_the_cache_of_an_installation_that_is_read_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, home: str, named: str | None, found: str
+) -> None:
+    (tmp_path / "home").mkdir()
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "__pycache__").touch()
+    monkeypatch.setattr(code_cache, "_SOURCES", tmp_path / "kernels")
+    monkeypatch.setattr(code_cache, "_is_ours", True)
+    monkeypatch.setattr(code_cache.tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setenv("HOME", str(tmp_path / home))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    if named:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / named))
+    folder = code_cache.cache_folder.__wrapped__()
+    assert folder.is_relative_to(tmp_path / found)
+    assert not (tmp_path / "missing").exists()
+
+
 def test_code_that_another_process_may_use_stays(place: Place) -> None:
     recent = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 0.5 * HOUR)
     other_python = place("path.curve-cpython-399-0123456789abcdef", 2 * HOUR)
