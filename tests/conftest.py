@@ -9,7 +9,7 @@ import gc
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.support.soak import share
+from tests.support.soak import share, soaking
 
 settings.register_profile(
     "cnc",
@@ -20,6 +20,14 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("cnc")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the tests with the marker ``soak``, except under ``make soak``."""
+    if not soaking():
+        left_out = [item for item in items if item.get_closest_marker("soak")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("soak")]
 
 
 def pytest_collection_finish() -> None:
