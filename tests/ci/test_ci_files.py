@@ -72,6 +72,7 @@ def test_the_hook_file_is_valid(shop):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.soak
 def test_the_hook_checks_programs_only(shop):
     """pre-commit runs the entry on the files that it names, with the cncrun of this environment."""
     config = {"repos": [{"repo": "local", "hooks": [hook(language="system")]}]}

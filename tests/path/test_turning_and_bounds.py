@@ -70,7 +70,7 @@ def check_turning(chunk, k, axis):
         assert np.all(inside > 0) or np.all(inside < 0), (n, inside)
 
 
-@pytest.mark.parametrize("degree", [2, 3, 4, 5, 9])
+@pytest.mark.parametrize("degree", share([2, 3, 4, 5, 9], [2, 3, 9]))
 @pytest.mark.parametrize("weights", [(1.0, 1.0), (0.1, 10.0), (1e-3, 1e3)])
 def test_turning_points_of_spans(degree, weights):
     rng = np.random.default_rng(degree)

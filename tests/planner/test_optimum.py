@@ -12,7 +12,6 @@ from cnc.model.blocks import NurbsFeed, PathMode
 from cnc.path.build import build
 from cnc.planner.limits import Limits
 from tests.support.planner import figures
-from tests.support.soak import share
 
 EXACT = PathMode("", 1, "exact-path")
 

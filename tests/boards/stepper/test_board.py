@@ -124,6 +124,7 @@ PROBING = ("probing.nc",)
 """Programs that need a probe contact."""
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
 @pytest.mark.parametrize(
     "name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"])
@@ -177,8 +178,13 @@ braking has the rest, at worst.
     ("text", "moment", "braking"),
     [
         *share([("G1 X30 F2400", 0.01, SPEEDING_UP)], []),
-        ("G1 X30 F2400", 0.3, ON_A_LINE),
-        *share([("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK)], []),
+        *share(
+            [
+                ("G1 X30 F2400", 0.3, ON_A_LINE),
+                ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
+            ],
+            [],
+        ),
         *(
             ("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC)
             for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])
