@@ -84,7 +84,9 @@ def test_joints_lie_on_the_tips_path_to_the_accuracy(name: str, write) -> None:
         assert misfit(name, each[:, 3:], each[:, :3]) < APART
 
 
-@pytest.mark.parametrize("program", share([FEW, CURVES], [FEW]))
+@pytest.mark.parametrize(
+    "program", [FEW, pytest.param(CURVES, marks=pytest.mark.soak)], ids=["few", "many"]
+)
 def test_parts_of_a_piece_meet_without_a_jump_of_a_derivative(name: str, program, write) -> None:
     for chunk in chunks_of(write(placed(name, program)), name):
         left, right = np.empty((4, len(chunk.axes))), np.empty((4, len(chunk.axes)))
