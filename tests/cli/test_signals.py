@@ -142,7 +142,7 @@ def test_a_hang_up_before_any_motion_ends_the_program() -> None:
         signal.raise_signal(signal.SIGHUP)
 
 
-@pytest.mark.parametrize("module", ["cnc.cli.options", "cnc.api"])
+@pytest.mark.parametrize("module", ["cnc.cli.options", "cnc.api"][:: share(1, 2)])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_while_the_program_is_loaded_ends_it_with_a_message(
     module: str, name: str

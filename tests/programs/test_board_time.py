@@ -126,7 +126,7 @@ def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
         "thread-mill",
         "drilling",
         *share(["finishing", "pocket"], []),
-    ],
+    ][:: share(1, 2)],
 )
 def test_shipped_programs_take_as_long_as_in_the_simulator(file):
     texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
