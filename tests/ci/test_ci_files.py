@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tests.support.paths import ROOT
-from tests.support.soak import share, soaking
+from tests.support.soak import soaking
 
 GOOD = "G21 G90 G94\nG1 X10 F600\nM2\n"
 BAD = "G21 G90 G94\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n"
@@ -179,7 +179,8 @@ def gitlab() -> dict:
     return yaml.safe_load(text)
 
 
-@pytest.mark.parametrize("broken", share([False, True], [True]))
+@pytest.mark.soak
+@pytest.mark.parametrize("broken", [False, True])
 def test_gitlabs_job_reports(shop, broken):
     if broken:
         (shop.folder / "parts" / "bad.nc").write_text(BAD)

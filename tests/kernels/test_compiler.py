@@ -140,6 +140,7 @@ def test_a_kernel_is_compiled_once_and_then_loaded(first_call: tuple[Place, Any]
     assert place.call() == (value, [])
 
 
+@pytest.mark.soak
 def test_a_caller_contains_small_kernels_only(warm: Place) -> None:
     code = {path.name.partition("-")[0]: path.read_bytes() for path in warm.files("*.code")}
     assert code.keys() == {"small", "large", "top"}
