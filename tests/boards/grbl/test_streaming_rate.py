@@ -75,6 +75,7 @@ def test_answers_gather_while_the_wire_stays_busy(
     assert fewer[1] < 0.6 * readings
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("baud", share([57600, 115200], [115200]))
 def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The full planner answers nothing meanwhile, and then answers as fast as before."""

@@ -44,7 +44,7 @@ CLOSED = np.random.default_rng(1409).uniform(0.0, 0.9, share(20, 1)).tolist()
         :: share(1, 3)
     ],
 )
-@pytest.mark.parametrize("moment", CLOSED)
+@pytest.mark.parametrize("moment", CLOSED[:: share(1, 2)])
 def test_switches_stop_all_motors(
     mcu: str, key: str, code: str, moment: float, tmp_path: Path
 ) -> None:
