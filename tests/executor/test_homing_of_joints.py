@@ -47,6 +47,7 @@ def belts() -> Iterator[Bench]:
     made.simulator.close()
 
 
+@pytest.mark.soak
 def test_corexy_moves_one_axis_at_a_time_with_both_motors(belts: Bench) -> None:
     assert homed(belts, BELTS) == {"x": 0.0, "y": -2.0, "z": 1.0}
     a, b, z = belts.place[:3]

@@ -48,6 +48,7 @@ def random_mill(rng: np.random.Generator) -> Machine:
     return Machine(axes=axes, path=path)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", range(share(500, 1)))
 def test_a_hold_on_a_curve_takes_about_as_long_as_the_shortest_ramp(seed):
     rng = np.random.default_rng([seed, 83])

@@ -45,6 +45,7 @@ def test_t3_of_a_curve_is_the_best_known_time():
     assert times.t2 < times.t3
 
 
+@pytest.mark.soak
 def test_the_grid_has_points_in_bends_that_are_shorter_than_its_cells():
     """A spline back along its own line turns within micrometres; T3 passed there at any speed."""
     points = np.array(

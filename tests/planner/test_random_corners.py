@@ -66,7 +66,7 @@ def random_mill(rng):
     )
 
 
-@settings(max_examples=share(2000, 2), deadline=None)
+@settings(max_examples=share(2000, 1), deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_random_chains_are_legal_and_within_the_tolerance(seed):
     rng = np.random.default_rng(seed)

@@ -105,6 +105,7 @@ def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPa
     assert fewer[1] < len(MOVES) / 3 < readings
 
 
+@pytest.mark.soak
 def test_a_board_that_reads_more_slowly_than_the_wire_takes_few_wake_ups(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

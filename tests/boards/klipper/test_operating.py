@@ -98,6 +98,7 @@ def test_holds_and_overrides_at_any_moment(exact: Path, tmp_path: Path, seed: in
         )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop"]))
 def test_an_interrupted_run_continues_at_its_checkpoint(program: Path, kind: str) -> None:
     known, control = machine(), Control()
@@ -147,6 +148,7 @@ def test_an_interrupted_run_continues_at_its_checkpoint(program: Path, kind: str
     assert not Path(f"{program}.checkpoint").exists()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("line", share([6, 11], [11]))
 def test_run_from_a_line_makes_the_same_end(program: Path, tmp_path: Path, line: int) -> None:
     report, simulator = played(program, tmp_path, machine(), from_line=line)
@@ -160,6 +162,7 @@ def stands_still(simulator: KlipperSimulator, seconds: float) -> None:
     advance(simulator, simulator.now + seconds)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("moment", share(np.linspace(0.3, 2.0, 12).tolist(), [0.7]))
 @pytest.mark.parametrize("seconds", share([0.1, 0.2], [0.2]))
 def test_short_standstill_of_the_computer_changes_nothing(

@@ -99,6 +99,7 @@ def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
     simulator.close()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("program", share([None, PROGRAMS / "trident.nc"], [None]))
 def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_path: Path) -> None:
     """Both axes end on the grid, so the last edge is the end of the motion."""
@@ -174,6 +175,7 @@ braking has the rest, at worst.
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("text", "moment", "braking"),
     [
