@@ -200,15 +200,6 @@ def test_an_internal_error_is_reported_and_the_rest_is_checked(tmp_path, monkeyp
     assert [report.exit_code for report in reports] == [1, 1]
 
 
-def test_faults_keep_their_type_when_pickled(tmp_path):
-    (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
-    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"], jobs=1)
-    assert type(bad.faults[0]) is GcodeError
-    assert type(missing.faults[0]) is UsageError
-    assert (bad.exit_code, missing.exit_code) == (1, 2)
-    assert bad.faults[0].diagnostic == check(tmp_path / "a.nc").faults[0].diagnostic
-
-
 def test_usage_errors_are_raised_once(tmp_path, cncrun):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)
@@ -367,15 +358,20 @@ def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):
         assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)
 
 
-def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
+def test_the_algorithm_reaches_every_program_and_faults_keep_their_type(tmp_path: Path) -> None:
     """A line of slope 1/2 has fewer rows by half steps than by comparing point by point."""
+    (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
+    faulty = [str(tmp_path / "a.nc"), str(tmp_path / "b.nc")]
     programs = []
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))
         Path(programs[-1]).write_text("G21 G90 G1 X1 Y0.5 F600\nM2\n")
     options = RunOptions(algorithm="half-step")
-    assert [report.pulse_rows for report in check_many(programs, None, options, jobs=1)] == [
-        200
-    ] * 2
+    *good, bad, missing = check_many([*programs, *faulty], None, options, jobs=1)
+    assert [report.pulse_rows for report in good] == [200] * 2
+    assert type(bad.faults[0]) is GcodeError
+    assert type(missing.faults[0]) is UsageError
+    assert (bad.exit_code, missing.exit_code) == (1, 2)
+    assert bad.faults[0].diagnostic == check(faulty[0]).faults[0].diagnostic
     other = RunOptions(algorithm="point-by-point")
     assert check(programs[0], None, other).pulse_rows == 300

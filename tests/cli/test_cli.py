@@ -137,6 +137,7 @@ def test_a_fault_of_the_board_is_3(cncrun, program, monkeypatch):
         (["check", "{p}", "{p2}", "--blocks", "b.jsonl"], "one-program-only"),
     ],
 )
+@pytest.mark.usefixtures("one_process")
 def test_wrong_usage_is_2(cncrun, program, tmp_path, monkeypatch, arguments, code):
     monkeypatch.chdir(tmp_path)
     known = {"p": program(GOOD), "p2": program(GOOD, "p2.nc"), "folder": str(tmp_path)}
