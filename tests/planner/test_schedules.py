@@ -67,7 +67,7 @@ def scheduled(
     "seeds",
     [
         (63, 81, 159, 190)[:: share(1, 4)],
-        *(range(first, first + share(20, 1)) for first in range(0, share(500, 20), 20)),
+        *(range(first, first + share(20, 3)) for first in range(0, share(500, 20), 20)),
     ],
 )
 def test_random_programs_under_random_schedules_are_legal(seeds, tmp_path):
