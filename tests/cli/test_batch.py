@@ -110,7 +110,7 @@ def lasting(reports: str) -> list[dict]:
 
 def test_one_and_two_processes_give_the_same_findings(cncrun, tmp_path):
     wanted = write_folder(
-        tmp_path / "shop", share(200, 14), share(3_000_000, 2000), every=share(1, 9)
+        tmp_path / "shop", share(200, 18), share(3_000_000, 2000), every=share(1, 9)
     )
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
