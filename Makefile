@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/installed
 	$(BIN)/cncrun $(PROGRAM)
 
-# Everything that CI checks. The kernels are compiled once, beside the linters, before the tests share them.
+# Everything that CI checks, with a share of the tests. The kernels are compiled once, beside the linters, before the tests share them.
 test: $(VENV)/installed-test
 	$(MAKE) --jobs=2 lint tested
 
@@ -31,7 +31,7 @@ quick: $(VENV)/installed-test
 	$(MAKE) --jobs=2 lint
 	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report
 
-# The same tests with large amounts of work.
+# All tests, with large amounts of work: those of make test, and those with the marker soak.
 soak: $(VENV)/installed-test
 	CNC_SOAK=1 $(PYTEST)
 

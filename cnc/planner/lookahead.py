@@ -373,7 +373,7 @@ class LookAhead:
 
     def _next_slice(self) -> PlanChunk:
         """Return the next slice of the finished motion."""
-        plan = self._finished.take(self._slice_s if self._control is not None else inf)
+        plan = self._finished.take(self._slice_s if self._slice_s < LONG else inf)
         self._leave_out()
         return plan
 

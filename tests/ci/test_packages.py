@@ -94,6 +94,7 @@ def test_a_wheel_on_the_path_finds_grammars_and_machines(wheel: Path, tmp_path: 
     assert "x" in _used_from(wheel, tmp_path)
 
 
+@pytest.mark.soak
 def test_an_unpacked_source_distribution_finds_grammars_and_machines(
     source: Path, tmp_path: Path
 ) -> None:

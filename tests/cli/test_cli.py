@@ -16,6 +16,7 @@ from cnc.cli.options import NEW_OBJECTS, library
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
+from tests.support.soak import share
 from tests.support.waiting import HANG
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
@@ -136,6 +137,7 @@ def test_a_fault_of_the_board_is_3(cncrun, program, monkeypatch):
         (["check", "{p}", "{p2}", "--blocks", "b.jsonl"], "one-program-only"),
     ],
 )
+@pytest.mark.usefixtures("one_process")
 def test_wrong_usage_is_2(cncrun, program, tmp_path, monkeypatch, arguments, code):
     monkeypatch.chdir(tmp_path)
     known = {"p": program(GOOD), "p2": program(GOOD, "p2.nc"), "folder": str(tmp_path)}
@@ -262,7 +264,9 @@ def test_a_closed_output_pipe_is_141(program):
         assert b"Traceback" not in process.stderr.read()
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["check", "--help"], ["--version"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["check", "--help"], ["--version"]][:: share(1, 2)]
+)
 def test_help_imports_no_numerics(arguments):
     code = (
         "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"

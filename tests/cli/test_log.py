@@ -22,6 +22,7 @@ from cnc.executor.run import Progress
 from tests.support.boards.stepper_rig import machine as stepper_machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.session.runs import run_with
+from tests.support.soak import share
 
 GRBL = load_machine("grbl-uno")
 PROGRAM = "G21 G90\nG1 X5 F600\nG1 X0 Y3\nM2\n"
@@ -290,7 +291,9 @@ def test_binary_frames_are_logged_in_hexadecimal(caplog: pytest.LogCaptureFixtur
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk")
-@pytest.mark.parametrize("redirected", [["check", "part.nc"], ["schema", "machine"]])
+@pytest.mark.parametrize(
+    "redirected", [["check", "part.nc"], ["schema", "machine"]][:: share(1, 2)]
+)
 def test_standard_output_on_a_full_disk_is_an_error_of_usage(tmp_path, redirected):
     (tmp_path / "part.nc").write_text(PROGRAM, encoding="ascii")
     command = [sys.executable, "-m", "cnc.cli", *redirected]

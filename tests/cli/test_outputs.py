@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
+from tests.support.soak import share
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
@@ -74,7 +75,7 @@ def test_a_hyphen_is_standard_output_and_the_summary_uses_standard_error(cncrun,
     ]
 
 
-@pytest.mark.parametrize("command", [("-",), ("check", "-")])
+@pytest.mark.parametrize("command", share([("-",), ("check", "-")], [("check", "-")]))
 def test_a_hyphen_is_standard_input(command):
     line = [sys.executable, "-m", "cnc.cli", *command, "--quiet", "--blocks", "-"]
     done = subprocess.run(line, cwd=ROOT, input=GOOD, capture_output=True, text=True, check=False)

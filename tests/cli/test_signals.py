@@ -17,6 +17,7 @@ from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.cli.signals import OperatorSignals
 from cnc.model.operator_control import Control
+from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
 pty = pytest.importorskip("pty")
@@ -93,7 +94,7 @@ def run(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Run]:
             started.process.wait()
 
 
-@pytest.mark.parametrize("run", [True, False], indirect=True)
+@pytest.mark.parametrize("run", share([True, False], [True]), indirect=True)
 def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
     os.close(run.terminal)
     assert run.process.wait(HANG) == 130
@@ -141,7 +142,7 @@ def test_a_hang_up_before_any_motion_ends_the_program() -> None:
         signal.raise_signal(signal.SIGHUP)
 
 
-@pytest.mark.parametrize("module", ["cnc.cli.options", "cnc.api"])
+@pytest.mark.parametrize("module", ["cnc.cli.options", "cnc.api"][:: share(1, 2)])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_while_the_program_is_loaded_ends_it_with_a_message(
     module: str, name: str
@@ -180,6 +181,7 @@ class Slow:
 sys.meta_path.insert(0, Slow())
 sys.argv = ["cncrun", "programs/trident.nc"]
 import cnc.cli
+from tests.support.soak import share
 cnc.cli.main()
 """
     terminal, theirs = pty.openpty()

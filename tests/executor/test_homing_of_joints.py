@@ -11,6 +11,7 @@ from cnc.api import home
 from cnc.machine.kinematics import CoreXY, Delta
 from cnc.machine.models import Machine
 from tests.support.boards.homing_bench import EVERYWHERE, INF, SWITCH_PINS, Bench, axis, rows
+from tests.support.soak import share
 
 
 class BeltBench(Bench):
@@ -46,6 +47,7 @@ def belts() -> Iterator[Bench]:
     made.simulator.close()
 
 
+@pytest.mark.soak
 def test_corexy_moves_one_axis_at_a_time_with_both_motors(belts: Bench) -> None:
     assert homed(belts, BELTS) == {"x": 0.0, "y": -2.0, "z": 1.0}
     a, b, z = belts.place[:3]
@@ -60,7 +62,7 @@ def test_corexy_moves_one_axis_at_a_time_with_both_motors(belts: Bench) -> None:
     assert belts.standing(BELTS.of_joints) == (-200, 200, 100)
 
 
-@pytest.mark.parametrize("first", ["x", "y"])
+@pytest.mark.parametrize("first", share(["x", "y"], ["y"]))
 def test_an_axis_of_belts_homes_the_other_one_unless_it_is_known(belts: Bench, first: str) -> None:
     """Two commands, one for each axis, home both, as on a machine with a motor for each axis."""
     assert homed(belts, BELTS, (first,)) == {"x": 0.0, "y": -2.0, "z": None}

@@ -121,7 +121,7 @@ def test_different_end_position_is_a_fault(simulator: GrblSimulator, tmp_path: P
     asked = simulator.core.receiver.received - 80
     codes = set()
     # One byte after the other of what is sent at the end is lost on the way.
-    for byte in range(asked, asked + 80, share(1, 3)):
+    for byte in range(asked, asked + 80, share(1, 5)):
         other = GrblSimulator()
         other.inject(Drop(1), byte=byte)
         report = ran(other, tmp_path, text)

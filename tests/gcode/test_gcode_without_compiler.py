@@ -17,8 +17,8 @@ FILES = [
 ]
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"
 LONG = (
-    " and not (polyline_is_full and not 4097) and not on_demand and not memoised "
-    "and not label_of_random and not cut_at_the_same"
+    " and not (polyline_is_full and True) and not (power_on_arrays and True) and not on_demand "
+    "and not memoised and not label_of_random and not cut_at_the_same"
 )
 
 

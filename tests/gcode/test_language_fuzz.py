@@ -57,7 +57,7 @@ def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_random_bytes() -> None:
     rng = random.Random(7)
-    for _ in range(share(20_000, 140)):
+    for _ in range(share(20_000, 40)):
         below = [rng.choice([127, 0x250, 0xD800]) for _ in range(rng.randint(1, 60))]
         text = "".join(chr(rng.randrange(32, limit)) for limit in below) + rng.choice(
             ["", "\0", "\x1a", "\x7f"]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cnc.gcode.syntax.parser import parse_line
 from cnc.gcode.syntax.words import Word
 from tests.support.gcode.gcode_cases import assert_rows_equal, rows, run
+from tests.support.soak import share
 
 DIGITS = st.decimals(-9999, 9999, places=4).map(lambda value: f"{value:f}")
 SMALL = st.decimals(-99, 99, places=3)
@@ -129,7 +130,7 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
     return "\n".join(lines)
 
 
-@settings(max_examples=60)
+@settings(max_examples=share(60, 12))
 @given(moves)
 def test_inches_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
     assert_rows_equal(
@@ -137,7 +138,7 @@ def test_inches_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[ty
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=share(60, 12))
 @given(moves)
 def test_increments_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
     assert_rows_equal(
@@ -145,7 +146,7 @@ def test_increments_give_equal_blocks(path: list[tuple]) -> None:  # type: ignor
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=share(60, 12))
 @given(moves, SMALL, SMALL)
 def test_an_offset_shifts_all_blocks(path: list[tuple], x: object, y: object) -> None:  # type: ignore[type-arg]
     """The moves in a system with an origin at (x, y) are those of the plain system from a start at
@@ -161,7 +162,7 @@ def test_an_offset_shifts_all_blocks(path: list[tuple], x: object, y: object) ->
         assert np.allclose(ends[0], ends[1] + origin, atol=1e-9, rtol=0)
 
 
-@settings(max_examples=60)
+@settings(max_examples=share(60, 12))
 @given(st.integers(1, 9), st.data())
 def test_both_forms_of_a_nurbs_give_the_same_block(degree: int, data: st.DataObject) -> None:
     count = data.draw(st.integers(degree + 1, degree + 6))

@@ -140,6 +140,7 @@ def test_a_kernel_is_compiled_once_and_then_loaded(first_call: tuple[Place, Any]
     assert place.call() == (value, [])
 
 
+@pytest.mark.soak
 def test_a_caller_contains_small_kernels_only(warm: Place) -> None:
     code = {path.name.partition("-")[0]: path.read_bytes() for path in warm.files("*.code")}
     assert code.keys() == {"small", "large", "top"}
@@ -243,6 +244,7 @@ def test_a_compiling_process_that_is_killed_leaves_whole_files(place: Place) -> 
     assert len(compiled) < 3
 
 
+@pytest.mark.soak
 def test_installed_code_serves_another_processor(place: Place, tmp_path: Path) -> None:
     """Code for any processor is found beside the sources; nothing is compiled or written."""
     place.call(NUMBA_CPU_NAME="generic")
@@ -265,6 +267,7 @@ import example""",
     assert compiled == ["top", "large", "small"]
 
 
+@pytest.mark.soak
 def test_a_change_of_the_processor_compiles_again(warm: Place) -> None:
     assert warm.call(NUMBA_CPU_NAME="generic") == (in_python(), ["top", "large", "small"])
     assert warm.call() == (in_python(), [])
@@ -320,6 +323,7 @@ WITH_ALL_WORK = CALL.replace(
 )
 
 
+@pytest.mark.soak
 def test_the_machine_code_is_that_of_a_compiler_that_repeats_its_work(
     warm: Place, tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ from cnc.planner.joints import ToolTipOf
 from tests.support.five_axis import TYPES, five_axis_machine, table_of, tip_of
 from tests.support.gcode.gcode_cases import error_of, run
 from tests.support.paths import ROOT
+from tests.support.soak import share
 
 OFFSET = (0.5, -1.0, 80.0)
 
@@ -141,7 +142,7 @@ def placed(machine: Machine, folder: Path) -> Machine:
 
 @pytest.mark.parametrize(
     ("kind", "dialect"),
-    [*((kind, "fanuc") for kind in TYPES), *(("xyzac", name) for name in SWITCHES)],
+    [*((kind, "fanuc") for kind in TYPES), *(("xyzac", name) for name in SWITCHES)][:: share(1, 3)],
 )
 def test_the_tip_keeps_to_the_path(kind: str, dialect: str, tmp_path: Path) -> None:
     machine, trace = placed(five_axis_machine(kind), tmp_path), tmp_path / "trace.npz"

@@ -153,7 +153,7 @@ def test_a_released_jog_rests_in_time(rig, monkeypatch, after):
     assert rest - (jog.began + after) <= REST_TIME
 
 
-@pytest.mark.parametrize("after", [0.0, 0.4])
+@pytest.mark.parametrize("after", [0.0, 0.4][:: share(1, 2)])
 def test_the_jog_of_a_lost_client_rests_in_time(rig, monkeypatch, after):
     monkeypatch.setattr(ScriptedJog, "lost_after", after)
     jog, rest = jogged(rig)

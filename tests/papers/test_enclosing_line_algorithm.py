@@ -33,7 +33,7 @@ from tests.support.soak import share
 @BOTH
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")  # next to cusps
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=share(400, 2))
+@settings(max_examples=share(400, 1))
 def test_random_curves(generator: Rows, seed: int) -> None:
     """Degree 1 to 5, up to 40 control points, weights 0.1 to 10, two to five axes, BLU from 1e-4 to
     1 mm.
@@ -108,7 +108,7 @@ def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
         check(generator, [polyline([end, center])], start, scale)
 
 
-@pytest.mark.parametrize("seed", range(share(200, 2)))
+@pytest.mark.parametrize("seed", range(share(200, 1)))
 def test_each_row_is_the_exit_from_the_square(seed: int) -> None:
     """All steps of a Bezier of degree 2 to 5, in order, by an independent walk."""
     rng = np.random.default_rng(seed)
@@ -301,7 +301,7 @@ def test_buffers_and_parts(generator: Rows) -> None:
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)
-@pytest.mark.parametrize("name", BARE)
+@pytest.mark.parametrize("name", [*BARE][:: share(1, 2)])
 def test_bare_curves(name: str, algorithm: Algorithm) -> None:
     """Curves of two functions: each grid point is within half a BLU when it is due, and the curve
     stays in the square until the next.

@@ -48,6 +48,7 @@ def test_the_line_by_both(section):
     assert float(half[2]) <= 0.5 and float(point[2]) <= 1.0
 
 
+@pytest.mark.soak
 def test_the_figures_are_drawn(section, tmp_path):
     text = page.write([section], tmp_path).read_text()
     for figure in section.figures:

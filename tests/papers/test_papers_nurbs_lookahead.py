@@ -67,6 +67,7 @@ def test_our_samples_keep_the_chord_error_and_the_deviation():
     assert np.abs(run.accel).max() <= 2400 * (1 + 1e-9)
 
 
+@pytest.mark.soak
 def test_every_figure_of_the_paper_is_drawn(section, tmp_path):
     assert [figure.title.split(".")[0] for figure in section.figures] == [
         f"Figure {k}" for k in range(4, 11)

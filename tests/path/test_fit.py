@@ -37,7 +37,7 @@ from tests.support.soak import share
         (terrain(rows=3, uneven=True), 4),
         (terrain(rows=2, step=0.05), 20),
         (circle(2, 0.3), 1.5),
-    ],
+    ][:: share(1, 2)],
 )
 def test_a_span_covers_many_moves(points, least):
     chunks = fitted(points)

@@ -314,7 +314,7 @@ def test_a_sharp_bend_takes_no_longer_than_a_cusp(elsewhere, tmp_path):
 @pytest.mark.parametrize("machine", share(EVERYWHERE, ["both"]))
 def test_years_of_motion_are_planned_without_delay(machine, tmp_path):
     """Nothing is counted off period by period where nothing happens."""
-    speed, scale = 1e-6, share(10.0, 1.0)
+    speed, scale = 1e-6, share(10.0, 0.1)
     file = tmp_path / "p.nc"
     file.write_text(
         f"G21 G90 G94 G17\nG64\nG1 X{6 * scale:g} Y{8 * scale:g} F{60 * speed:f}\n"

@@ -26,6 +26,7 @@ from tests.support.planner.corners import (
     planned,
 )
 from tests.support.planner.motions import AXES, lines, machine, sampled
+from tests.support.soak import share
 
 ALONG = machine(tangential=600.0, normal=600.0, jerk=12_000.0)
 
@@ -104,7 +105,7 @@ def test_a_right_angle_of_two_axes_is_faster_than_ramps_that_overshoot():
     assert motion[:, 0].max() <= 10.0 + eps
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
+@pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0][:: share(1, 2)])
 def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     mill = Machine(
         axes={
@@ -137,7 +138,7 @@ def test_a_corner_where_jerks_would_add_up_in_an_axis_is_passed(turn, first):
     assert duration(chunks) < 0.985 * duration(planned(points, 0.0)[0])
 
 
-@pytest.mark.parametrize("degrees", [140.0, 160.0, 175.0])
+@pytest.mark.parametrize("degrees", [140.0, 160.0, 175.0][:: share(1, 2)])
 def test_a_corner_is_passed_where_the_motion_nearly_reverses(degrees):
     """Ramps of which the second begins tau early save tau; the motion saves about that or more."""
     eps, angle = 0.01, math.radians(degrees)

@@ -48,6 +48,7 @@ def random_mill(rng: np.random.Generator) -> Machine:
     return Machine(axes=axes, path=path)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", range(share(500, 1)))
 def test_a_hold_on_a_curve_takes_about_as_long_as_the_shortest_ramp(seed):
     rng = np.random.default_rng([seed, 83])
@@ -94,7 +95,7 @@ def test_a_hold_on_a_curve_takes_about_as_long_as_the_shortest_ramp(seed):
         (20.0, 0.4, 8000.0, 100.0, 1.05),
         (20.0, 1.0, 10_000.0, 300.0, 1.05),
         (5.0, 1.0, 10_000.0, 300.0, 1.15),
-    ][:: share(1, 2)],
+    ][:: share(1, 3)],
 )
 def test_a_hold_on_a_circle_at_the_limits_takes_the_shortest_ramp(
     radius, y_part, jerk, feed, longest

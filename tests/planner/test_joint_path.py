@@ -84,7 +84,9 @@ def test_joints_lie_on_the_tips_path_to_the_accuracy(name: str, write) -> None:
         assert misfit(name, each[:, 3:], each[:, :3]) < APART
 
 
-@pytest.mark.parametrize("program", [FEW, CURVES], ids=["few", "many"])
+@pytest.mark.parametrize(
+    "program", [FEW, pytest.param(CURVES, marks=pytest.mark.soak)], ids=["few", "many"]
+)
 def test_parts_of_a_piece_meet_without_a_jump_of_a_derivative(name: str, program, write) -> None:
     for chunk in chunks_of(write(placed(name, program)), name):
         left, right = np.empty((4, len(chunk.axes))), np.empty((4, len(chunk.axes)))
@@ -110,7 +112,7 @@ def test_random_programs_keep_the_limits_of_every_joint(
     name: str, seed: int, tmp_path: Path
 ) -> None:
     """The message has the seed, which is a new one in each run."""
-    fresh = int(np.random.default_rng().integers(2**32))
+    fresh = share(int(np.random.default_rng().integers(2**32)), 1)
     rng = np.random.default_rng([fresh, seed])
     machine = machine_of(name, rng, period=float(rng.choice(share((1e-3, 1e-4), (1e-3,)))))
     job = Job(rng, 8.0)

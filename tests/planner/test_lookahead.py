@@ -325,7 +325,7 @@ def test_an_illegal_plan_is_not_sent_on():
             [nurbs([(0, 0, 0), (5, 5, 0), (5, 5, 0), (5, 5, 0), (9, 0, 0), (12, 3, 0)])],
             id="a corner made of three points",
         ),
-    ],
+    ][:: share(1, 2)],
 )
 @pytest.mark.parametrize("axis", [None, (2400.0, 48000.0), (5e3, 1e7)])
 def test_hard_inputs_are_planned_legally(blocks, axis):

@@ -12,12 +12,11 @@ from cnc.model.blocks import NurbsFeed, PathMode
 from cnc.path.build import build
 from cnc.planner.limits import Limits
 from tests.support.planner import figures
-from tests.support.soak import share
 
 EXACT = PathMode("", 1, "exact-path")
 
 
-@pytest.mark.parametrize("length", [2.0, 40.0])
+@pytest.mark.parametrize("length", [2.0, pytest.param(40.0, marks=pytest.mark.soak)])
 def test_times_of_a_straight_line_are_those_of_theory(length):
     accel, jerk, feed = 2400.0, 48000.0, 150.0
     line = moves(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), feed)
@@ -34,6 +33,7 @@ def test_times_of_a_straight_line_are_those_of_theory(length):
     assert times.t2 == pytest.approx(without, rel=5e-3)
 
 
+@pytest.mark.soak
 def test_t3_of_a_curve_is_the_best_known_time():
     (best,) = (case.best for case in figures.cases() if case.name == "trident, per axis")
     points = np.array([(*point, 0.0) for point in figures.TRIDENT], float)
@@ -45,6 +45,7 @@ def test_t3_of_a_curve_is_the_best_known_time():
     assert times.t2 < times.t3
 
 
+@pytest.mark.soak
 def test_the_grid_has_points_in_bends_that_are_shorter_than_its_cells():
     """A spline back along its own line turns within micrometres; T3 passed there at any speed."""
     points = np.array(
@@ -76,7 +77,8 @@ def test_cases_are_those_of_their_seed():
     assert [case.machine for *_, case in first] != [case.machine for *_, case in other]
 
 
-@pytest.mark.parametrize("seed", range(share(12, 1)))
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(12))
 def test_the_planner_is_near_the_optimum_in_hairpins(seed):
     rng = np.random.default_rng([seed, 3])
     step = rng.normal(0.0, 8.0, (8, 3))

@@ -56,6 +56,7 @@ def test_random_chains_under_an_operator_are_legal(first):
         run(seed)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", FOUND)
 def test_chains_that_were_illegal_once(seed):
     run(seed)

@@ -16,7 +16,7 @@ from tests.support.planner.motions import AXES, arc, lines, nurbs
 from tests.support.planner.operated import assert_legal_under_operator
 from tests.support.soak import share
 
-TOGETHER = share(20, 3)
+TOGETHER = share(20, 1)
 """Programs in one test."""
 SLOWEST = 1.0 / 60.0
 """mm/s: 1 mm/min."""

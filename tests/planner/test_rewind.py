@@ -67,7 +67,7 @@ def test_a_hold_between_corners_rests_within_a_leg():
 
 def test_copies_and_chunks_are_kept_only_while_they_are_needed():
     rng = np.random.default_rng(1)
-    points = np.concatenate([zigzag(rng) + [60.0 * k, 0.0, 0.0] for k in range(6)])
+    points = np.concatenate([zigzag(rng) + [60.0 * k, 0.0, 0.0] for k in range(share(6, 2))])
     ahead, plans, _ = planning(points, 0.05)
     most = 0
     for _ in plans:

@@ -66,7 +66,7 @@ def scheduled(
 @pytest.mark.parametrize(
     "seeds",
     [
-        (63, 81, 159, 190)[:: share(1, 2)],
+        (63, 81, 159, 190)[:: share(1, 4)],
         *(range(first, first + share(20, 3)) for first in range(0, share(500, 20), 20)),
     ],
 )

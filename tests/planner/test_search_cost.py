@@ -15,6 +15,7 @@ from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from tests.support.planner.motions import lines, machine, path_of
+from tests.support.soak import share
 
 
 def bends(seed: int) -> PathChunk:
@@ -28,7 +29,7 @@ def bends(seed: int) -> PathChunk:
     return chunks[0]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(6)[:: share(1, 2)])
 def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeypatch):
     limits = Limits.of(machine(axis=(1000.0, 50_000.0)))
     known = intervals_of(bends(seed), limits, STANDSTILL, STANDSTILL)

@@ -10,7 +10,7 @@ from cnc.model.blocks import Block, Polyline
 from cnc.model.operator_control import Control
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.planner.window import STOPS_KNOWN, Window
+from cnc.planner.window import LONG, STOPS_KNOWN, Window
 from tests.support.planner.motions import arc, lines, machine, nurbs, path_of
 from tests.support.soak import share
 
@@ -60,7 +60,7 @@ def seconds(blocks, mill, stops_known) -> float:
     return chunks[-1].t0 + chunks[-1].duration
 
 
-@pytest.mark.parametrize("make", [chain, straight, arcs, *share([splines], [])])
+@pytest.mark.parametrize("make", [chain, straight, arcs, *share([splines], [])][:: share(1, 2)])
 @pytest.mark.parametrize("axis", [None, (2400.0, 48000.0)])
 def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(
     make, axis, monkeypatch
@@ -110,7 +110,17 @@ def test_memory_does_not_grow_with_the_path():
         return found
 
     peak(2)
-    assert peak(30) <= 1.2 * peak(10)
+    few = share(10, 4)
+    assert peak(3 * few) <= 1.2 * peak(few)
+
+
+def test_slow_motion_is_not_cut_by_time_where_nobody_may_change_it():
+    """A check has a control for its feed override, too; its slices are as long as without one."""
+    blocks = [lines([(1.0, 0.0, 0.0)], 1e-5)]
+    plain = list(LookAhead(machine()).plan(path_of(blocks)))
+    checked = list(LookAhead(machine(), Control(), slice_s=LONG).plan(path_of(blocks)))
+    assert [chunk.duration for chunk in checked] == [chunk.duration for chunk in plain]
+    assert min(chunk.duration for chunk in checked[1:-1]) > 10.0 * LONG
 
 
 def test_slices_are_short_with_an_operator():

@@ -112,7 +112,8 @@ def raster(rng: random.Random) -> str:
     return "\n".join([*lines, "M5", "M2", ""])
 
 
-@pytest.mark.parametrize("baud", [115200, 57600])
+@pytest.mark.soak
+@pytest.mark.parametrize("baud", share([115200, 57600], [57600]))
 def test_rasters_take_as_long_as_in_the_simulator(tmp_path: Path, baud: int) -> None:
     program, machine = tmp_path / "p.nc", laser(baud)
     for seed in range(share(100, 2)):

@@ -126,7 +126,7 @@ def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
         "thread-mill",
         "drilling",
         *share(["finishing", "pocket"], []),
-    ],
+    ][:: share(1, 2)],
 )
 def test_shipped_programs_take_as_long_as_in_the_simulator(file):
     texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
@@ -166,7 +166,7 @@ def walk(step: float, turn: float, word: str) -> list[str]:
         (80.0, 0.2, 8.0, "G1"),
         # the planner can't look ahead as far as the board has to brake
         (800.0, 0.125, 0.7, "G0"),
-    ],
+    ][share(0, 2) :],
 )
 def test_short_moves_take_as_long_as_in_the_simulator(steps_per_mm, step, turn, word):
     axes = {

@@ -63,9 +63,7 @@ def held(program: Path, machine: Machine) -> None:
     ("name", "machine"),
     [
         ("trident", "paper-nurbs"),
-        *share([("drilling", "default")], []),
-        ("bezier", "default"),
-        ("engraving", "default"),
+        *share([(name, "default") for name in ("drilling", "bezier", "engraving")], []),
     ],
 )
 def test_a_shipped_program_takes_as_long_as_estimated(name, machine):

@@ -93,7 +93,7 @@ def texts(program: str, **options: object) -> list[str]:
         file.stem
         for file in sorted(FOLDER.glob("*.nc"))
         if file.stem not in ("probing", "turned-thread", *share((), LONG))
-    ],
+    ][:: share(1, 2)],
 )
 def test_shipped_programs_are_the_same_motion(file):
     blocks = list(
@@ -266,7 +266,7 @@ def test_straight_moves_of_the_program_keep_its_feed():
     assert {move.feed for move in moves if move.mode == 1} == {1200.0}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(4)[:: share(1, 2)])
 def test_short_moves_take_no_longer_than_as_they_stand(seed):
     """The time on the board, by the model of its planner, is that of the program's own lines."""
     generator = np.random.default_rng(seed)

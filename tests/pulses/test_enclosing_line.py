@@ -33,7 +33,7 @@ def _arc(radius: float, begin: float, sweep: float) -> Floats:
     return poly
 
 
-@pytest.mark.parametrize("seed", range(share(60, 20)))
+@pytest.mark.parametrize("seed", range(share(60, 10)))
 def test_places_are_where_the_axis_is_at_its_lines(seed: int) -> None:
     random = np.random.default_rng(seed)
     radius = 10.0 ** random.uniform(0.5, 5.0)

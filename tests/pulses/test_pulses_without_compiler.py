@@ -5,9 +5,9 @@ from pathlib import Path
 from tests.support.soak import check_without_compiler, share
 
 SHARE = (
-    "(arcs_in_all_octants and 0.125-0) or cut_at_the_ends or turning_back or square[0] or cusps "
+    "(arcs_in_all_octants and 0.7-0) or cut_at_the_ends or turning_back or square[0] "
     "or circle_of_the_paper or ties or at_once or small_buffers or as_the_paper_has_it "
-    "or integer_lines or joints or left_behind or every_row or dwells "
+    "or integer_lines or joints or left_behind or dwells "
     "or rotary or nothing_moves or equations or goes_back"
 )
 

@@ -16,6 +16,7 @@ from tests.support.paths import ROOT
 pytestmark = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 
 
+@pytest.mark.soak
 def test_the_commands_of_the_page_run_a_job(tmp_path):
     page = (ROOT / "docs/how-to/api.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```sh\n(.*?)```", page, re.DOTALL)

@@ -104,10 +104,9 @@ STOP = b"POST /api/stop" + POST + b"Content-Length: 2\r\n\r\n{}"
 @pytest.mark.parametrize(
     "data",
     [
-        b"",
-        b"POST /api/mdi" + POST + b"Content-Length: 9\r\n\r\n{",
+        pytest.param(b"", id="silent", marks=pytest.mark.soak),
+        pytest.param(b"POST /api/mdi" + POST + b"Content-Length: 9\r\n\r\n{", id="half a body"),
     ],
-    ids=["silent", "half a body"],
 )
 def test_a_stop_comes_through_a_crowd(server, data):
     """A crowd of the same address takes all places, and goes on to connect."""
@@ -303,6 +302,7 @@ def pulses_of_run(console, library, controller, pulses):
     return pulses.copy()
 
 
+@pytest.mark.soak
 def test_the_pulses_are_the_same_with_clients_and_in_a_flood(
     server, console, library, pulses, controller
 ):

@@ -62,7 +62,7 @@ def test_moves_per_minute_have_no_notes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode", ["G61", "G64", "G64 P0.05", "G64 P0.5", "G64 P3"])
 @pytest.mark.parametrize("seed", range(share(40, 1)))
 def test_every_block_takes_its_time_or_has_a_note(seed: int, mode: str, tmp_path: Path) -> None:
-    fresh = int(np.random.default_rng().integers(2**32))
+    fresh = share(int(np.random.default_rng().integers(2**32)), 1)
     rng = np.random.default_rng([fresh, seed])
     here, lines, wanted = np.zeros(4), [f"G21 G90 G93 {mode}"], {}
     for number in range(2, 18):

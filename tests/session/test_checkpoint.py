@@ -89,7 +89,7 @@ def trouble(simulator: Simulator, kind: str, control: Control):
     return on_sent
 
 
-@pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop", "died"]))
+@pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["died"]))
 def test_an_interrupted_run_continues_at_its_checkpoint(
     simulator: Simulator, program: Path, kind: str
 ) -> None:

@@ -354,7 +354,7 @@ def test_check_reports_the_time_of_a_laser(tmp_path: Path) -> None:
     assert math.isfinite(laser)
 
 
-@pytest.mark.parametrize("pitch", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("pitch", share([0.1, 0.2, 0.5], [0.2]))
 def test_a_raster_streams_as_fast_as_by_plain_character_counting(
     tmp_path: Path, pitch: float
 ) -> None:

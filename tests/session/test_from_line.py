@@ -24,6 +24,7 @@ from cnc.model.diagnostics import CncError
 from cnc.session.resume import RestartPoint
 from tests.support.boards.simulator_bench import Bench
 from tests.support.session.runs import run_with
+from tests.support.soak import share
 
 MACHINE = load_machine("grbl-uno")
 AXES = MACHINE.axis_names
@@ -83,7 +84,7 @@ WORDS = st.sampled_from(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=share(60, 12))
 @given(
     st.lists(
         st.tuples(WORDS, st.integers(0, 9), st.integers(0, 9), st.integers(1, 9)),

@@ -123,6 +123,7 @@ def test_what_a_program_calls_it_has_asked_for(name: str, asked, called) -> None
     assert called <= known
 
 
+@pytest.mark.soak
 @compiled
 def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
     """The examples of the jobs call the kernels with the types with which programs call them."""
@@ -213,6 +214,7 @@ for arguments in ["--help"], ["--version"], ["schema", "machine"], ["check", "p.
     assert not list((tmp_path / "cache").glob("*/*"))
 
 
+@pytest.mark.soak
 @compiled
 def test_ctrl_c_leaves_whole_files_and_no_process(tmp_path: Path) -> None:
     process = subprocess.Popen(

@@ -77,6 +77,7 @@ def test_answers_gather_while_the_wire_stays_busy(
     assert fewer[1] < 0.6 * readings
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("baud", share([57600, 115200], [115200]))
 def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The full planner answers nothing meanwhile, and then answers as fast as before."""
@@ -106,6 +107,7 @@ def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPa
     assert fewer[1] < len(MOVES) / 3 < readings
 
 
+@pytest.mark.soak
 def test_a_board_that_reads_more_slowly_than_the_wire_takes_few_wake_ups(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -93,6 +93,7 @@ def test_squared_motors_make_the_same_steps(apart: int, tmp_path: Path) -> None:
     assert np.abs(one[0] - two[0]).max() <= 2 * bench.simulator.firmware.event_ticks
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("broken", share([0, 1], [1]))
 def test_switch_that_never_closes(broken: int) -> None:
     bench = Bench(with_board(gantry(0.0), y=Y), {**PLACES, (1, broken): (-1, -1e9)})

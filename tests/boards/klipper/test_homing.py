@@ -102,6 +102,7 @@ def test_tilting_and_turning_axes_home_on_their_switches(tmp_path: Path) -> None
     assert bench.standing() == (200, 0, 0, 0, 300)
 
 
+@pytest.mark.soak
 def test_program_begins_at_the_homed_position(bench: Bench, tmp_path: Path) -> None:
     bench.home()
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 Y0 Z0 F600\nM2\n")

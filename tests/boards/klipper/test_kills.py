@@ -40,6 +40,7 @@ def made(simulator: KlipperSimulator) -> int:
     return sum(each.size for parts in list(simulator.edges_of.values()) for each in parts)
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
 @pytest.mark.parametrize(
     "steps", np.random.default_rng(7).integers(50, 12_000, share(50, 1)).tolist()
@@ -136,7 +137,7 @@ def test_stopped_process(steps: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("moment", MOMENTS[: share(50, 1)])
-@pytest.mark.parametrize("mcu", ["atmega328p", "rp2040"])
+@pytest.mark.parametrize("mcu", share(["atmega328p", "rp2040"], ["rp2040"]))
 def test_pulled_cable(moment: float, mcu: str, tmp_path: Path) -> None:
     """The cable is pulled at any moment of the run; plugged in again, the board tells its place."""
     known = machine(mcu)

@@ -86,6 +86,7 @@ def test_program(known: Machine, port: str, tmp_path: Path) -> None:
     assert board.known_steps == (0, 0, 0)
 
 
+@pytest.mark.soak
 def test_position_is_known_to_the_next_program(known: Machine, port: str) -> None:
     for begin, end in ((0, 800), (800, 1600)):
         driver = Klipper.from_machine(known, Path(port))
@@ -152,6 +153,7 @@ def aborted(known: Machine, port: str) -> tuple[list[int], tuple[int | None, ...
         board.close()
 
 
+@pytest.mark.soak
 def test_abort_knows_its_position(known: Machine, port: str) -> None:
     """A busy computer may be too late for a ramp; then the position is not known."""
     for _ in range(ATTEMPTS):

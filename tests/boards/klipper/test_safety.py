@@ -44,7 +44,7 @@ CLOSED = np.random.default_rng(1409).uniform(0.0, 0.9, share(20, 1)).tolist()
         :: share(1, 3)
     ],
 )
-@pytest.mark.parametrize("moment", CLOSED)
+@pytest.mark.parametrize("moment", CLOSED[:: share(1, 2)])
 def test_switches_stop_all_motors(
     mcu: str, key: str, code: str, moment: float, tmp_path: Path
 ) -> None:
@@ -268,7 +268,7 @@ def test_shutdown_is_reported_with_its_reason(tmp_path: Path) -> None:
     assert at == place(known, simulator)
 
 
-@pytest.mark.parametrize("fault", ["damaged", "dropped", "doubled"])
+@pytest.mark.parametrize("fault", share(["damaged", "dropped", "doubled"], ["damaged"]))
 @pytest.mark.parametrize("mcu", share(["atmega328p", "rp2040"], ["rp2040"]))
 @pytest.mark.parametrize("seed", range(share(50, 1)))
 def test_bad_cable(fault: str, mcu: str, seed: int, tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_bad_cable(fault: str, mcu: str, seed: int, tmp_path: Path) -> None:
         assert place(known, simulator) == moved
 
 
-@pytest.mark.parametrize("moment", [0.2, 0.6])
+@pytest.mark.parametrize("moment", share([0.2, 0.6], [0.2]))
 def test_abort_comes_to_rest_on_the_path(moment: float) -> None:
     known = machine()
     time_ns, step = eased(12_000, 60_000)

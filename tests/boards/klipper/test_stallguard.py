@@ -66,7 +66,7 @@ class Bench:
 
 
 @pytest.mark.parametrize("silent", share([False, True], [False]))
-@pytest.mark.parametrize("kind", ["tmc2209", "tmc2130", "tmc5160"])
+@pytest.mark.parametrize("kind", share(["tmc2209", "tmc2130", "tmc5160"], ["tmc5160"]))
 def test_axis_ends_off_its_hard_stop(kind: str, silent: bool) -> None:
     """The mode of the machine file is that of cutting; homing measures in its own mode."""
     bench = Bench(sensorless(kind, RIGHT[kind], stealthchop=silent))
@@ -82,7 +82,7 @@ def test_axis_ends_off_its_hard_stop(kind: str, silent: bool) -> None:
     assert bench.stop.place == pytest.approx(STOP + 50, abs=2)
 
 
-@pytest.mark.parametrize(("kind", "level"), [("tmc2209", 20), ("tmc5160", 40)])
+@pytest.mark.parametrize(("kind", "level"), [("tmc2209", 20), ("tmc5160", 40)][:: share(1, 2)])
 def test_too_low_a_sensitivity_is_an_error(kind: str, level: int) -> None:
     bench = Bench(sensorless(kind, level))
     board = bench.driver()
@@ -93,7 +93,7 @@ def test_too_low_a_sensitivity_is_an_error(kind: str, level: int) -> None:
     assert "did not close within" in caught.value.diagnostic.message
 
 
-@pytest.mark.parametrize(("kind", "level"), [("tmc2209", 255), ("tmc5160", -60)])
+@pytest.mark.parametrize(("kind", "level"), [("tmc2209", 255), ("tmc5160", -60)][:: share(1, 2)])
 def test_too_high_a_sensitivity_stalls_in_the_open(kind: str, level: int) -> None:
     """The model shows the fault of real drivers: the axis believes that it is at its stop."""
     bench = Bench(sensorless(kind, level))

@@ -197,10 +197,10 @@ def test_current_out_of_range_names_the_machine_file() -> None:
     ("kind", "event", "text"),
     [
         ("tmc2209", "hot", "it is too hot"),
-        ("tmc5160", "short", "short circuit to ground at coil A"),
-        ("tmc2209", "reset", "its settings are lost"),
         *share(
             [
+                ("tmc5160", "short", "short circuit to ground at coil A"),
+                ("tmc2209", "reset", "its settings are lost"),
                 ("tmc2130", "reset", "its settings are lost"),
                 ("tmc2209", "off", "does not answer any more"),
             ],

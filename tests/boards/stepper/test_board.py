@@ -99,6 +99,7 @@ def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
     simulator.close()
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("program", share([None, PROGRAMS / "trident.nc"], [None]))
 def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_path: Path) -> None:
     """Both axes end on the grid, so the last edge is the end of the motion."""
@@ -124,6 +125,7 @@ PROBING = ("probing.nc",)
 """Programs that need a probe contact."""
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
 @pytest.mark.parametrize(
     "name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"])
@@ -173,12 +175,18 @@ braking has the rest, at worst.
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("text", "moment", "braking"),
     [
         *share([("G1 X30 F2400", 0.01, SPEEDING_UP)], []),
-        ("G1 X30 F2400", 0.3, ON_A_LINE),
-        *share([("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK)], []),
+        *share(
+            [
+                ("G1 X30 F2400", 0.3, ON_A_LINE),
+                ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
+            ],
+            [],
+        ),
         *(
             ("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC)
             for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])

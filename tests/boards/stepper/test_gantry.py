@@ -135,6 +135,7 @@ def test_squared_motors_make_the_same_steps(
     assert made.sum(axis=0)[:3].tolist() == [400, 300, -100]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("letter", "output"), share([("x", 0), ("z", 2)], [("z", 2)]))
 def test_fourth_output_is_a_motor_of_any_axis(
     benches: list[Bench], letter: str, output: int
@@ -147,6 +148,7 @@ def test_fourth_output_is_a_motor_of_any_axis(
     assert here.place[3] - here.place[output] == pytest.approx(40, abs=2)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("broken", share([1, 3], [3]))
 def test_switch_that_never_closes(benches: list[Bench], broken: int) -> None:
     switches = list(Y_SWITCHES)

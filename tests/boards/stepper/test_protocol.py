@@ -172,7 +172,7 @@ def spoilt(data: bytes, chance: float, dice: random.Random) -> bytes:
     return bytes(out)
 
 
-@pytest.mark.parametrize("chance", [0.0, 0.001, 0.01])
+@pytest.mark.parametrize("chance", [0.0, 0.001, 0.01][:: share(1, 2)])
 @pytest.mark.parametrize("seed", range(share(10, 3)))
 def test_stream_arrives_complete_and_in_order(chance: float, seed: int) -> None:
     dice = random.Random(seed)

@@ -100,6 +100,7 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
     assert terminal.position() == [800, 100, 200]
 
 
+@pytest.mark.soak
 def test_boards_command_reports_the_board(terminal: Terminal) -> None:
     with cncrun("boards", terminal.name) as listed:
         out, error = listed.communicate(timeout=HANG)

@@ -7,6 +7,7 @@ import pytest
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from tests.support.gcode.gcode_cases import error_of, run
+from tests.support.soak import share
 
 UNBOUNDED = Limits(repeated_lines=10**12)
 """With the limit of lines alone, these programs would take hours."""
@@ -22,7 +23,7 @@ ENDLESS = [
 ]
 
 
-@pytest.mark.parametrize(("dialect", "source"), ENDLESS)
+@pytest.mark.parametrize(("dialect", "source"), ENDLESS[:: share(1, 2)])
 def test_a_state_that_comes_back_never_ends(dialect: str, source: str) -> None:
     found = error_of(source, dialect=dialect, limits=UNBOUNDED)
     assert found.code == "loop-endless"
@@ -40,7 +41,7 @@ def test_a_state_that_comes_back_never_ends(dialect: str, source: str) -> None:
         ("linuxcnc", "G91\no1 while [#5420 LT 6]\nG0 X0.001\nM8\nM9\no1 endwhile\nM2"),
         ("siemens", "ANFANG: M8\nM9\nENDLABEL:\nREPEAT ANFANG P=9999\nM30"),
         ("siemens", "R1=0\nWHILE R1<6000\nR1=R1+1\nM8\nM9\nENDWHILE\nM30"),
-    ],
+    ][:: share(1, 3)],
 )
 def test_a_long_program_ends(dialect: str, source: str) -> None:
     policy = ReadingPolicy(missing_programs="warn")

@@ -159,7 +159,8 @@ MACRO_SOUP = [
 
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(
-    ("dialect", "words"), [("auto", NGC_SOUP), ("linuxcnc", NGC_SOUP), ("fanuc", MACRO_SOUP)]
+    ("dialect", "words"),
+    [*share([("auto", NGC_SOUP)], []), ("linuxcnc", NGC_SOUP), ("fanuc", MACRO_SOUP)],
 )
 def test_random_sequences_of_control_lines(dialect: str, words: list[str]) -> None:
     """Lines in random order: each program ends or is refused at one of its lines."""

@@ -237,7 +237,7 @@ def test_lines_with_power_on_arrays_equal_lines_one_by_one(laser: bool) -> None:
 
 
 @pytest.mark.parametrize("laser", [False, True])
-@pytest.mark.parametrize("moves", [4095, 4096, 4097, *share([8192], [])])
+@pytest.mark.parametrize("moves", share([4095, 4096, 4097, 8192], [4096]))
 @pytest.mark.parametrize("tail", [[], ["S7"], ["S7", "X1"], ["S7", "S8", "X1"], ["S7", "G4 P1"]])
 def test_power_where_a_polyline_is_full(laser: bool, moves: int, tail: list[str]) -> None:
     lines = ["G91 G1 F600", "M4 S1", *["X1"] * moves, *tail]

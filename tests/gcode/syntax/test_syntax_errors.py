@@ -280,7 +280,7 @@ NESTED = [
 ]
 
 
-@pytest.mark.parametrize("text", NESTED, ids=lambda text: text[:20])
+@pytest.mark.parametrize("text", NESTED[:: share(1, 3)], ids=lambda text: text[:20])
 @pytest.mark.parametrize("syntax", [NGC, MACRO])
 def test_the_work_of_deep_nesting_grows_with_the_length(text: str, syntax: Syntax) -> None:
     with contextlib.suppress(GcodeError), at_most(calls=200 * len(text)):

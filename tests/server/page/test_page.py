@@ -208,7 +208,10 @@ def test_a_jog_ends_with_its_client(page, browser, address, port):
 
 @pytest.mark.parametrize(
     ("width", "theme", "parts"),
-    [(1400, "light", [None]), (390, "dark", ["operate", "job", "picture", "more"])],
+    [
+        (1400, "light", [None]),
+        *share([(390, "dark", ["operate", "job", "picture", "more"])], []),
+    ],
 )
 def test_the_page_is_accessible(browser, address, width, theme, parts):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
