@@ -2,8 +2,9 @@
 
 Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
 before the firmware greets. A board that was not reset answers ``?``, and gets a soft reset once it
-is at rest. The first answers do not count: they may be for the process that had the port before. A board that sends nothing gets a line end, which firmware of another kind answers. Then
-it is reset, then gets DTR.
+is at rest. The first answers do not count: they may be for the process that had the port before. A
+board that sends nothing gets a line end, which firmware of another kind answers. Then it is reset,
+then gets DTR.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
@@ -69,7 +70,7 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
         reset = True
     while (now := link.clock.now()) - began < WELCOME_TIMEOUT:
         if unready is not None and now - began > BUSY_AFTER:
-            _refuse_unready(unready, link.name)
+            _refuse(unready, link.name)
         if not ended and not received and now - began > LINE_END_AFTER:
             ended = True
             link.write(b"\n")
@@ -90,29 +91,37 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             if isinstance(event, Reported) and (
                 link.protocol.state is State.UNKNOWN or (raised and not reset)
             ):
-                ready = event.status.at_rest and not event.status.emergency
-                unready = None if ready else event.status
-                if ready and link.clock.now() - began > STALE_FOR:
+                unready = None if _is_ready(event.status) else event.status
+                if unready is None and link.clock.now() - began > STALE_FOR:
                     link.write(link.protocol.reset())
                     reset = True
             elif isinstance(event, Other):
-                if old := _OLD_REPORT.match(event.text):
-                    raise faults.too_old(link.name, "0.9", old[0])
-                received.append(event.text)
+                received.append(_text_of(event, link.name))
         if received or link.protocol.partial:
             foreign_since = min(foreign_since, link.clock.now())
     rest = link.protocol.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
 
 
-def _refuse_unready(status: Status, name: str) -> None:
-    """Raise BoardError for a board that may not be reset, or that ignores it."""
+def _text_of(event: Other, name: str) -> str:
+    """Return the text of a message of another kind; BoardError for the report of an old GRBL."""
+    if old := _OLD_REPORT.match(event.text):
+        raise faults.too_old(name, "0.9", old[0])
+    return event.text
+
+
+def _is_ready(status: Status) -> bool:
+    """Return whether a board may be reset, and takes it."""
+    return status.at_rest and not status.emergency
+
+
+def _refuse(status: Status, name: str) -> NoReturn:
+    """Raise BoardError for a board that is not ready."""
     if not status.at_rest:
         hint = "wait until it has come to rest, or stop it with its reset button"
         message = f"the board at {name} is moving already ({status.state})"
         raise board_error("board-busy", message, hint=hint)
-    if status.emergency:
-        raise faults.emergency(name)
+    raise faults.emergency(name)
 
 
 def _is_text(received: Sequence[str]) -> bool:
