@@ -29,10 +29,12 @@ from cnc.path.records import Floats
 
 Duration = Callable[[PathChunk], float]
 """Returns the time of the motion along a path from rest to rest, s."""
-MOST_MOVES = 48
+MOST_MOVES = 96
 """Most moves of a part that is timed; a longer one is cut."""
-BESIDE = 12
-"""Moves beside a part, up to a corner or an end, that are timed with it."""
+BESIDE, BESIDE_CUT = 12, 24
+"""Most moves that are timed beside a part: behind a corner, and behind a cut, where the motion is
+as fast as inside.
+"""
 SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once."""
 SHORT = 20.0
@@ -118,7 +120,7 @@ class Choice:
 
 
 def _beside(corner: Flags, edge: int, way: int) -> int:
-    """Return the farthest corner or end within BESIDE moves of an edge of a part.
+    """Return the farthest corner or end near an edge of a part: within BESIDE or BESIDE_CUT moves.
 
     Where there is none, it is the vertex next to a corner, and the farthest one from a cut.
 
@@ -130,7 +132,8 @@ def _beside(corner: Flags, edge: int, way: int) -> int:
     last = len(corner) - 1 if way > 0 else 0
     if edge == last:
         return edge
-    far = edge + way * min(BESIDE, abs(last - edge))
+    most = BESIDE if corner[edge] else BESIDE_CUT
+    far = edge + way * min(most, abs(last - edge))
     found = [k for k in range(far, edge, -way) if corner[k] or k == last]
     if found:
         return found[0]

@@ -9,7 +9,7 @@ from cnc.kernels.path.curve import LINE
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.path.fit_choice import BESIDE, MOST_MOVES
+from cnc.path.fit_choice import BESIDE_CUT, MOST_MOVES
 from tests.support.planner.motions import AXES, lines
 
 ZIGZAG = np.array([(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)], float)
@@ -61,7 +61,7 @@ def test_a_long_part_is_timed_in_cuts(parts):
     seen = []
     pieces(staircase(parts * MOST_MOVES), lambda chunk: seen.append(chunk.length.sum()) or 1.0)
     assert len(seen) == 2 * parts
-    assert max(seen) <= MOST_MOVES + 2 * BESIDE
+    assert max(seen) <= MOST_MOVES + 2 * BESIDE_CUT
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
