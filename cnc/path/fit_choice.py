@@ -1,15 +1,17 @@
-"""The faster of spline and corners, for parts of a chain with few moves and sharp turns.
+"""The faster of spline and corners, for parts of a chain with short moves and sharp turns.
 
 Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 faster there than a motion that passes the turns one by one depends on the limits of the machine.
-So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with many
-moves, with small turns alone, or with moves of many tolerances beside each sharp turn.
+So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with small
+turns alone, or with moves of many tolerances beside each sharp turn. Long parts are cut, so the
+cost is a multiple of the number of moves. Each cut is timed with some moves beside it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +29,12 @@ from cnc.path.records import Floats
 
 Duration = Callable[[PathChunk], float]
 """Returns the time of the motion along a path from rest to rest, s."""
-MOST_MOVES = 12
-"""Most moves of a part that is timed."""
+MOST_MOVES = 96
+"""Most moves of a part that is timed; a longer one is cut."""
+BESIDE, BESIDE_CUT = 12, 24
+"""Most moves that are timed beside a part: behind a corner, and behind a cut, where the motion is
+as fast as inside.
+"""
 SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once."""
 SHORT = 20.0
@@ -38,12 +44,12 @@ FASTER = 0.99
 
 
 class Part(NamedTuple):
-    """A part of a chain between corners or ends, with the vertices that would be corners.
+    """A part of a chain between corners, ends or cuts, with the vertices that would be corners.
 
     Attributes:
         first: its first vertex.
         last: its last vertex.
-        turning: (last - first + 1,): vertices inside that turn.
+        turning: (last - first + 1,): vertices that turn, no corners of the chain among them.
     """
 
     first: int
@@ -75,20 +81,76 @@ class Choice:
             corner: (m,): the corners so far, to which these are added.
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
-        for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
+        before = corner.copy()
+        run: list[tuple[Part, bool]] = []
+        for part in _parts(x[:, metrics], before, SHORT * self._tolerance):
             first, last = part.first, part.last
-            if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
-                # With the moves beside it, corners at its ends are passed as they will be.
-                low, high = _beside(corner, first, -1), _beside(corner, last, 1)
-                inside = slice(low, high + 1)
-                some = Moves(moves.feed[low:high], moves.line[low:high])
-                smooth = corner[inside].copy()
-                smooth[0] = smooth[-1] = False
-                broken = smooth.copy()
-                broken[first - low : last + 1 - low] |= part.turning
-                spline = self._time(x[inside], some, metrics, smooth)
-                if self._time(x[inside], some, metrics, broken) < FASTER * spline:
-                    corner[first : last + 1] |= part.turning
+            if not ((first > 0 or whole[0]) and (last < len(x) - 1 or whole[1])):
+                continue
+            if run and run[-1][0].last < first:
+                self._settle(x, moves, metrics, corner, before, run)
+                run = []
+            smooth = corner[first : last + 1].copy()
+            broken = smooth | part.turning
+            spline, corners = self._times(x, moves, metrics, corner, first, (smooth, broken))
+            run.append((part, corners < FASTER * spline))
+            if run[-1][1]:
+                corner[first : last + 1] = broken
+        self._settle(x, moves, metrics, corner, before, run)
+
+    def _settle(
+        self,
+        x: Floats,
+        moves: Moves,
+        metrics: Flags,
+        corner: Flags,
+        before: Flags,
+        run: list[tuple[Part, bool]],
+    ) -> None:
+        """Take one choice for a run of parts whose choices differ, where that is faster.
+
+        Each part was timed with the next one as a spline.
+
+        Args:
+            x: see :meth:`mark`.
+            moves: likewise.
+            metrics: likewise.
+            corner: likewise.
+            before: (m,): the corners before any choice.
+            run: parts that follow each other, and whether they have corners.
+        """
+        if len({chosen for _, chosen in run}) < 2:
+            return
+        first, last = run[0][0].first, run[-1][0].last
+        smooth = before[first : last + 1]
+        broken = smooth.copy()
+        for part, _ in run:
+            broken[part.first - first : part.last + 1 - first] |= part.turning
+        choices = (corner[first : last + 1].copy(), smooth, broken)
+        times = self._times(x, moves, metrics, corner, first, choices)
+        corner[first : last + 1] = choices[int(np.argmin(times))]
+
+    def _times(
+        self,
+        x: Floats,
+        moves: Moves,
+        metrics: Flags,
+        corner: Flags,
+        first: int,
+        choices: tuple[Flags, ...],
+    ) -> list[float]:
+        """Return the times of the motion with each choice of the corners from ``first`` on, s."""
+        # With the moves beside it, corners at its ends are passed as they will be.
+        last = first + len(choices[0]) - 1
+        low, high = _beside(corner, first, -1), _beside(corner, last, 1)
+        some = Moves(moves.feed[low:high], moves.line[low:high])
+        times = []
+        for choice in choices:
+            marked = corner[low : high + 1].copy()
+            marked[first - low : last + 1 - low] = choice
+            marked[0] = marked[-1] = False
+            times.append(self._time(x[low : high + 1], some, metrics, marked))
+        return times
 
     def _time(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> float:
         """Return the time of the motion along the fitted path of a part, s."""
@@ -114,19 +176,24 @@ class Choice:
 
 
 def _beside(corner: Flags, edge: int, way: int) -> int:
-    """Return the farthest corner or end within MOST_MOVES of a corner, or the vertex next to it.
+    """Return the farthest corner or end near an edge of a part: within BESIDE or BESIDE_CUT moves.
+
+    Where there is none, it is the vertex next to a corner, and the farthest one from a cut.
 
     Args:
         corner: (m,): corners of the chain.
-        edge: the corner, or the end of the chain.
+        edge: the corner, the cut, or the end of the chain.
         way: 1 or -1: direction along the chain.
     """
     last = len(corner) - 1 if way > 0 else 0
     if edge == last:
         return edge
-    far = edge + way * min(MOST_MOVES, abs(last - edge))
+    most = BESIDE if corner[edge] else BESIDE_CUT
+    far = edge + way * min(most, abs(last - edge))
     found = [k for k in range(far, edge, -way) if corner[k] or k == last]
-    return found[0] if found else edge + way
+    if found:
+        return found[0]
+    return edge + way if corner[edge] else far
 
 
 def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
@@ -137,14 +204,20 @@ def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
         corner: (m,): its corners.
         short: mm; see SHORT.
     """
+    step = np.diff(x, axis=0)
+    size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+    cosine = np.ones(len(x))
+    cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
+    sharp = cosine < SHARP
+    sharp[1:-1] &= np.minimum(size[1:], size[:-1]) < short
     is_end = corner.copy()
     is_end[0] = is_end[-1] = True
+    turning = (cosine < SLIGHT) & ~is_end
+    sharp &= ~is_end
     ends = np.flatnonzero(is_end)
-    few = np.flatnonzero((np.diff(ends) > 1) & (np.diff(ends) <= MOST_MOVES))
-    for first, last in zip(ends[few].tolist(), ends[few + 1].tolist(), strict=True):
-        step = np.diff(x[first : last + 1], axis=0)
-        size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
-        cosine = np.ones(last - first + 1)
-        cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
-        if (np.minimum(size[1:], size[:-1])[cosine[1:-1] < SHARP] < short).any():
-            yield Part(first, last, cosine < SLIGHT)
+    for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        count = -(-(end - begin) // MOST_MOVES)
+        cuts = [begin + (end - begin) * k // count for k in range(count + 1)]
+        for first, last in pairwise(cuts):
+            if sharp[first : last + 1].any():
+                yield Part(first, last, turning[first : last + 1])

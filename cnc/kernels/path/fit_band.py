@@ -43,12 +43,25 @@ def factorise(band: Floats) -> None:
 @njit
 def solve(factor: Floats, b: Floats) -> None:
     """Solve a system with its Cholesky factor, in place of the right side b (N,)."""
+    forward(factor, b)
+    backward(factor, b)
+
+
+@njit
+def forward(factor: Floats, b: Floats) -> None:
+    """Solve U'y = b with a Cholesky factor U, in place of b (N,)."""
     size, width = factor.shape
     for i in range(size):
         value = b[i] / factor[i, 0]
         b[i] = value
         for j in range(1, min(width, size - i)):
             b[i + j] -= factor[i, j] * value
+
+
+@njit
+def backward(factor: Floats, b: Floats) -> None:
+    """Solve U x = b with a Cholesky factor U, in place of b (N,)."""
+    size, width = factor.shape
     for i in range(size - 1, -1, -1):
         # Three sums, so that an addition need not wait for the one before.
         reach = min(width, size - i)

@@ -62,6 +62,11 @@ BEFORE_BOUND = 0.8
 LONGEST = 0.15
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
+GROWTH = 4.0
+"""Largest ratio of the parts of two steps that are taken one after the other. A step that is much
+longer than the one before mostly fails, and each trial costs half as much as a step.
+"""
+
 INSIDE = 0.02
 """The search for a motion inside all bounds begins with bounds that are raised by so much more than
 it needs.
@@ -115,6 +120,7 @@ def _lowered(
     )
     d = n.c.shape[1]
     held = False
+    longest = 1.0
     for _ in range(NEWTON_STEPS):
         if not value < math.inf or s <= goal:
             break
@@ -134,7 +140,7 @@ def _lowered(
             held = False
             continue
         look_ahead(rows, n)
-        part = min(1.0, BEFORE_BOUND * furthest(rows, n, s, n.other[groups]))
+        part = min(longest, BEFORE_BOUND * furthest(rows, n, s, n.other[groups]))
         for g in range(groups):
             part = min(part, LONGEST / max(abs(n.other[g]), LONGEST))
         step_s = n.other[groups]
@@ -165,6 +171,7 @@ def _lowered(
         n.c[:] = n.tried
         n.spans[:] = n.tried_spans
         s += part * step_s
+        longest = min(1.0, GROWTH * part)
         gained, value = value - new, new
         if gained < STALLED * weights[0] * duration(n.share, n.spans):
             break

@@ -201,26 +201,30 @@ def _add_up_rows(tube: Tube, rows: Rows, s: float, n: Newton) -> None:
 def add_to_band(rows: Rows, weight: Floats, band: Floats) -> None:
     """Add second derivatives by x (places, d, d) to those by the coordinates."""
     free, d = len(band), weight.shape[1]
+    segment = np.empty(4 * d)
     for i in range(rows.number[0]):
         first = d * (rows.step[i] - FIXED)
-        for j in range(4):
-            at = first + d * j
-            if rows.stencil[i, j] == 0.0 or at < 0 or at >= free:
-                continue
-            for o in range(j, 4):
-                both = rows.stencil[i, j] * rows.stencil[i, o]
-                to = first + d * o
-                if both == 0.0 or to >= free:
-                    continue
-                for q in range(d):
-                    for r in range(q if o == j else 0, d):
-                        band[at + q, to + r - at - q] += both * weight[i, q, r]
+        begin, end = 0, 4
+        while begin < 4 and (rows.stencil[i, begin] == 0.0 or first + d * begin < 0):
+            begin += 1
+        while end > begin and (rows.stencil[i, end - 1] == 0.0 or first + d * end > free):
+            end -= 1
+        for q in range(d):
+            for o in range(begin, end):
+                for r in range(d):
+                    segment[d * o + r] = rows.stencil[i, o] * weight[i, q, r]
+            for j in range(begin, end):
+                # The entries of a row of the matrix are contiguous.
+                factor, column = rows.stencil[i, j], d * j + q
+                for k in range(column, d * end):
+                    band[first + column, k - column] += factor * segment[k]
 
 
 @njit
 def _add_slopes(rows: Rows, n: Newton) -> None:
     """Add the derivatives by x of all places to those by the unknowns."""
     free, d, last = len(n.slope), n.c.shape[1], len(n.spans)
+    bent = np.empty(d)
     for i in range(rows.number[0]):
         first = d * (rows.step[i] - FIXED)
         for j in range(4):
@@ -240,17 +244,18 @@ def _add_slopes(rows: Rows, n: Newton) -> None:
                 n.other[g] += n.by_x[i, q] * moved
                 n.block[g, last] += n.by_x_and_s[i, q] * moved
                 n.block[last, g] += n.by_x_and_s[i, q] * moved
-                bent = 0.0
+                bent[q] = 0.0
                 for o in range(d):
-                    bent += n.weight[i, q, o] * rows.by_group[i, a, o]
+                    bent[q] += n.weight[i, q, o] * rows.by_group[i, a, o]
                 for b in range(MOST_GROUPS):
                     h = rows.group[i, b]
                     if h >= 0:
-                        n.block[g, h] += bent * rows.by_group[i, b, q]
-                for j in range(4):
-                    at = first + d * j
-                    if 0 <= at < free:
-                        n.side[g, at + q] += rows.stencil[i, j] * bent
+                        n.block[g, h] += bent[q] * rows.by_group[i, b, q]
+            for j in range(4):
+                weight, at = rows.stencil[i, j], first + d * j
+                if weight != 0.0 and 0 <= at < free:
+                    for q in range(d):
+                        n.side[g, at + q] += weight * bent[q]
 
 
 @njit

@@ -5,12 +5,13 @@ A row bounds a value at a place of the spline (:mod:`cnc.kernels.planner.corner_
 - a difference: jerk of a step, acceleration at its start, control points of the velocity. Speed and
   acceleration are convex combinations of these, so the rows hold everywhere;
 - the length of a difference: the feed, and the acceleration where it is limited along the path;
-- the distance of a Bezier point from its leg, and of the point between two legs from their corner:
-  the tolerance. The points within a distance of a leg form a convex set, so the whole spline lies
-  within the tolerance. It crosses the plane at right angles to a leg through each of its points
-  between those nearest to the points where the spline enters and leaves the leg. What is left of
-  the leg is no farther from these than its corners are. So no point of the legs lies farther from
-  the spline;
+- the distance of the second and the third Bezier point of a step from its leg, and of the point
+  between two legs from their corner: the tolerance. The points within a distance of a leg form a
+  convex set. The first point of a step lies between the third of the step before and the second of
+  its own. So the whole spline lies within the tolerance. It crosses the plane at right angles to a
+  leg through each of its points between those nearest to the points where the spline enters and
+  leaves the leg. What is left of the leg is no farther from these than its corners are. So no point
+  of the legs lies farther from the spline;
 - a control point, where the travel of an axis ends close to the corners.
 """
 
@@ -35,7 +36,6 @@ from cnc.kernels.planner.corner_tube import (
     ACCELERATION,
     CORNER,
     EARLY,
-    FIRST_POINT,
     FIXED,
     JERK,
     LAST_VELOCITY,
@@ -108,7 +108,7 @@ class Rows(NamedTuple):
 @njit
 def new_rows(steps: int, axes: int, directions: int) -> Rows:
     """Return space for the rows of so many steps."""
-    places, rows = 8 * steps + 1, steps * (5 * axes + 6) + axes + 1
+    places, rows = 7 * steps + 1, steps * (5 * axes + 5) + axes + 1
     return Rows(
         np.zeros(2, np.int64),
         np.zeros(places, np.int64),
@@ -220,12 +220,9 @@ def write_rows(tube: Tube, rows: Rows) -> None:
         _add_row(rows, LEG, eps)
         _add_place(rows, LATE, k)
         _add_row(rows, LEG, eps)
-        if k > 0:
-            _add_place(rows, FIRST_POINT, k)
-            _add_row(rows, LEG, eps)
-            if leg != tube.leg[k - 1]:
-                _add_place(rows, CORNER, k)
-                _add_row(rows, LENGTH, eps)
+        if k > 0 and leg != tube.leg[k - 1]:
+            _add_place(rows, CORNER, k)
+            _add_row(rows, LENGTH, eps)
         if near and k >= FIXED:
             _add_place(rows, POINT, k)
             _add_travel(rows, tube)

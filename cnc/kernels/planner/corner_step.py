@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.fit_band import factorise, solve
+from cnc.kernels.path.curve import Floats, Ints
+from cnc.kernels.path.fit_band import backward, factorise, forward, solve
 from cnc.kernels.planner.corner_along import MOST_GROUPS, add_along, along_ahead
 from cnc.kernels.planner.corner_newton import Newton, add_to_band
 from cnc.kernels.planner.corner_rows import TRAVEL, Rows, evaluate
@@ -27,35 +28,66 @@ def newton_step(n: Newton, first: int, end: int) -> float:
     free, columns = len(n.slope), end - first
     factorise(n.band)
     rest = n.slope.copy()
-    solve(n.band, rest)
-    reduced, right = np.zeros((columns, columns)), np.empty(columns)
-    solved = np.empty((columns, free))
+    forward(n.band, rest)
+    sides = np.empty((free, columns))
     for a in range(columns):
-        solved[a] = n.side[first + a]
-        solve(n.band, solved[a])
-        right[a] = -n.other[first + a]
         for i in range(free):
-            right[a] += n.side[first + a, i] * rest[i]
+            sides[i, a] = n.side[first + a, i]
+    begun = _forward_columns(n.band, sides)
+    reduced, right = np.zeros((columns, columns)), np.empty(columns)
     for a in range(columns):
+        right[a] = -n.other[first + a]
         for b in range(a, columns):
-            value = n.block[first + a, first + b]
-            for i in range(free):
-                value -= n.side[first + a, i] * solved[b, i]
-            reduced[a, b - a] = value
+            reduced[a, b - a] = n.block[first + a, first + b]
+    for i in range(free):
+        for a in range(begun[i]):
+            value = sides[i, a]
+            right[a] += value * rest[i]
+            for b in range(a, begun[i]):
+                reduced[a, b - a] -= value * sides[i, b]
     factorise(reduced)
     solve(reduced, right)
+    for i in range(free):
+        for a in range(begun[i]):
+            rest[i] += sides[i, a] * right[a]
+    backward(n.band, rest)
     decrement = 0.0
     for i in range(free):
-        step = -rest[i]
-        for a in range(columns):
-            step -= solved[a, i] * right[a]
-        decrement -= n.slope[i] * step
-        n.slope[i] = step
+        decrement += n.slope[i] * rest[i]
+        n.slope[i] = -rest[i]
     for a in range(columns):
         decrement -= n.other[first + a] * right[a]
     n.other[:] = 0.0
     n.other[first:end] = right
     return decrement
+
+
+@njit
+def _forward_columns(factor: Floats, sides: Floats) -> Ints:
+    """Solve U'y = b for each column of ``sides`` (free, columns), in its place.
+
+    Returns:
+        (free,): the number of columns that may differ from 0 in each row. The columns are in the
+        order of the groups of steps, so all behind them are 0 there.
+    """
+    free, columns = sides.shape
+    width = factor.shape[1]
+    begun = np.zeros(free, np.int64)
+    count = 0
+    for i in range(free):
+        for a in range(columns - 1, count - 1, -1):
+            if sides[i, a] != 0.0:
+                count = a + 1
+                break
+        begun[i] = count
+        inverse = 1.0 / factor[i, 0]
+        for a in range(count):
+            sides[i, a] *= inverse
+        for j in range(1, min(width, free - i)):
+            weight = factor[i, j]
+            for a in range(count):
+                sides[i + j, a] -= weight * sides[i, a]
+    return begun
 
 
 @njit
