@@ -81,76 +81,20 @@ class Choice:
             corner: (m,): the corners so far, to which these are added.
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
-        before = corner.copy()
-        run: list[tuple[Part, bool]] = []
-        for part in _parts(x[:, metrics], before, SHORT * self._tolerance):
+        for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
             first, last = part.first, part.last
-            if not ((first > 0 or whole[0]) and (last < len(x) - 1 or whole[1])):
-                continue
-            if run and run[-1][0].last < first:
-                self._settle(x, moves, metrics, corner, before, run)
-                run = []
-            smooth = corner[first : last + 1].copy()
-            broken = smooth | part.turning
-            spline, corners = self._times(x, moves, metrics, corner, first, (smooth, broken))
-            run.append((part, corners < FASTER * spline))
-            if run[-1][1]:
-                corner[first : last + 1] = broken
-        self._settle(x, moves, metrics, corner, before, run)
-
-    def _settle(
-        self,
-        x: Floats,
-        moves: Moves,
-        metrics: Flags,
-        corner: Flags,
-        before: Flags,
-        run: list[tuple[Part, bool]],
-    ) -> None:
-        """Take one choice for a run of parts whose choices differ, where that is faster.
-
-        Each part was timed with the next one as a spline.
-
-        Args:
-            x: see :meth:`mark`.
-            moves: likewise.
-            metrics: likewise.
-            corner: likewise.
-            before: (m,): the corners before any choice.
-            run: parts that follow each other, and whether they have corners.
-        """
-        if len({chosen for _, chosen in run}) < 2:
-            return
-        first, last = run[0][0].first, run[-1][0].last
-        smooth = before[first : last + 1]
-        broken = smooth.copy()
-        for part, _ in run:
-            broken[part.first - first : part.last + 1 - first] |= part.turning
-        choices = (corner[first : last + 1].copy(), smooth, broken)
-        times = self._times(x, moves, metrics, corner, first, choices)
-        corner[first : last + 1] = choices[int(np.argmin(times))]
-
-    def _times(
-        self,
-        x: Floats,
-        moves: Moves,
-        metrics: Flags,
-        corner: Flags,
-        first: int,
-        choices: tuple[Flags, ...],
-    ) -> list[float]:
-        """Return the times of the motion with each choice of the corners from ``first`` on, s."""
-        # With the moves beside it, corners at its ends are passed as they will be.
-        last = first + len(choices[0]) - 1
-        low, high = _beside(corner, first, -1), _beside(corner, last, 1)
-        some = Moves(moves.feed[low:high], moves.line[low:high])
-        times = []
-        for choice in choices:
-            marked = corner[low : high + 1].copy()
-            marked[first - low : last + 1 - low] = choice
-            marked[0] = marked[-1] = False
-            times.append(self._time(x[low : high + 1], some, metrics, marked))
-        return times
+            if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
+                # With the moves beside it, corners at its ends are passed as they will be.
+                low, high = _beside(corner, first, -1), _beside(corner, last, 1)
+                inside = slice(low, high + 1)
+                some = Moves(moves.feed[low:high], moves.line[low:high])
+                smooth = corner[inside].copy()
+                smooth[0] = smooth[-1] = False
+                broken = smooth.copy()
+                broken[first - low : last + 1 - low] |= part.turning
+                spline = self._time(x[inside], some, metrics, smooth)
+                if self._time(x[inside], some, metrics, broken) < FASTER * spline:
+                    corner[first : last + 1] |= part.turning
 
     def _time(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> float:
         """Return the time of the motion along the fitted path of a part, s."""

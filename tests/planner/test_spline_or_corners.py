@@ -68,7 +68,7 @@ def all_corners():
     return lambda chunk: next(times)
 
 
-@pytest.mark.parametrize("seed", share([*range(40), 122, 307], [122, 307]))
+@pytest.mark.parametrize("seed", share(range(40), [1, 2]))
 def test_noisy_walks_take_the_faster_of_spline_and_corners(seed):
     points, tolerance, mill, feed = walk(seed)
     made = [
