@@ -1,17 +1,15 @@
-"""The faster of spline and corners, for parts of a chain with short moves and sharp turns.
+"""The faster of spline and corners, for parts of a chain with few moves and sharp turns.
 
 Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 faster there than a motion that passes the turns one by one depends on the limits of the machine.
-So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with small
-turns alone, or with moves of many tolerances beside each sharp turn. Long parts are cut, so the
-cost is a multiple of the number of moves. Each cut is timed with some moves beside it.
+So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with many
+moves, with small turns alone, or with moves of many tolerances beside each sharp turn.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -29,12 +27,8 @@ from cnc.path.records import Floats
 
 Duration = Callable[[PathChunk], float]
 """Returns the time of the motion along a path from rest to rest, s."""
-MOST_MOVES = 96
-"""Most moves of a part that is timed; a longer one is cut."""
-BESIDE, BESIDE_CUT = 12, 24
-"""Most moves that are timed beside a part: behind a corner, and behind a cut, where the motion is
-as fast as inside.
-"""
+MOST_MOVES = 12
+"""Most moves of a part that is timed."""
 SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once."""
 SHORT = 20.0
@@ -44,12 +38,12 @@ FASTER = 0.99
 
 
 class Part(NamedTuple):
-    """A part of a chain between corners, ends or cuts, with the vertices that would be corners.
+    """A part of a chain between corners or ends, with the vertices that would be corners.
 
     Attributes:
         first: its first vertex.
         last: its last vertex.
-        turning: (last - first + 1,): vertices that turn, no corners of the chain among them.
+        turning: (last - first + 1,): vertices inside that turn.
     """
 
     first: int
@@ -120,24 +114,19 @@ class Choice:
 
 
 def _beside(corner: Flags, edge: int, way: int) -> int:
-    """Return the farthest corner or end near an edge of a part: within BESIDE or BESIDE_CUT moves.
-
-    Where there is none, it is the vertex next to a corner, and the farthest one from a cut.
+    """Return the farthest corner or end within MOST_MOVES of a corner, or the vertex next to it.
 
     Args:
         corner: (m,): corners of the chain.
-        edge: the corner, the cut, or the end of the chain.
+        edge: the corner, or the end of the chain.
         way: 1 or -1: direction along the chain.
     """
     last = len(corner) - 1 if way > 0 else 0
     if edge == last:
         return edge
-    most = BESIDE if corner[edge] else BESIDE_CUT
-    far = edge + way * min(most, abs(last - edge))
+    far = edge + way * min(MOST_MOVES, abs(last - edge))
     found = [k for k in range(far, edge, -way) if corner[k] or k == last]
-    if found:
-        return found[0]
-    return edge + way if corner[edge] else far
+    return found[0] if found else edge + way
 
 
 def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
@@ -148,20 +137,14 @@ def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
         corner: (m,): its corners.
         short: mm; see SHORT.
     """
-    step = np.diff(x, axis=0)
-    size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
-    cosine = np.ones(len(x))
-    cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
-    sharp = cosine < SHARP
-    sharp[1:-1] &= np.minimum(size[1:], size[:-1]) < short
     is_end = corner.copy()
     is_end[0] = is_end[-1] = True
-    turning = (cosine < SLIGHT) & ~is_end
-    sharp &= ~is_end
     ends = np.flatnonzero(is_end)
-    for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
-        count = -(-(end - begin) // MOST_MOVES)
-        cuts = [begin + (end - begin) * k // count for k in range(count + 1)]
-        for first, last in pairwise(cuts):
-            if sharp[first : last + 1].any():
-                yield Part(first, last, turning[first : last + 1])
+    few = np.flatnonzero((np.diff(ends) > 1) & (np.diff(ends) <= MOST_MOVES))
+    for first, last in zip(ends[few].tolist(), ends[few + 1].tolist(), strict=True):
+        step = np.diff(x[first : last + 1], axis=0)
+        size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+        cosine = np.ones(last - first + 1)
+        cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
+        if (np.minimum(size[1:], size[:-1])[cosine[1:-1] < SHARP] < short).any():
+            yield Part(first, last, cosine < SLIGHT)

@@ -9,7 +9,7 @@ from cnc.kernels.path.curve import LINE
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.path.fit_choice import BESIDE_CUT, MOST_MOVES
+from cnc.path.fit_choice import MOST_MOVES
 from tests.support.planner.motions import AXES, lines
 
 ZIGZAG = np.array([(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)], float)
@@ -55,40 +55,11 @@ def staircase(moves):
     return np.cumsum(steps, axis=0)
 
 
-@pytest.mark.parametrize("parts", [1, 2, 5])
-def test_a_long_part_is_timed_in_cuts(parts):
-    """So the cost grows with the number of moves, and no faster."""
+@pytest.mark.parametrize(("moves", "timed"), [(MOST_MOVES, True), (MOST_MOVES + 1, False)])
+def test_parts_with_many_moves_are_curves(moves, timed):
     seen = []
-    pieces(staircase(parts * MOST_MOVES), lambda chunk: seen.append(chunk.length.sum()) or 1.0)
-    assert len(seen) == 2 * parts
-    assert max(seen) <= MOST_MOVES + 2 * BESIDE_CUT
-
-
-@pytest.mark.parametrize("first", [0, 1, 2])
-def test_each_cut_of_a_long_part_takes_the_faster_of_both(first):
-    """Corners are faster in one of three cuts: there the path has lines, elsewhere a curve."""
-    count = 3 * MOST_MOVES
-    calls = []
-
-    def duration(chunk):
-        calls.append(chunk)
-        cut, broken = divmod(len(calls) - 1, 2)
-        return 1.0 if broken == (cut == first) else 2.0
-
-    path = build(
-        [PathMode("t.nc", 1, "blend", 0.1), lines(staircase(count), 20.0)],
-        axes=AXES,
-        start=np.zeros(3),
-        duration=duration,
-    )
-    chunk = next(item for item in path if isinstance(item, PathChunk))
-    begin, end = first * MOST_MOVES, (first + 1) * MOST_MOVES
-    near = 2  # moves: the curves beside the cut end at its corners
-    inside = (chunk.line > begin + near) & (chunk.line <= end - near)
-    outside = (chunk.line <= begin - near) | (chunk.line > end + near)
-    assert (chunk.kind[inside] == LINE).all()
-    assert inside.any()
-    assert (chunk.kind[outside] != LINE).all()
+    pieces(staircase(moves), lambda chunk: seen.append(chunk) or 1.0)
+    assert bool(seen) == timed
 
 
 @pytest.mark.parametrize(("turn", "timed"), [(35.0, False), (45.0, True)])

@@ -1,7 +1,5 @@
 """The faster of spline and corners, as the planner times them."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,40 +41,6 @@ def test_the_choice_makes_no_polygon_slower(seed):
     spline, faster, stops = times(seed)
     assert faster <= 1.01 * spline
     assert faster <= 1.1 * stops
-
-
-def walk(seed):
-    """Return a walk with moves of 1 to 2 tolerances, its tolerance, a machine and a feed."""
-    rng = np.random.default_rng(seed)
-    count, tolerance = int(rng.integers(14, 100)), 10 ** rng.uniform(-2.0, -0.7)
-    heading = rng.normal(0.0, rng.uniform(0.4, 1.3), count) + np.cumsum(rng.normal(0, 0.1, count))
-    steps = tolerance * rng.uniform(1.0, 2.0, count)
-    moves = np.stack((steps * np.cos(heading), steps * np.sin(heading), 0.0 * steps), axis=1)
-    axis = Axis(
-        steps_per_mm=100.0,
-        max_velocity=200.0,
-        max_acceleration=10 ** rng.uniform(2.7, 3.7),
-        max_jerk=10 ** rng.uniform(4.0, 5.5),
-    )
-    mill = Machine(axes=dict.fromkeys("xyz", axis))
-    return np.cumsum(moves, axis=0), tolerance, mill, 10 ** rng.uniform(0.7, 2.0)
-
-
-def all_corners():
-    """Return times with which the choice is corners wherever it is made."""
-    times = itertools.cycle((2.0, 1.0))
-    return lambda chunk: next(times)
-
-
-@pytest.mark.parametrize("seed", share(range(40), [1, 2]))
-def test_noisy_walks_take_the_faster_of_spline_and_corners(seed):
-    points, tolerance, mill, feed = walk(seed)
-    made = [
-        planned(points, tolerance, mill, feed, times)[0]
-        for times in (None, all_corners(), motion_time(mill))
-    ]
-    spline, corners, chosen = (duration(chunks) for chunks in made)
-    assert chosen <= 1.02 * min(spline, corners)
 
 
 def test_programs_are_planned_with_the_choice(tmp_path):
