@@ -32,7 +32,7 @@ from cnc.planner.detour import detour
 from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
-from cnc.planner.requests import PARTS, Beginning
+from cnc.planner.requests import LEAST_LATER, PARTS, SEARCH_AGAIN, Beginning
 from cnc.planner.rewind import Rewind
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
@@ -89,6 +89,8 @@ class LookAhead:
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished = Finished()
+        self._search_from = 0.0
+        """Time from which on a stop is sought inside of a motion past corners, s."""
         self._allowed = Overrides(
             "", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True
         )
@@ -200,6 +202,8 @@ class LookAhead:
         before = self._state()
         left = self._finished.chain_left
         inside = factor == 0.0 and left > 0.0
+        if inside and left > self._slice_s and self._finished.time < self._search_from:
+            return False
         best, earliest = before, inf
         for begin, later in self._beginnings(factor):
             done = False
@@ -216,18 +220,19 @@ class LookAhead:
                 break
         self._set_state(best)
         if best is before:
+            self._search_from = self._finished.time + SEARCH_AGAIN if inside else 0.0
             return False
         self._factor = factor
         return True
 
     def _accepted(self, begin: Beginning, factor: float) -> bool:
         """Plan for a factor of the feeds from here on; return whether the audit accepts it."""
+        inside = begin is Beginning.INSIDE_CHAIN
         if factor > 0.0:
             self._window.override(factor)
         else:
-            self._window.stop()
-        late = begin is Beginning.INSIDE_CHAIN and self._window.stops_late
-        return not late and self._refusal() is None
+            self._window.stop(soon=inside)
+        return not (inside and self._window.stops_late) and self._refusal() is None
 
     def _state(self) -> State:
         """Return a copy of the state that a request changes."""
@@ -322,8 +327,9 @@ class LookAhead:
         if factor == self._factor:
             return [(Beginning.WINDOW, 0.0)]
         if self._finished:
-            parts = PARTS if factor == 0.0 and self._finished.chain_left > 0.0 else ()
-            places = [(Beginning.INSIDE_CHAIN, part * self._slice_s) for part in parts]
+            inside = factor == 0.0 and self._finished.chain_left > 0.0
+            later = [part * self._slice_s for part in PARTS * inside]
+            places = [(Beginning.INSIDE_CHAIN, t) for t in later if t == 0.0 or t >= LEAST_LATER]
             return [*places, (Beginning.FINISHED, 0.0)]
         held = [(Beginning.HELD_BACK, 0.0)] * (self._corners.held_from is not None)
         return [*held, (Beginning.WINDOW, 0.0)]

@@ -281,16 +281,20 @@ class Window:
         self._stopping = False
         return True
 
-    def stop(self) -> None:
-        """Come to rest on the path as soon as the limits allow, from the next slice on."""
+    def stop(self, *, soon: bool = False) -> None:
+        """Come to rest on the path as soon as the limits allow, from the next slice on.
+
+        Args:
+            soon: see :class:`Request`.
+        """
         if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
         plan = self._plan
-        request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)
-        soon = rests_soon(request)
-        self._stops_late = not (soon or self._redirect(request))
-        if soon or self._stops_late:
+        request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True, soon)
+        enough = rests_soon(request)
+        self._stops_late = not (enough or self._redirect(request))
+        if enough or self._stops_late:
             # No rest is earlier than that of the plan: at the next stop of the path, or at the end
             # of the known path.
             self.follow_to_rest()

@@ -11,6 +11,7 @@ from cnc.kernels.planner.timed import is_timed
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
+from cnc.planner import slowing
 from cnc.planner.audit import Audit
 from cnc.planner.detour import detour
 from cnc.planner.finished import Finished, FinishedPart
@@ -18,6 +19,7 @@ from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import slice_end
 from cnc.planner.plan import PlanChunk
+from cnc.planner.requests import SEARCH_AGAIN
 from tests.support.planner.corners import PER_AXIS, duration
 from tests.support.planner.motions import AXES, lines, sampled
 from tests.support.soak import share
@@ -81,6 +83,35 @@ def test_slices_are_the_motion_without_an_operator():
     assert duration(sliced) == pytest.approx(duration(whole), abs=1e-9)
     # States at the ends of a motion are rounded, and the plan is cut at other times.
     assert sampled(sliced, 1e-3) == pytest.approx(sampled(whole, 1e-3), abs=1e-7)
+
+
+def test_a_search_without_a_stop_is_not_repeated_at_once(monkeypatch):
+    """A board has about 0.1 s of motion. In that time a search must be over."""
+    _, plans, control = planning(ZIGZAG, slice_s=0.01)
+    searches, sent = [], 0.0
+    real = slowing._shortest_stop
+
+    def without_stop(request):
+        if not request.soon:
+            return real(request)
+        searches.append(sent)
+        return None
+
+    class NoSearch(slowing._Search):
+        def run(self):
+            assert not self.request.soon
+            return super().run()
+
+    monkeypatch.setattr(slowing, "_shortest_stop", without_stop)
+    monkeypatch.setattr(slowing, "_Search", NoSearch)
+    for item in plans:
+        if isinstance(item, Held):
+            break
+        sent = item.t0 + item.duration
+        if past_corners(item):
+            control.hold()
+    assert len(searches) >= 2
+    assert np.diff(searches[:-1]).min() > SEARCH_AGAIN - 1e-9
 
 
 def test_the_path_of_a_motion_past_corners_is_the_same_curve():

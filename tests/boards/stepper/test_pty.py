@@ -84,8 +84,9 @@ def to_run(program: Path, terminal: Terminal) -> list[str]:
 
 
 def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
-    # So short that the board holds all of it: a busy computer is never too late with the rest.
-    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 Y-0.75 F1200\nG1 X2 Y0.25 Z0.5\nM2\n")
+    # It takes 0.095 s, so the board has all of it before it moves: a busy computer is never late.
+    program = "G21 G90\nG1 X0.05 Y-0.0375 F1200\nG1 X0.1 Y0.0125 Z0.025\nM2\n"
+    (tmp_path / "p.ngc").write_text(program)
     arguments = to_run(tmp_path / "p.ngc", terminal)
     with cncrun(*arguments) as first:
         out, error = first.communicate(timeout=HANG)
@@ -97,7 +98,7 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
     assert second.returncode == 3
     assert "port-taken" in error
     terminal.stop()
-    assert terminal.position() == [800, 100, 200]
+    assert terminal.position() == [40, 5, 10]
 
 
 @pytest.mark.soak
