@@ -14,10 +14,7 @@ from cnc.kernels import jit
 from tests.support.paths import ROOT
 from tests.support.soak import share
 
-pytestmark = [
-    pytest.mark.soak,
-    pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python"),
-]
+pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
 
 KERNELS = '''
 from __future__ import annotations
