@@ -30,7 +30,6 @@ from cnc.kernels.planner.corner_stops import (
     pass_corners,
 )
 from cnc.kernels.planner.legs import REST
-from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
@@ -39,6 +38,7 @@ from cnc.planner.plan import PlanChunk
 from cnc.planner.plan_parts import (
     SAME,
     cut_at_time,
+    empty_plan,
     first_piece,
     joined_plans,
     part,
@@ -69,10 +69,6 @@ class CornerMotions:
     def held_from(self) -> float | None:
         """Time in the plans from which on their motion is held back, s; None for none."""
         return None if self._held is None else self._held.t0
-
-    def finished_time(self, time: float) -> float:
-        """Return a time of the plan in the finished motion, s."""
-        return time - self._earlier
 
     def drop(self) -> None:
         """Forget the part that is held back: another one follows in its place."""
@@ -207,7 +203,7 @@ class CornerMotions:
             len(plan.phase_j) + (CORNER_STEPS + 2) * corners,
         )
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
-        out_plan = _empty_plan(most, phases)
+        out_plan = empty_plan(most, phases)
         chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
         count, spans, numbers, passed = pass_corners(
             path,
@@ -237,7 +233,8 @@ class CornerMotions:
         )
         begin, end, earlier = (times[:passed] for times in chains)
         before = np.concatenate(([0.0], earlier[:-1]))
-        motions = zip(begin - before, end - earlier, plan.t0 + end, strict=True)
+        in_stops = (plan.t0 + begin, plan.t0 + end)
+        motions = zip(begin - before, end - earlier, *in_stops, strict=True)
         return _Passing(cut, out.line[:count], tuple(PassedChain(*map(float, m)) for m in motions))
 
 
@@ -253,15 +250,3 @@ class _Passing(NamedTuple):
     plan: PlanChunk
     origin: NDArray[np.int32]
     chains: tuple[PassedChain, ...]
-
-
-def _empty_plan(pieces: int, phases: int) -> PlanArrays:
-    """Return space for a plan over so many pieces, with so many phases."""
-    return PlanArrays(
-        np.empty(pieces + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases + 1),
-        np.empty(phases),
-    )

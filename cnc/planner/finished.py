@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cnc.kernels.planner.corner_legs import LEG_STEPS
 from cnc.kernels.planner.corner_places import leaves_path
 from cnc.kernels.planner.timed import is_timed
 from cnc.planner.audit import Audit
@@ -31,18 +32,38 @@ BESIDE = 4.0 * INSTANT
 """s; a slice does not end so near to the end of a phase, but at it."""
 
 
+SHORT = 1e-3
+"""s; inside of a chain, a stop does not begin so close to the end of a step, but at it."""
+
+
 class PassedChain(NamedTuple):
     """The motion past a chain of corners in a part.
 
     Attributes:
         begin: its time in the part, s.
         end: the time of its end in the part.
-        stops_end: the time of its end in the plan with stops, s since the start of the program.
+        stops_begin: the time of its begin in the plan with stops, s since the start of the program.
+        stops_end: the time of its end in the plan with stops.
     """
 
     begin: float
     end: float
+    stops_begin: float
     stops_end: float
+
+
+class ChainLeft(NamedTuple):
+    """The rest of a motion past a chain of corners.
+
+    Attributes:
+        plan: the motion from here on; a timed piece for each phase.
+        legs: the number of legs of the whole chain.
+        leg: the leg that is under way.
+    """
+
+    plan: PlanChunk
+    legs: int
+    leg: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +91,12 @@ class Return:
 
     Attributes:
         stops_time: its time in the plan with stops, s since the start of the program. For a place
-            inside a chain, that of the chain's end.
+            inside a chain, that of the chain's begin.
         time: its time in the finished plan, s since the start of the program.
         length: path length there, mm.
         shared: whether the leg there begins with a corner that is passed.
         audit: the audit as it is there.
-        chain: the motion past corners that is left from there on; None outside of a chain.
+        left: the motion past corners that is left from there on; None outside of a chain.
     """
 
     stops_time: float
@@ -83,7 +104,7 @@ class Return:
     length: float
     shared: bool
     audit: Audit
-    chain: PlanChunk | None
+    left: ChainLeft | None
 
 
 class Finished:
@@ -129,29 +150,32 @@ class Finished:
 
     @property
     def stops_time(self) -> float | None:
-        """The time of :meth:`back` in the plan with stops; None if nothing is left."""
+        """The earliest time of :meth:`back` in the plan with stops; None if nothing is left."""
         if not self._parts:
             return None
         chain = self._chain_under_way()
-        return self._stops_time(self._done) if chain is None else chain.stops_end
+        return self._stops_time(self._done) if chain is None else chain.stops_begin
 
-    def back(self, *, inside: bool, later: float = 0.0) -> tuple[Return, Finished] | None:
+    def back(self, *, inside: bool) -> tuple[Return, Finished] | None:
         """Return the place from which on the motion may change, and the parts up to there.
 
         Args:
             inside: whether it may lie inside of a chain of corners. Otherwise it is its end.
-            later: time by which it is later, inside of the chain, s.
 
         Returns:
             None if that is beyond the end of the chain. There is no return into the parts up to
             there: the window is behind them.
         """
         first, chain = self._parts[0], self._chain_under_way()
-        plan, time, left = first.plan, self._done + later, None
+        plan, time, left = first.plan, self._done, None
         if chain is not None and inside:
+            t = plan.phase_t
+            here = int(np.searchsorted(t, time + SAME, side="right"))
+            if t[here] - time < SHORT:
+                time = float(t[here])
             if time > chain.end - SAME:
                 return None
-            left = _between(plan, time, chain.end)
+            left = _chain_left(plan, chain, time)
         elif chain is not None:
             time = chain.end
         kept = Finished()
@@ -169,12 +193,12 @@ class Finished:
             return None
         phase, cut = cut_at_time(plan, time)
         found = Return(
-            stops_time=self._stops_time(time if left is None or chain is None else chain.end),
+            stops_time=chain.stops_begin if chain and left else self._stops_time(time),
             time=plan.t0 + time,
             length=plan.s0 + float(cut.phase_s[phase]),
             shared=left is None and self._shared(first, first_piece(cut, phase)),
             audit=audit,
-            chain=left,
+            left=left,
         )
         return found, kept
 
@@ -202,6 +226,13 @@ class Finished:
             return whole.shared
         timed = is_timed(int(path.kind[piece - 1]), path.data, int(path.at[piece - 1]))
         return timed or bool(leaves_path(path_arrays(path), piece - 1))
+
+
+def _chain_left(plan: PlanChunk, chain: PassedChain, time: float) -> ChainLeft:
+    """Return the rest of a chain from a time on."""
+    left = _between(plan, time, chain.end)
+    legs = round(len(_between(plan, chain.begin, chain.end).path) / LEG_STEPS)
+    return ChainLeft(left, legs, legs - -(-len(left.path) // LEG_STEPS))
 
 
 def _between(plan: PlanChunk, begin: float, end: float) -> PlanChunk:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from copy import copy
-from dataclasses import replace
 from math import inf
 
 import numpy as np
 
-from cnc.kernels.path.curve import LENGTH, LINE, START
 from cnc.kernels.planner.intervals import Intervals
-from cnc.kernels.planner.legs import write_line
 from cnc.path.chunk import PathChunk
 from cnc.planner.intervals import between, joined
 from cnc.planner.limits import Limits
+from cnc.planner.plan_parts import joined_paths
 from cnc.planner.section import Section, Stretch
 
 
@@ -66,25 +64,43 @@ class KnownPath:
             return self._travelled
         return self.sections[0].travelled + (s - self.sections[0].base)
 
-    def put_before(self, s: float, curve: PathChunk) -> bool:
-        """Replace the path before ``s``, in the first section, by a curve that ends there.
+    def pieces_from(self, s: float, count: int) -> PathChunk | None:
+        """Return so many pieces of path, the first one under way at ``s``; None if there are fewer.
 
-        Returns:
-            False where ``s`` is inside a curve. Then nothing changes.
+        ``s`` lies in the first section.
         """
-        first = self.sections[0] if self.sections else None
-        travelled, length = self.length_at(s), float(curve.length.sum())
-        following = None
-        if first is not None:
-            following = _behind(first, s - first.base, curve)
-            if following is None:
-                return False
-            self.sections[0] = Section(
-                Stretch(following, curve, first.stretch.following), self.limits, s, travelled
-            )
-        lead = Stretch(curve, None, following)
-        self.sections.appendleft(Section(lead, self.limits, s - length, travelled - length))
-        return True
+        found: PathChunk | None = None
+        first = self._piece_at(s)
+        for section in self.sections:
+            path = section.stretch.path
+            wanted = first + count - (0 if found is None else len(found))
+            piece = path.part(first, min(wanted, len(path)))
+            found = piece if found is None else joined_paths(found, piece)
+            first = 0
+            if len(found) == count:
+                return found
+        return None
+
+    def move_to(self, s: float, piece: int, place: float) -> float:
+        """Leave out the sections before a place on a piece, and return the arc length there.
+
+        Args:
+            s: a place in the first section.
+            piece: number of pieces behind the one that is under way there.
+            place: from the start of that piece, mm.
+        """
+        number = self._piece_at(s) + piece
+        while number >= len(self.sections[0].stretch.path):
+            number -= len(self.sections.popleft().stretch.path)
+        first = self.sections[0]
+        return first.base + float(first.piece_s[number]) + place
+
+    def _piece_at(self, s: float) -> int:
+        """Return the piece of the first section that is under way at ``s``."""
+        first = self.sections[0]
+        here = s - first.base + rounding_of(s)
+        piece = int(np.searchsorted(first.piece_s, here, side="right")) - 1
+        return min(max(piece, 0), len(first.stretch.path) - 1)
 
     def rebase(self) -> float:
         """Measure arc length from the start of the first section again.
@@ -129,30 +145,5 @@ class KnownPath:
 
     def place(self, s: float) -> tuple[str, int]:
         """Return file and line of the motion that begins at ``s``, in the first section."""
-        section = self.sections[0]
-        path = section.stretch.path
-        here = s - section.base + rounding_of(s)
-        piece = int(np.searchsorted(section.piece_s, here, side="right")) - 1
-        return path.file, int(path.line[min(max(piece, 0), len(path) - 1)])
-
-
-def _behind(section: Section, s: float, curve: PathChunk) -> PathChunk | None:
-    """Return the path of a section behind ``s``, from where a curve ends; None inside a curve."""
-    piece = int(np.searchsorted(section.piece_s, s + rounding_of(s), side="right")) - 1
-    path = section.stretch.path.part(piece, len(section.stretch.path))
-    taken = s - float(section.piece_s[piece])
-    if taken <= rounding_of(s):
-        return path
-    if path.kind[0] != LINE:
-        return None
-    n, at, end = len(path.axes), len(path.data), int(curve.at[-1]) + START + len(path.axes)
-    data = np.concatenate((path.data, np.empty(START + 2 * n)))
-    write_line(data, at, int(path.at[0]), taken, 0.0)
-    data[at + START : at + START + n] = curve.data[end : end + n]
-    places, length = path.at.copy(), path.length.copy()
-    places[0], length[0] = at, data[at + LENGTH]
-    # What takes effect at the start of the line has done so.
-    commands = None if path.commands is None else path.commands.copy()
-    if commands is not None:
-        commands[0] = None
-    return replace(path, data=data, at=places, length=length, commands=commands)
+        path = self.sections[0].stretch.path
+        return path.file, int(path.line[self._piece_at(s)])

@@ -26,13 +26,13 @@ from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
+from cnc.planner.corner_hold import stop_inside
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
-from cnc.planner.detour import detour
 from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
-from cnc.planner.requests import LEAST_LATER, PARTS, SEARCH_AGAIN, Beginning
+from cnc.planner.requests import Beginning
 from cnc.planner.rewind import Rewind
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
@@ -89,8 +89,6 @@ class LookAhead:
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished = Finished()
-        self._search_from = 0.0
-        """Time from which on a stop is sought inside of a motion past corners, s."""
         self._allowed = Overrides(
             "", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True
         )
@@ -192,47 +190,28 @@ class LookAhead:
             waits = False
 
     def _requested(self, factor: float) -> bool:
-        """Plan for a factor of the feeds; return False if the audit refuses that plan.
+        """Plan for a factor of the feeds; return False if that has to wait for another slice.
 
-        Of the stops that begin inside of a motion past corners, or at its end, the first one that
-        takes no longer than a slice counts, else that which rests first.
+        It does where the audit refuses the plan. A hold inside of a long motion past corners waits
+        where no stop is found.
         """
         if self._window.runs_at(factor):
             return True
         before = self._state()
-        left = self._finished.chain_left
-        inside = factor == 0.0 and left > 0.0
-        if inside and left > self._slice_s and self._finished.time < self._search_from:
-            return False
-        best, earliest = before, inf
-        for begin, later in self._beginnings(factor):
-            done = False
-            if self._gone_back(begin, later) and self._accepted(begin, factor):
-                rest = self._corners.finished_time(self._window.rest_time)
-                soon = rest - self._corners.finished_time(self._window.clock.seconds)
-                # Only the next slice may show a stop inside of a long motion.
-                waits = begin is Beginning.FINISHED and earliest == inf and left > self._slice_s
-                if rest < earliest and not waits:
-                    best, earliest = self._state(), rest
-                done = not inside or soon + later <= self._slice_s
+        for begin in self._beginnings(factor):
+            if self._gone_back(begin) and self._accepted(factor):
+                self._factor = factor
+                return True
             self._set_state(before)
-            if done:
-                break
-        self._set_state(best)
-        if best is before:
-            self._search_from = self._finished.time + SEARCH_AGAIN if inside else 0.0
-            return False
-        self._factor = factor
-        return True
+        return False
 
-    def _accepted(self, begin: Beginning, factor: float) -> bool:
+    def _accepted(self, factor: float) -> bool:
         """Plan for a factor of the feeds from here on; return whether the audit accepts it."""
-        inside = begin is Beginning.INSIDE_CHAIN
         if factor > 0.0:
             self._window.override(factor)
         else:
-            self._window.stop(soon=inside)
-        return not (inside and self._window.stops_late) and self._refusal() is None
+            self._window.stop()
+        return self._refusal() is None
 
     def _state(self) -> State:
         """Return a copy of the state that a request changes."""
@@ -319,25 +298,26 @@ class LookAhead:
         self._finish(self._window.take(self._slice_s))
         self._leave_out()
 
-    def _beginnings(self, factor: float) -> list[tuple[Beginning, float]]:
-        """Return the places at which a request may begin, the first one first.
-
-        Each has the time by which it is later than the next slice, s.
-        """
+    def _beginnings(self, factor: float) -> list[Beginning]:
+        """Return the places at which a request may begin, the first one first."""
         if factor == self._factor:
-            return [(Beginning.WINDOW, 0.0)]
+            return [Beginning.WINDOW]
         if self._finished:
-            inside = factor == 0.0 and self._finished.chain_left > 0.0
-            later = [part * self._slice_s for part in PARTS * inside]
-            places = [(Beginning.INSIDE_CHAIN, t) for t in later if t == 0.0 or t >= LEAST_LATER]
-            return [*places, (Beginning.FINISHED, 0.0)]
-        held = [(Beginning.HELD_BACK, 0.0)] * (self._corners.held_from is not None)
-        return [*held, (Beginning.WINDOW, 0.0)]
+            left = self._finished.chain_left
+            if factor > 0.0 or left == 0.0:
+                return [Beginning.FINISHED]
+            # Behind a long motion past corners a stop would be late: the next slice may show one.
+            ends_soon = [Beginning.FINISHED] * (left <= self._slice_s)
+            return [Beginning.INSIDE_CHAIN, *ends_soon]
+        held = [Beginning.HELD_BACK] * (self._corners.held_from is not None)
+        return [*held, Beginning.WINDOW]
 
-    def _gone_back(self, begin: Beginning, later: float) -> bool:
+    def _gone_back(self, begin: Beginning) -> bool:
         """Return to a place at which a request begins; return False if that is not possible."""
         if begin is Beginning.WINDOW:
             return True
+        if begin is Beginning.INSIDE_CHAIN:
+            return self._stopped_inside()
         if begin is Beginning.HELD_BACK:
             window = self._rewind.window_at(self._corners.held_from)
             if window is None:
@@ -345,23 +325,47 @@ class LookAhead:
             self._corners = self._corners.copy(self.audit)
             self._corners.drop()
         else:
-            found = self._finished.back(inside=begin is Beginning.INSIDE_CHAIN, later=later)
+            found = self._finished.back(inside=False)
             if found is None:
                 return False
             back, kept = found
             window = self._rewind.window_at(back.stops_time)
             if window is None:
                 return False
-            if back.chain is not None and not window.go_back_on(*detour(back.chain, self.limits)):
-                return False
+            self._go_on(window, back.time, back.length, shared=back.shared)
             self._finished = kept
-            self._corners = self._corners.copy(self.audit)
-            self._corners.go_on(
-                window.clock.seconds - back.time, window.length - back.length, shared=back.shared
-            )
             self.audit.adopt(back.audit)
         self._window, self._rewind = window, Rewind()
         return True
+
+    def _stopped_inside(self) -> bool:
+        """Come to rest inside of a motion past corners; return False if no stop is found."""
+        found = self._finished.back(inside=True)
+        window = self._rewind.window_at(found[0].stops_time) if found else None
+        if found is None or window is None:
+            return False
+        back, kept = found
+        legs = window.pieces_from_here(back.left.legs) if back.left else None
+        stop = stop_inside(back.left, legs, self.limits) if back.left and legs else None
+        if stop is None:
+            return False
+        plan = stop.plan
+        broken, audit = back.audit.examined(plan)
+        if broken:
+            return False
+        window.rest_on(stop.leg, stop.place)
+        kept.add([FinishedPart(plan, (), window.clock.seconds, False, audit)])
+        end = plan.s0 + float(plan.phase_s[-1])
+        self._go_on(window, plan.t0 + plan.duration, end, shared=False)
+        self._finished = kept
+        self.audit.adopt(back.audit)
+        self._window, self._rewind = window, Rewind()
+        return True
+
+    def _go_on(self, window: Window, time: float, length: float, *, shared: bool) -> None:
+        """Pass corners from a state of the window on, which follows so much finished motion."""
+        self._corners = self._corners.copy(self.audit)
+        self._corners.go_on(window.clock.seconds - time, window.length - length, shared=shared)
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Pass stops on corners in plans of the window, and audit them."""

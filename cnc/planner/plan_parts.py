@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corner_places import state_at
 from cnc.kernels.planner.legs import REST, record_end
+from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.motion_commands import joined
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
@@ -91,9 +92,6 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
     changed the feed within a piece, the higher one counts for all of it.
     """
     a, b = before.path, after.path
-    pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
-    data, at = _records(a)
-    more, at_more = _records(b)
     s = after.s0 - before.s0
     t = after.t0 - before.t0
     same = (
@@ -101,32 +99,15 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
         and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
         and after.phase_v[0] > 0.0
     )
-    feed = np.concatenate((a.feed[pieces], b.feed))
-    if len(feed) < len(a) + len(b):
-        feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
+    shared = bool(after.phase_s[0] > REST)
+    path = joined_paths(a.part(0, len(a) - 1) if shared else a, b)
+    if shared:
+        path.feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
     phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
     rest = slice(1 if same else 0, None)
     return PlanChunk(
-        path=PathChunk(
-            a.axes,
-            b.file,
-            np.concatenate((a.kind[pieces], b.kind)),
-            np.concatenate((at[pieces], at_more + len(data))),
-            np.concatenate((data, more)),
-            np.concatenate((a.length[pieces], b.length)),
-            feed,
-            np.concatenate((a.line[pieces], b.line)),
-            np.concatenate((a.stop_after[pieces], b.stop_after)),
-            np.concatenate((a.tolerance[pieces], b.tolerance)),
-            joined(
-                (
-                    (None if a.commands is None else a.commands[pieces], len(a.kind[pieces])),
-                    (b.commands, len(b)),
-                )
-            ),
-            b.timed,
-        ),
-        piece_s=np.concatenate((before.piece_s[pieces], after.piece_s + s)),
+        path=path,
+        piece_s=np.concatenate((before.piece_s[: len(path) - len(b)], after.piece_s + s)),
         t0=before.t0,
         s0=before.s0,
         phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
@@ -137,9 +118,43 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
     )
 
 
+def joined_paths(a: PathChunk, b: PathChunk) -> PathChunk:
+    """Return two paths that follow each other as one, with the file of the second."""
+    data, at = _records(a)
+    more, at_more = _records(b)
+    return PathChunk(
+        a.axes,
+        b.file,
+        np.concatenate((a.kind, b.kind)),
+        np.concatenate((at, at_more + len(data))),
+        np.concatenate((data, more)),
+        np.concatenate((a.length, b.length)),
+        np.concatenate((a.feed, b.feed)),
+        np.concatenate((a.line, b.line)),
+        np.concatenate((a.stop_after, b.stop_after)),
+        np.concatenate((a.tolerance, b.tolerance)),
+        joined(((a.commands, len(a)), (b.commands, len(b)))),
+        b.timed,
+    )
+
+
 def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
     """Return the records of these pieces alone, and the index of each."""
     pieces = Pieces(path.kind, path.at, path.data)
+    if not len(path):
+        return path.data[:0], path.at
     lowest = int(path.at.min())
     end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
     return path.data[lowest:end], path.at - lowest
+
+
+def empty_plan(pieces: int, phases: int) -> PlanArrays:
+    """Return space for a plan over so many pieces, with so many phases."""
+    return PlanArrays(
+        np.empty(pieces + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases),
+    )

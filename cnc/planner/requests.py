@@ -9,19 +9,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-PARTS = (0.0, 0.5)
-"""Parts of a slice by which a hold inside of a motion past corners may begin later: near to the
-limits, there may be no other motion for a while.
-"""
-
-LEAST_LATER = 0.02
-"""s; a hold does not begin by less than this later: the next slice comes as soon."""
-
-SEARCH_AGAIN = 0.1
-"""s; after a search inside of a motion past corners that finds no stop, so much is handed out
-before the next one. A search takes computing time, in which the board plays the last slice.
-"""
-
 
 class Beginning(Enum):
     """Places at which a request of the operator may begin."""

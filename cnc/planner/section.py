@@ -48,6 +48,13 @@ class Stretch:
         )
 
 
+def with_feeds_in_effect(path: PathChunk, limits: Limits) -> PathChunk:
+    """Return a path with the feeds under an override, and those above which the motion slows."""
+    if limits.feed_factor == 1.0 and limits.slowing_from == 0.0:
+        return path
+    return replace(path, feed=np.where(np.isnan(path.feed), path.feed, limits.feeds(path)))
+
+
 class Section:
     """A stretch in the window.
 
@@ -121,10 +128,8 @@ class Section:
         last = max(int(np.searchsorted(piece_s, local_end, side="left")), first + 1)
         zero = float(piece_s[first])
         part = path.part(first, last)
-        if limits.feed_factor != 1.0 or limits.slowing_from > 0.0:
-            part = replace(part, feed=np.where(np.isnan(part.feed), part.feed, limits.feeds(part)))
         return PlanChunk(
-            path=part,
+            path=with_feeds_in_effect(part, limits),
             piece_s=piece_s[first : last + 1] - zero,
             t0=t0,
             s0=self.travelled + zero,

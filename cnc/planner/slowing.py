@@ -16,7 +16,6 @@ needs a constant speed, since a motion that stops has to start there again.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import islice
 from math import inf
 
 import numpy as np
@@ -37,7 +36,7 @@ from cnc.planner.phases import (
     plan_to_rest,
     release,
 )
-from cnc.planner.stop_ramp import CLOCKS, even_ramp, first_ramps, ramp_by_clock
+from cnc.planner.stop_ramp import even_ramp, first_ramps, ramp_by_clock
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -47,12 +46,6 @@ MARGIN = 1e-8
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
-
-
-FEW_RAMPS, FEW_CLOCKS = 6, 2
-"""Ramps and ways to slow the clock that are tried inside of a motion past corners, where the board
-has only the last slice. The others hardly ever find a stop there.
-"""
 
 SOON = 1.05
 """Part of the time of a ramp with constant bounds in which a plan rests soon."""
@@ -69,8 +62,6 @@ class Request:
         goal: where the new plan shall rest, mm; for a stop, at the latest.
         rests: whether the motion will rest at ``goal``, or has only to be able to.
         stops: whether to come to rest as soon as possible.
-        soon: whether only a ramp to rest is wanted, which begins at once. The other search takes
-            long where the path bends strongly, and finds nothing inside of a motion past corners.
     """
 
     path: KnownPath
@@ -79,7 +70,6 @@ class Request:
     goal: float
     rests: bool
     stops: bool
-    soon: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +105,6 @@ def slowed(request: Request) -> SlowedPlan | None:
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
     if request.stops and (ramp := _shortest_stop(request)) is not None:
         return ramp
-    if request.soon:
-        return None
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
     if acceleration > 0.0 and (released := release(plan)) is not None:
@@ -183,7 +171,7 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
         return (phases, rest) if legal and not exceeding_sections(path, phases, near) else None
 
     options = []
-    for ramp in islice(first_ramps(plan, here), FEW_RAMPS if request.soon else None):
+    for ramp in first_ramps(plan, here):
         shortest = searched(*ramp)
         if shortest is not None and (found := stopped(*shortest)) is not None:
             if not (np.diff(found.phases["v"]) > 0.0).any():
@@ -191,8 +179,7 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
             # A ramp that speeds up again may be far from the shortest one.
             options.append(found)
             break
-    clocks = CLOCKS[:FEW_CLOCKS] if request.soon else CLOCKS
-    slow = ramp_by_clock(plan, here, near, slowing.arrays, clocks)
+    slow = ramp_by_clock(plan, here, near, slowing.arrays)
     if slow is not None and not (near.flat & (near.end < slow[1])).any():
         for phases, rest in (slow, searched(*slow) or slow):
             if not exceeding_sections(path, phases, near):

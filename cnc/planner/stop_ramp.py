@@ -13,7 +13,7 @@ the search of :mod:`cnc.kernels.planner.stopping` begins with such ramps, and wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
@@ -141,7 +141,6 @@ def ramp_by_clock(
     near: Intervals,
     known: Intervals,
     machine: LimitArrays,
-    clocks: Sequence[tuple[int, float]] = CLOCKS,
 ) -> tuple[Phases, float] | None:
     """Return a ramp to rest by slowing the clock of the plan.
 
@@ -150,7 +149,6 @@ def ramp_by_clock(
         near: the intervals behind the start, about as far as the ramp goes.
         known: the intervals behind the start, farther than any ramp goes.
         machine: the limits.
-        clocks: the ways that are tried.
 
     Returns:
         The phases, and where they come to rest, mm; None if none of them is legal.
@@ -160,7 +158,7 @@ def ramp_by_clock(
     if firm is None:
         return None
     time = float(firm["duration"].sum())
-    for steps, use in clocks:
+    for steps, use in CLOCKS:
         legal, phases, rest = slowed_clock(plan, known, machine, time / steps, use)
         if legal:
             return phases, rest

@@ -42,6 +42,7 @@ from cnc.planner.phases import (
 )
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
+from cnc.planner.section import with_feeds_in_effect
 from cnc.planner.slowing import Request, rests_soon, slowed
 
 STOPS_KEPT = 2.0
@@ -117,17 +118,6 @@ class Window:
     def length(self) -> float:
         """Path length since the start of the program where the next slice begins, mm."""
         return self._path.length_at(self._at)
-
-    @property
-    def rest_time(self) -> float:
-        """Time of the first rest of the plan, s since the start of the program."""
-        phases = self._plan.phases
-        return self.clock.seconds + float(phases["duration"][: first_rest(phases)].sum())
-
-    @property
-    def stops_late(self) -> bool:
-        """Whether the last stop is no earlier than that of the plan."""
-        return self._stops_late
 
     def copy(self) -> Window:
         """Return a window that goes on independently from the same state."""
@@ -235,27 +225,25 @@ class Window:
                 sections.popleft()
         return chunks
 
-    def go_back_on(self, curve: PathChunk, phases: Phases) -> bool:
-        """Go back to the start of phases on a curve that ends where the next slice begins.
+    def pieces_from_here(self, count: int) -> PathChunk | None:
+        """Return so many pieces of path from the one on that is under way; None without them.
+
+        They have the feeds in effect.
+        """
+        path = self._path.pieces_from(self._at, count) if self._path.sections else None
+        return None if path is None else with_feeds_in_effect(path, self.limits)
+
+    def rest_on(self, piece: int, place: float) -> None:
+        """Go on from rest at a place on a piece, to which another motion leads.
 
         Args:
-            curve: it replaces the path up to here.
-            phases: along the curve to its end, with arc lengths from its start.
-
-        Returns:
-            Whether that is possible.
+            piece: the piece, counted from the one that is under way.
+            place: from its start, mm.
         """
-        if not self._path.put_before(self._at, curve):
-            return False
         plan = self._plan
-        lead = phases.copy()
-        lead["s"] += self._at - float(curve.length.sum())
-        plan.phases = np.concatenate((lead, plan.phases))
-        plan.settled += len(lead)
-        self._at = float(lead[0]["s"])
-        self.clock.seconds -= float(lead["duration"].sum())
-        self.unproved = True
-        return True
+        self._at = plan.rest_at = self._path.move_to(self._at, piece, place)
+        plan.phases, plan.settled, plan.unsettled = plan.phases[:0], 0, 0
+        self._stopping, self._stops_late, self.unproved = True, False, False
 
     def runs_at(self, feed_factor: float) -> bool:
         """Return whether the motion is planned with this factor of the feeds already."""
@@ -281,17 +269,13 @@ class Window:
         self._stopping = False
         return True
 
-    def stop(self, *, soon: bool = False) -> None:
-        """Come to rest on the path as soon as the limits allow, from the next slice on.
-
-        Args:
-            soon: see :class:`Request`.
-        """
+    def stop(self) -> None:
+        """Come to rest on the path as soon as the limits allow, from the next slice on."""
         if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
         plan = self._plan
-        request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True, soon)
+        request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)
         enough = rests_soon(request)
         self._stops_late = not (enough or self._redirect(request))
         if enough or self._stops_late:

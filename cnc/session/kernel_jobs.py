@@ -79,20 +79,24 @@ def plan() -> None:
 
 
 def plan_corner() -> None:
-    """Plan a corner blend."""
-    for _ in _plans([PathMode("", 1, "blend", 0.01), _traverses()]):
+    """Plan a corner, and seek a stop there, where the motion rests already."""
+    from cnc.planner.corner_hold import stop_inside
+    from cnc.planner.finished import ChainLeft
+    from cnc.planner.limits import Limits
+
+    corner = [PathMode("", 1, "blend", 0.01), _traverses()]
+    for _ in _plans(corner):
         pass
+    (legs,) = _path(corner)
+    stop_inside(ChainLeft(_at_rest(legs), len(legs), 0), legs, Limits.of(_machine()))
 
 
 def stop() -> None:
-    """Come to rest on a curve, and find the path of a motion past a corner."""
-    from cnc.kernels.path.curve import SPAN
+    """Come to rest on a curve."""
     from cnc.kernels.planner.stopping import shortest_ramp
-    from cnc.planner.detour import detour
     from cnc.planner.known_path import KnownPath
     from cnc.planner.limits import Limits
     from cnc.planner.phases import plan_to_rest
-    from cnc.planner.plan import PlanChunk
     from cnc.planner.stop_ramp import ramp_by_clock
 
     limits = Limits.of(_machine())
@@ -103,9 +107,6 @@ def stop() -> None:
     plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
     shortest_ramp(plan, end, known, limits.arrays)
     ramp_by_clock(plan, known, known, limits.arrays)
-    corner = [PathMode("", 1, "blend", 0.01), _traverses()]
-    slices = [item for item in _plans(corner) if isinstance(item, PlanChunk)]
-    detour(next(item for item in slices if item.path.kind.min() == SPAN), limits)
 
 
 def audit() -> None:
@@ -233,10 +234,12 @@ JOBS = {
             "planner.corner_step",
             "planner.corner_rows",
             "planner.corner_tube",
+            "planner.corner_hold",
+            "planner.corner_pieces",
         ),
         plan_corner,
     ),
-    "holds": Job(_kernels("planner.stopping", "planner.slowed_clock", "planner.timed_path"), stop),
+    "holds": Job(_kernels("planner.stopping", "planner.slowed_clock", "planner.corner_hold"), stop),
     "samples": Job(_kernels("pulses.sampled"), sample),
     "GRBL lines": Job(_kernels("grbl_lines.arc_fit", "grbl_lines.arrival"), write_lines),
     "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
@@ -314,6 +317,15 @@ def _plans(blocks: list[Block]) -> Iterator[object]:
     from cnc.planner.lookahead import LookAhead
 
     return LookAhead(_machine(), Control(), slice_s=0.01).plan(_path(blocks))
+
+
+def _at_rest(path: PathChunk) -> PlanChunk:
+    """Return a plan that rests at the start of a path."""
+    from cnc.planner.plan import PlanChunk
+
+    piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
+    rest = np.zeros(2)
+    return PlanChunk(path, piece_s, 0.0, 0.0, rest, rest, rest, rest, np.zeros(1))
 
 
 def _steady() -> PlanChunk:

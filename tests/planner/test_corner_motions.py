@@ -67,6 +67,7 @@ def chain(rng, corners):
         group,
         1.0 / np.array(STEPS)[group % 3],
         states,
+        0.0,
     )
     spans = np.log(np.outer(whole, (0.3, 0.4, 0.3)).ravel() * 1.3)
     rows = new_rows(len(group), d, d)

@@ -30,6 +30,7 @@ from cnc.kernels.planner.corner_tube import (
     Tube,
     place_ends,
     set_knots,
+    steps_of,
     write_stencil,
 )
 
@@ -284,23 +285,20 @@ def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
 
 @njit
 def derive_along(tube: Tube, along: AlongRows, spans: Floats, t: Floats, c: Floats) -> None:
-    """Write the derivatives by the logarithms ``spans`` of the durations; ``t`` is overwritten."""
+    """Write the derivatives by the unknowns ``spans``; ``t`` is overwritten."""
     other, moved = spans.copy(), c.copy()
     weights, r, square = np.empty((3, 4)), np.empty((3, c.shape[1])), np.empty(5)
     along.group[:] = -1
-    first, steps = 0, len(tube.leg)
-    while first < steps:
-        group = tube.group[first]
-        last = first
-        while last + 1 < steps and tube.group[last + 1] == group:
-            last += 1
+    begin = 0
+    for group in range(len(spans)):
+        first, end = steps_of(tube, group, begin)
         other[group] = spans[group] + SMALL
         set_knots(tube, other, t)
         place_ends(tube, t, moved)
         read, h = -1, 0.0
         for m in range(along.number[0]):
             k = along.step[m]
-            if first - 2 <= k <= last + 2:
+            if first - 2 <= k < end + 2:
                 if k != read:
                     read, h = k, _read_step(k, t, moved, weights, r, square)
                 slot = 0 if along.group[m, 0] < 0 else 1
@@ -308,7 +306,7 @@ def derive_along(tube: Tube, along: AlongRows, spans: Floats, t: Floats, c: Floa
                 changed = _jerk_at(square, along.share[m] * h) - along.value[m]
                 along.by_group[m, slot] = changed / SMALL
         other[group] = spans[group]
-        first = last + 1
+        begin = end
     set_knots(tube, spans, t)
 
 

@@ -23,8 +23,8 @@ STEPS = (5, 4, 5)
 LEG_STEPS = 14
 MOST_STEPS = (MOST_CORNERS + 1) * LEG_STEPS
 
-WITHIN = 1.0 - 1e-6
-"""Part of the tolerance that is used."""
+WITHIN = 1.0 - 4e-4
+"""Part of the tolerance that is used. A stop from inside of a motion needs some room."""
 
 FLAT = 1e-10
 """mm per mm; a leg with no more than this in another direction has none there."""
@@ -139,6 +139,7 @@ def tube_of(
         group,
         part,
         np.zeros((2, 3, d)),
+        0.0,
     )
 
 

@@ -34,7 +34,7 @@ from cnc.kernels.planner.corner_newton import (
 )
 from cnc.kernels.planner.corner_rows import EDGE, Rows, derive_by_groups, evaluate, set_stencils
 from cnc.kernels.planner.corner_step import correct, furthest, look_ahead, newton_step
-from cnc.kernels.planner.corner_tube import FIXED, Tube, place_ends, set_knots
+from cnc.kernels.planner.corner_tube import FIXED, Tube, durations_of, place_ends, set_knots
 
 GAP = 1e-3
 """The last (number of rows) / t."""
@@ -109,8 +109,8 @@ def _lowered(
         s: part by which the bounds are raised.
         goal: s that ends the search.
     """
-    groups = len(n.spans)
-    first = 0 if weights[0] > 0.0 else groups
+    groups, durations = len(n.spans), durations_of(tube, n.spans)
+    first = 0 if weights[0] > 0.0 else durations
     end = groups + (1 if weights[1] > 0.0 else 0)
     _place(tube, rows, n.c, n.spans)
     value = (
@@ -124,7 +124,7 @@ def _lowered(
     for _ in range(NEWTON_STEPS):
         if not value < math.inf or s <= goal:
             break
-        if first == 0 and not held:
+        if (first == 0 and not held) or durations < groups:
             derive_by_groups(tube, rows, n.spans, n.c)
         assemble(tube, rows, s, n)
         for g in range(groups):
@@ -133,7 +133,7 @@ def _lowered(
             n.other[g] += time - rest
             n.block[g, g] += time + rest * rest
         n.other[groups] += weights[1]
-        decrement = newton_step(n, groups if held else first, end)
+        decrement = newton_step(n, durations if held else first, end)
         if not CLOSE <= decrement < math.inf:
             if not held:
                 break
@@ -161,7 +161,7 @@ def _lowered(
             if not better:
                 part *= 0.5
         if not better:
-            if held or first == groups:
+            if held or first == durations:
                 break
             # With the durations as they are, the sum is convex: its least value is a better place
             # to change them.
@@ -238,7 +238,7 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
                     return False
                 t /= RAISE
             if most_along(rows.along) >= 1.0:
-                n.spans[:] += SLOWER
+                n.spans[: durations_of(tube, n.spans)] += SLOWER
             if most_along(rows.along) >= 1.0 and not _inside(tube, rows, n, unit):
                 return False
         if t == last:

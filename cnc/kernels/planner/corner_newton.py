@@ -15,7 +15,7 @@ from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.planner.corner_along import MOST_GROUPS, add_along
 from cnc.kernels.planner.corner_rows import TRAVEL, Rows
-from cnc.kernels.planner.corner_tube import FIXED, Tube
+from cnc.kernels.planner.corner_tube import FIXED, Tube, durations_of
 
 SHORTEST = math.log(0.1)
 """Groups become no shorter than by this change of their logarithm: rounding errors of the states at
@@ -31,7 +31,8 @@ class Newton(NamedTuple):
 
     Attributes:
         c: (steps + 3, d): control points.
-        spans: (groups,): logarithms of the durations of the groups.
+        spans: (groups,): logarithms of the durations of the groups; then the place of the end, if
+            it is sought. It counts as a group without a duration.
         tried: (steps + 3, d): control points of the step that is tried.
         tried_spans: (groups,): its logarithms.
         band: (free, 4 d): second derivatives by the free coordinates.
@@ -39,7 +40,7 @@ class Newton(NamedTuple):
         block: (groups + 1, groups + 1): those by logarithms and s.
         slope: (free,): first derivatives by the coordinates.
         other: (groups + 1,): those by the logarithms and s.
-        least: (groups,): least logarithms.
+        least: (groups,): least values.
         share: (groups,): number of times that the duration of a group counts.
         weight: (places, d, d): second derivatives by x of each place.
         by_x: (places, d): first derivatives by x of each place.
@@ -74,6 +75,9 @@ def new_newton(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> Newton:
     share = np.zeros(len(spans))
     for k in range(len(tube.leg)):
         share[tube.group[k]] += tube.part[k]
+    least = spans + SHORTEST
+    # The place of the end is no earlier than the start of the leg.
+    least[durations_of(tube, spans) :] = 0.0
     return Newton(
         c.copy(),
         spans.copy(),
@@ -84,7 +88,7 @@ def new_newton(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> Newton:
         np.zeros((columns, columns)),
         np.zeros(free),
         np.zeros(columns),
-        spans + SHORTEST,
+        least,
         share,
         np.zeros((rows.number[0], d, d)),
         np.zeros((rows.number[0], d)),

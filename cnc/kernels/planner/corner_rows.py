@@ -45,6 +45,7 @@ from cnc.kernels.planner.corner_tube import (
     Tube,
     place_ends,
     set_knots,
+    steps_of,
     write_stencil,
 )
 
@@ -327,25 +328,22 @@ def evaluate(tube: Tube, rows: Rows, c: Floats) -> None:
 
 @njit
 def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
-    """Write the derivatives of all places by the logarithms ``spans`` of the durations."""
-    places, steps, d = rows.number[0], len(tube.leg), c.shape[1]
+    """Write the derivatives of all places by the unknowns ``spans``."""
+    places, d = rows.number[0], c.shape[1]
     other, moved, stencil = spans.copy(), c.copy(), np.empty(4)
     for i in range(places):
         rows.group[i, :] = -1
     at = 0
-    first = 0
-    while first < steps:
-        group = tube.group[first]
-        last = first
-        while last + 1 < steps and tube.group[last + 1] == group:
-            last += 1
+    begin = 0
+    for group in range(len(spans)):
+        first, end = steps_of(tube, group, begin)
         other[group] = spans[group] + SMALL
         set_knots(tube, other, rows.t)
         place_ends(tube, rows.t, moved)
         while at < places and rows.step[at] < first - 2:
             at += 1
         i = at
-        while i < places and rows.step[i] <= last + 2:
+        while i < places and rows.step[i] < end + 2:
             k = rows.step[i]
             write_stencil(rows.kind[i], k, rows.t, stencil)
             slot = 0 if rows.group[i, 0] < 0 else 1
@@ -357,5 +355,5 @@ def derive_by_groups(tube: Tube, rows: Rows, spans: Floats, c: Floats) -> None:
                 rows.by_group[i, slot, q] = (x - rows.x[i, q]) / SMALL
             i += 1
         other[group] = spans[group]
-        first = last + 1
+        begin = end
     derive_along(tube, rows.along, spans, rows.t, c)

@@ -21,9 +21,22 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LENGTH, SPAN, START, Floats, Ints
+from cnc.kernels.path.curve import LENGTH, START, Floats
 from cnc.kernels.planner.corner_known import Known
 from cnc.kernels.planner.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
+from cnc.kernels.planner.corner_pieces import (
+    EARLIER,
+    NUMBERS,
+    PHASES,
+    PIECES,
+    REACHED,
+    SHIFT,
+    Progress,
+    TimedSteps,
+    begun,
+    steps_size,
+    write_steps,
+)
 from cnc.kernels.planner.corner_places import (
     MOST_CORNERS,
     Chain,
@@ -34,31 +47,13 @@ from cnc.kernels.planner.corner_places import (
 )
 from cnc.kernels.planner.corner_rows import Rows, new_rows
 from cnc.kernels.planner.corner_search import Motion, find_motion
-from cnc.kernels.planner.corner_tube import EARLY, FIRST_POINT, LATE, write_stencil
-from cnc.kernels.planner.legs import (
-    record_end,
-    write_line,
-)
+from cnc.kernels.planner.legs import write_line
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
-from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
 
 CORNER_STEPS = 2 * LEG_STEPS
 """Largest number of steps for each corner."""
-
-
-class Progress(NamedTuple):
-    """State of the construction of a new path and plan, in arrays so that kernels can change it.
-
-    Attributes:
-        counts: (3,): PIECES, PHASES and NUMBERS (of the records) written so far.
-        places: (3,): arc length REACHED, mm; time by which later phases are EARLIER, s; SHIFT of
-            their arc lengths, mm.
-    """
-
-    counts: Ints
-    places: Floats
 
 
 class PassedChains(NamedTuple):
@@ -73,75 +68,6 @@ class PassedChains(NamedTuple):
     begin: Floats
     end: Floats
     earlier: Floats
-
-
-PIECES, PHASES, NUMBERS = range(3)
-"""Entries of ``Progress.counts``."""
-
-REACHED, EARLIER, SHIFT = range(3)
-"""Entries of ``Progress.places``."""
-
-
-@njit
-def _write_steps(
-    path: PathArrays,
-    chain: Chain,
-    motion: Motion,
-    out: PathArrays,
-    out_plan: PlanArrays,
-    progress: Progress,
-) -> None:
-    """Append the timed pieces of a chain of corners, and a phase for each."""
-    counts, places, tube, c = progress.counts, progress.places, motion.tube, motion.c
-    d, n = motion.basis.shape
-    q = np.empty((4, n))
-    ends = np.empty((4, n))
-    left = out.pieces.at[counts[PIECES] - 1]
-    centre = path.pieces.at[chain.first + 1] + START
-    for i in range(n):
-        ends[3, i] = out.pieces.data[left + START + n + i]
-    weights, points = np.empty(4), np.empty((3, d))
-    steps = len(tube.leg)
-    for k in range(steps):
-        for place in range(3):
-            # The last point of a step is the first of the next.
-            kind, at = (EARLY, LATE, FIRST_POINT)[place], k + (1 if place == 2 else 0)
-            write_stencil(kind, at, motion.t, weights)
-            for r in range(d):
-                points[place, r] = 0.0
-                for j in range(4 if at < steps else 3):
-                    points[place, r] += weights[j] * c[at + j, r]
-        for i in range(n):
-            start = ends[3, i]
-            ends[0, i] = start
-            for place in range(3):
-                at_place = path.pieces.data[centre + i]
-                for r in range(d):
-                    at_place += motion.basis[r, i] * points[place, r]
-                ends[place + 1, i] = at_place if place == 2 else at_place - start
-        used, count, written = counts[NUMBERS], counts[PIECES], counts[PHASES]
-        counts[NUMBERS] = write_timed(
-            out.pieces.data, used, left, ends[0], ends[1], ends[2], ends[3], q
-        )
-        length = out.pieces.data[used + LENGTH]
-        leg = chain.first + tube.leg[k]
-        lasts = motion.t[k + 3] - motion.t[k + 2]
-        out.pieces.kind[count] = SPAN
-        out.pieces.at[count] = used
-        out.length[count] = length
-        out.feed[count] = path.feed[leg]
-        out.line[count] = path.line[leg]
-        out.stop_after[count] = False
-        out.tolerance[count] = 0.0
-        out_plan.piece_s[count] = places[REACHED]
-        out_plan.t[written] = motion.begin + motion.t[k + 2] - places[EARLIER]
-        out_plan.s[written] = places[REACHED]
-        out_plan.v[written] = length / lasts
-        out_plan.a[written] = 0.0
-        out_plan.j[written] = 0.0
-        counts[PIECES] += 1
-        counts[PHASES] += 1
-        places[REACHED] += length
 
 
 @njit
@@ -218,20 +144,11 @@ def pass_corners(
         that are passed.
     """
     pieces, end = len(path.length), len(plan.j)
-    # The old records come first, those of changed pieces behind them.
-    lowest = path.pieces.at[0]
-    used = 0
-    for b in range(pieces):
-        lowest = min(lowest, path.pieces.at[b])
-        used = max(used, record_end(path.pieces, b))
-    used -= lowest
+    progress, lowest = begun(path, out)
     data = out.pieces.data
-    for i in range(used):
-        data[i] = path.pieces.data[lowest + i]
-    progress = Progress(np.zeros(3, np.int64), np.zeros(3))
     counts, places = progress.counts, progress.places
-    counts[NUMBERS] = used
     n = len(limits.axis_jerk)
+    given = np.empty((2, n))
     rows = new_rows(MOST_STEPS, n, MOST_DIRECTIONS)
     passed = 0
     k = 0
@@ -267,7 +184,11 @@ def pass_corners(
         _copy_phases(
             plan, k, first + (1 if motion.begin > plan.t[first] else 0), out_plan, progress
         )
-        _write_steps(path, chain, motion, out, out_plan, progress)
+        left, corner = out.pieces.at[count] + START + n, path.pieces.at[chain.first + 1] + START
+        for i in range(n):
+            given[0, i], given[1, i] = data[left + i], path.pieces.data[corner + i]
+        steps = TimedSteps(motion.begin, motion.basis, motion.tube.leg, motion.t, motion.c)
+        write_steps(path, chain.first, out.pieces.at[count], given, steps, out, out_plan, progress)
         # The rest of the phase in which the motion ends.
         k = phase_of_time(motion.end, plan)
         s, v, a = state_at(motion.end, k, plan)
@@ -300,4 +221,4 @@ def pass_corners(
 @njit
 def corner_size(axes: int) -> int:
     """Return the largest size of the records of a corner and the line before it, in numbers."""
-    return CORNER_STEPS * (TIMED_SIZE + axes * TIMED_SIZE_PER_AXIS) + START + 2 * axes
+    return steps_size(CORNER_STEPS, axes) + START + 2 * axes

@@ -55,6 +55,8 @@ class Tube(NamedTuple):
         group: (steps,): group of each step.
         part: (steps,): duration of each step, as a part of that of its group.
         ends: (2, 3, d): position, velocity and acceleration at the start and at the end.
+        unit: mm; 0 where the end is given. Else the motion ends at rest on the last leg, at a place
+            that is sought: behind its start by this times the last of the unknowns ``spans``.
     """
 
     axes: Floats
@@ -73,21 +75,49 @@ class Tube(NamedTuple):
     group: Ints
     part: Floats
     ends: Floats
+    unit: float
+
+
+@njit
+def durations_of(tube: Tube, spans: Floats) -> int:
+    """Return how many of the unknowns are logarithms of durations."""
+    return len(spans) - (1 if tube.unit > 0.0 else 0)
+
+
+@njit
+def steps_of(tube: Tube, group: int, begin: int) -> tuple[int, int]:
+    """Return the first step of a group, and the one behind its last; ``begin`` is its first.
+
+    A place of the end that is sought counts as a group of the last step. Other values depend on the
+    two steps before and behind a group.
+    """
+    steps = len(tube.leg)
+    if begin == steps:
+        return steps - 1, steps
+    end = begin + 1
+    while end < steps and tube.group[end] == group:
+        end += 1
+    return begin, end
 
 
 @njit
 def set_knots(tube: Tube, spans: Floats, t: Floats) -> None:
     """Write t (steps + 5,) for logarithms ``spans`` (groups,) of the durations.
 
-    Beside the ends, steps repeat.
+    Beside the ends, steps repeat. An end whose place is sought is written, too.
     """
     steps = len(tube.leg)
+    if tube.unit > 0.0:
+        last = len(tube.feed) - 1
+        for q in range(tube.start.shape[1]):
+            place = tube.unit * spans[-1] * tube.along[last, q]
+            tube.ends[1, 0, q] = tube.start[last, q] + place
     t[2] = 0.0
     for k in range(steps):
         t[k + 3] = t[k + 2] + math.exp(spans[tube.group[k]]) * tube.part[k]
-    first, last = t[3] - t[2], t[steps + 2] - t[steps + 1]
-    t[1], t[0] = -first, -2.0 * first
-    t[steps + 3], t[steps + 4] = t[steps + 2] + last, t[steps + 2] + 2.0 * last
+    begin, end = t[3] - t[2], t[steps + 2] - t[steps + 1]
+    t[1], t[0] = -begin, -2.0 * begin
+    t[steps + 3], t[steps + 4] = t[steps + 2] + end, t[steps + 2] + 2.0 * end
 
 
 @njit
