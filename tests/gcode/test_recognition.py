@@ -107,6 +107,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
         ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor"),
+        (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
+        (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
         ('M291 P"Zero set?" S3', "not-gcode", "Duet"),
         ("G10 L20 P1 X{param.R*-1}", "not-gcode", "RepRapFirmware"),
