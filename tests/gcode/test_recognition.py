@@ -241,7 +241,7 @@ def test_codes_of_other_controllers_are_named(code: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "name"), [("M59 P1", "an output on"), ("M79", "alarm without a signal of the probe")]
+    ("code", "name"), [("M59 P1", "an output on"), ("M69 P1", "an output off")]
 )
 def test_codes_of_haas_are_named(code: str, name: str) -> None:
     found = error_of(f"O1\n{code}\nM30", dialect="haas")
