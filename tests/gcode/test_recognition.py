@@ -235,7 +235,7 @@ def test_lines_that_only_another_language_has(line: str, kind: str) -> None:
     assert found.reasons[0].line == 2
 
 
-@pytest.mark.parametrize("code", ["G92.4 A0", "M321", "M490", "M198 P1"])
+@pytest.mark.parametrize("code", ["G92.4 A0", "M25", "M321", "M490", "M198 P1"])
 def test_codes_of_other_controllers_are_named(code: str) -> None:
     assert error_of(f"{code}\nM2", dialect="auto").code == "code-not-supported"
 
@@ -249,6 +249,12 @@ def test_codes_of_haas_are_named(code: str, name: str) -> None:
     assert name in found.message
     assert "[program.codes]" in found.hint
     assert error_of(f"O1\n{code}\nM30", dialect="fanuc").code == "code-unknown"
+
+
+def test_a_code_of_another_dialect_may_be_a_builders() -> None:
+    hint = error_of("O1\nM79\nM30", dialect="fanuc").hint
+    assert "--dialect haas" in hint
+    assert '[program.codes] M79 = ".."' in hint
 
 
 def test_a_program_in_two_languages_is_refused_by_name() -> None:
