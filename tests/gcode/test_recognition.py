@@ -107,6 +107,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
         ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor"),
+        (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
+        (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
         ('M291 P"Zero set?" S3', "not-gcode", "Duet"),
         ("G10 L20 P1 X{param.R*-1}", "not-gcode", "RepRapFirmware"),
@@ -233,13 +235,13 @@ def test_lines_that_only_another_language_has(line: str, kind: str) -> None:
     assert found.reasons[0].line == 2
 
 
-@pytest.mark.parametrize("code", ["G92.4 A0", "M321", "M490", "M198 P1"])
+@pytest.mark.parametrize("code", ["G92.4 A0", "M25", "M321", "M490", "M198 P1"])
 def test_codes_of_other_controllers_are_named(code: str) -> None:
     assert error_of(f"{code}\nM2", dialect="auto").code == "code-not-supported"
 
 
 @pytest.mark.parametrize(
-    ("code", "name"), [("M59 P1", "an output on"), ("M79", "alarm without a signal of the probe")]
+    ("code", "name"), [("M59 P1", "an output on"), ("M69 P1", "an output off")]
 )
 def test_codes_of_haas_are_named(code: str, name: str) -> None:
     found = error_of(f"O1\n{code}\nM30", dialect="haas")
@@ -247,6 +249,12 @@ def test_codes_of_haas_are_named(code: str, name: str) -> None:
     assert name in found.message
     assert "[program.codes]" in found.hint
     assert error_of(f"O1\n{code}\nM30", dialect="fanuc").code == "code-unknown"
+
+
+def test_a_code_of_another_dialect_may_be_a_builders() -> None:
+    hint = error_of("O1\nM79\nM30", dialect="fanuc").hint
+    assert "--dialect haas" in hint
+    assert '[program.codes] M79 = ".."' in hint
 
 
 def test_a_program_in_two_languages_is_refused_by_name() -> None:

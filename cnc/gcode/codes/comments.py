@@ -1,6 +1,7 @@
-"""Parameter values in the text of DEBUG, PRINT and ABORT comments.
+"""Parameter values in the text of DEBUG, PRINT and ABORT comments, and of SINUMERIK's messages.
 
-Source: LinuxCNC, "G-code overview", comment parameters.
+Source: LinuxCNC, "G-code overview", comment parameters; Siemens, "SINUMERIK 840D sl/828D
+Programming Manual, Job Planning", concatenation of strings.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from cnc.model.diagnostics import GcodeError
 UNKNOWN = "######"
 """Replaces a parameter that does not exist."""
 _DEFAULT = ".6f"
+_QUOTED = re.compile(r'"([^"]*)"|#<([^<>]*)>')
 _PART = re.compile(r"%(?:(d)|\.([0-9])f|(f))|#(?:([0-9]+)|<([^<>]*)>)")
 
 
@@ -40,3 +42,19 @@ def fill(text: str, parameters: Parameters) -> str:
         return f"{found:{form}}" if found == found else UNKNOWN
 
     return _PART.sub(value, text)
+
+
+def shown(text: str, parameters: Parameters) -> str:
+    """Return a message of texts in quotes and ``#<name>``: values have 10 decimals at most."""
+
+    def value(part: re.Match[str]) -> str:
+        quoted, name = part.groups()
+        if name is None:
+            return str(quoted)
+        try:
+            found = parameters.name(name, 0)
+        except GcodeError:
+            return UNKNOWN
+        return f"{found:.10f}".rstrip("0").rstrip(".") if found == found else UNKNOWN
+
+    return _QUOTED.sub(value, text)

@@ -21,7 +21,14 @@ from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation, whole
+from cnc.gcode.syntax.words import (
+    LineWords,
+    Word,
+    fault,
+    offset_missing,
+    under_compensation,
+    whole,
+)
 
 _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
@@ -142,6 +149,10 @@ class CompensationCodes:
     def _of_tool(self, words: LineWords, at: Word) -> tuple[float, int]:
         """Radius and orientation of a tool of the table."""
         word = words.take("D", at.written)
+        if word and word.whole is None and G.G41_1 in self._dialect.g:
+            message = f"{word.written}: D of {at.written} is the number of a tool, without decimals"
+            hint = f"for the diameter of the tool write {at.written}.1 {word.written}"
+            raise fault("value-out-of-range", message, word, hint)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if self._dialect.lathe:
             number = number or self._tools.turret_offset
@@ -149,12 +160,7 @@ class CompensationCodes:
             self._offset = number if word else self._offset
             number = self._offset
             if word is None and number == 0:
-                raise fault(
-                    "compensation-offset-missing",
-                    f"{at.written} needs a D word",
-                    at,
-                    "give D and the number of the offset",
-                )
+                raise offset_missing("compensation-offset-missing", "D", words, at)
         else:
             number = number or self._tools.tool_in_spindle("D", at)
         if number == 0:

@@ -3,11 +3,14 @@
 The program continues from the contact (or its loss), which only the board reports; without a board,
 from the end of the move. The contact in program coordinates and units is stored in #5061 to #5069,
 and in #5070 whether there was one. G31 is a G38.3 that is not modal: without contact the program
-goes on from the end of the move. Source: LinuxCNC 2.9, "G-codes", G38.n; FANUC Series 0i, "Skip
-function (G31)"; "Using Mach3Mill", G31.
+goes on from the end of the move. Haas' M78 and M79, in its line or a later one, are alarms at a
+contact and without one. Source: LinuxCNC 2.9, "G-codes", G38.n; FANUC Series 0i, "Skip function
+(G31)"; "Using Mach3Mill", G31; Haas, "Mill Operator's Manual", M78 and M79.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +20,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, Probe
@@ -34,21 +37,8 @@ PROBES = {
 LINEAR = "XYZUVW"
 
 
-def register(
-    motion: Motion,
-    dialect: Dialect,
-    state: ModalState,
-    here: SourceLocation,
-    out: BlockBuffer,
-    parameters: Parameters,
-) -> None:
-    """Register the handlers of G38.2 to G38.5 and G31."""
-    made = Probing(motion, dialect, state, here, out, parameters)
-    motion.handlers |= dict.fromkeys(PROBES, made.probe)
-
-
 class Probing:
-    """Execution of probing moves."""
+    """Execution of probing moves: the handlers of G38.2 to G38.5 and G31, and their alarms."""
 
     def __init__(
         self,
@@ -66,6 +56,8 @@ class Probing:
         self._here = here
         self._out = out
         self._parameters = parameters
+        self._alarm: Callable[[], None] | None = None
+        motion.handlers |= dict.fromkeys(PROBES, self.probe)
 
     def probe(self, words: LineWords, code: Code | None) -> None:
         """Make one probing move."""
@@ -117,3 +109,29 @@ class Probing:
             if self._copies:
                 values[self._copies + place] = number
         values[PROBE_CONTACT] = answer[0]
+        if alarm := self._alarm:
+            self._alarm = None
+            alarm()
+
+    def alarm(self, code: Code) -> None:
+        """Execute M78 or M79: stop if the last move made contact, or if it made none.
+
+        In the line of the move this waits for the board. An assumed answer stops nothing.
+        """
+        out, values, here = self._out, self._parameters.values, self._here
+        at_contact = code.number == M.M78
+        found, hint = "no", "check the end point of the move, and whether a workpiece is there"
+        if at_contact:
+            found, hint = "a", "see what the probe touched; clear it before the next run"
+        error = fault(
+            "probe-alarm", f"{code.word.written}: the probe made {found} contact", code.word, hint
+        ).at(file=here.file, line=here.line, text=here.text)
+
+        def check() -> None:
+            if not out.assumed and (values.get(PROBE_CONTACT, 0.0) != 0.0) == at_contact:
+                raise error
+
+        if out.unanswered:
+            self._alarm = check
+        else:
+            check()

@@ -16,7 +16,14 @@ from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation, whole
+from cnc.gcode.syntax.words import (
+    LineWords,
+    Word,
+    fault,
+    offset_missing,
+    under_compensation,
+    whole,
+)
 
 
 class ToolCodes:
@@ -180,12 +187,7 @@ class ToolCodes:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
         if word is None and self._dialect.offset_memory and not self._last_h:
-            raise fault(
-                "tool-offset-missing",
-                f"{at.written} needs an H word",
-                at,
-                "give H and the number of the offset",
-            )
+            raise offset_missing("tool-offset-missing", "H", words, at)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
             number = number or self.tool_in_spindle("H", at)

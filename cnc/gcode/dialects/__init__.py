@@ -310,7 +310,7 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
-        hint = f"use --dialect {' or '.join(elsewhere)}"
+        hint = f"use --dialect {' or '.join(elsewhere)}{f'; {builder}' if kind == 'm' else ''}"
         if (note := load("fanuc").noted.get((kind.upper(), code))) and note.needs:
             hint = f"with {note.needs} it is FANUC's {note.name}, which has no use here: remove it"
         return fault(

@@ -5,11 +5,11 @@ Source: LinuxCNC, "G-code overview", messages.
 
 from __future__ import annotations
 
-from cnc.gcode.codes.comments import fill
+from cnc.gcode.codes.comments import fill, shown
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import MENDED, NOTED, Remark
+from cnc.gcode.syntax.statement import MENDED, NOTED, SHOWN, Remark
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import Message
 from cnc.model.diagnostics import GcodeError
@@ -39,6 +39,9 @@ class CommentCommands:
         if remark.kind in _MESSAGES:
             text = remark.text if remark.kind == "msg" else fill(remark.text, self._parameters)
             self._out.add(Message(here.file, here.line, text))
+            return None
+        if remark.kind == SHOWN:
+            self._out.add(Message(here.file, here.line, shown(remark.text, self._parameters)))
             return None
         if remark.kind == MENDED:
             at = Word("(", 0.0, "(", remark.column, remark.length)

@@ -70,8 +70,7 @@ class Interpreter:
         ended: Whether the program has ended.
         aborted: Whether it has aborted itself.
         begun: Whether a word was executed.
-        plain: Whether straight moves, arcs and cycles depend on units, offsets, distance mode and
-            feed only.
+        plain: Whether moves and cycles depend on units, offsets, distance mode and feed only.
         here: The current line.
         out: The blocks.
     """
@@ -168,7 +167,7 @@ class Interpreter:
             hole_patterns.register(motion, modal, self.drilling_cycles)
         threading.register(motion, dialect, modal, runner)
         circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
-        probing.register(motion, dialect, modal, here, self.out, self.parameters)
+        self.probing = probing.Probing(motion, dialect, modal, here, self.out, self.parameters)
         if not dialect.lathe:
             return None
         from cnc.gcode.cycles import turning_cycles
@@ -186,8 +185,7 @@ class Interpreter:
                 lambda: self.motion.position,
             )  # fmt: skip
             OffsetVariables(self.dialect, self.here, self.tool_codes, self.coordinates)
-            variables = self.dialect.variables
-            control_variables.bind(parameters, self.here, self.policy, variables)
+            control_variables.bind(parameters, self.here, self.policy, self.dialect.variables)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:
@@ -336,6 +334,8 @@ class Interpreter:
         self.motion.move(words, moving, codes.get("motion"))
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=False)
+        if code := codes.get("skip-alarm"):
+            self.probing.alarm(code)
         if code := codes.get("stop"):
             self.stop(code)
 

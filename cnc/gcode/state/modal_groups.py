@@ -58,6 +58,7 @@ _M_GROUPS: dict[str, tuple[M, ...]] = {
     "input-output": (M.M62, M.M63, M.M64, M.M65, M.M66, M.M67, M.M68),
     "kinematics": (M.M428, M.M429, M.M430),
     "state": (M.M70, M.M71, M.M72, M.M73),
+    "skip-alarm": (M.M78, M.M79),
 }
 GROUP_OF_G = {code: group for group, codes in _GROUPS.items() for code in codes}
 GROUP_OF_M = {code: group for group, codes in _M_GROUPS.items() for code in codes}

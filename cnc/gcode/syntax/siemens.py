@@ -29,8 +29,9 @@ from cnc.gcode.syntax.siemens_control import (
     control_line,
 )
 from cnc.gcode.syntax.siemens_expressions import Cursor, closing
+from cnc.gcode.syntax.siemens_messages import message_of
 from cnc.gcode.syntax.siemens_variables import Variables, as_type, without_comment
-from cnc.gcode.syntax.statement import DIRECTION, NOTED, Remark
+from cnc.gcode.syntax.statement import DIRECTION, NOTED, SHOWN, Remark
 from cnc.gcode.syntax.words import fault
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -39,7 +40,6 @@ FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 _HEAD = re.compile(
     r"\s*(/[0-9]?)?\s*(?:([N:])\s*([0-9]+))?\s*(?:([A-Z_][A-Z0-9_]+)\s*:(?!=))?\s*", re.I
 )
-_MESSAGE = re.compile(r'MSG\s*\(\s*(?:"([^"]*)")?\s*\)', re.I)
 _ASSIGN = re.compile(r"R([0-9]+)\s*=(?!=)\s*", re.I)
 _VARIABLE = re.compile(r"([A-Z_]{2}[A-Z0-9_]*)\s*=(?!=)\s*", re.I)
 _INDEXED = re.compile(r"([A-Z_][A-Z0-9_]*)\s*\[", re.I)
@@ -134,8 +134,8 @@ class _Line(Cursor):
             self.out.append(f"N{head[3]}")
         deletable = bool(head[1])
         rest = self.text[self.at :].strip()
-        if message := _MESSAGE.fullmatch(rest):
-            self.remarks.append(Remark("msg", message[1] or "", self.at + 1, len(rest)))
+        if (message := message_of(rest, self._value_of)) is not None:
+            self.remarks.append(Remark(SHOWN, message, self.at + 1, len(rest)))
             return self._done(deletable)
         if _DECLARED.fullmatch(rest):
             return self._done(deletable)
@@ -245,6 +245,11 @@ class _Line(Cursor):
             if char and not char.isascii():
                 message, hint = about_character(char)
                 raise fault("character-unknown", message, column=at + 1, hint=hint)
+
+    def _value_of(self, name: str) -> str | None:
+        """Return the name here of an R parameter or a variable; None for another name."""
+        is_value = re.fullmatch(r"R[0-9]+", name, re.I) or self.is_variable(name)
+        return self.stored(name) if is_value else None
 
     def _has_elements(self, name: str) -> bool:
         known = self.variables.get(name.upper())

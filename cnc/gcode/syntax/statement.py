@@ -48,6 +48,8 @@ DIRECTION = "direction"
 """Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
 MENDED = "mended"
 """Kind of the remark that reports a repair."""
+SHOWN = "shown"
+"""Kind of the remark that is a message of SINUMERIK: texts in quotes, ``#<name>`` for values."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
 

@@ -88,6 +88,19 @@ def under_compensation(at: Word, hint: str = "give G40 and a move before") -> Gc
     return fault("compensation-active", f"{at.written} under cutter compensation", at, hint)
 
 
+def offset_missing(kind: str, letter: str, words: LineWords, at: Word) -> GcodeError:
+    """Return the error of a code that has no number of an offset: no H, or no D."""
+    for word in words.vacant:
+        if word.letter == letter:
+            message = f"{word.written} gives no offset: the variable is empty"
+            hint = f"set the variable before, or give {letter} and a number"
+            return fault(kind, message, word, hint)
+    hint = f"give {letter} and the number of the offset"
+    return fault(
+        kind, f"{at.written} needs {'an' if letter == 'H' else 'a'} {letter} word", at, hint
+    )
+
+
 @dataclass(slots=True)
 class LineWords:
     """The words of the line that is being executed.

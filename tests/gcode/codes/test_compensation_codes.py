@@ -355,6 +355,18 @@ def test_fanuc_needs_the_offset_number_once() -> None:
     assert error_of("G41 G1 X10. F60.", dialect="fanuc").code == "compensation-offset-missing"
 
 
+@pytest.mark.parametrize(
+    ("dialect", "hint"),
+    [("linuxcnc", "write G41.1 D3.175"), ("auto", "write G41.1 D3.175"), ("fanuc", "")],
+)
+def test_a_diameter_beside_g41_gets_the_code_for_it(dialect: str, hint: str) -> None:
+    """The firmware of Makera has the diameter of the tool as D of G41."""
+    found = error_of("G41 D3.175", dialect=dialect)
+    assert (found.code, found.column) == ("value-out-of-range", 5)
+    assert found.hint.endswith(hint)
+    assert bool(found.hint) == bool(hint)
+
+
 def test_without_a_tool_table() -> None:
     assert error_of("G41 D1").code == "tool-table-missing"
 

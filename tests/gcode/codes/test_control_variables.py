@@ -68,3 +68,13 @@ def test_an_empty_variable_in_f_is_named() -> None:
     found = error_of("O1\nG21 G1 X1. F#650\nM30", dialect="fanuc")
     assert (found.code, found.line, found.column) == ("feed-missing", 2, 12)
     assert "F#650 gives no feed" in found.message
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [("G43 H#518 Z1.", "tool-offset-missing"), ("G41 D#518", "compensation-offset-missing")],
+)
+def test_an_empty_variable_in_h_or_d_is_named(line: str, code: str) -> None:
+    found = error_of(f"O1\nG21\n{line}\nM30", dialect="fanuc")
+    assert (found.code, found.line, found.column) == (code, 3, 5)
+    assert "#518 gives no offset: the variable is empty" in found.message

@@ -9,7 +9,7 @@ import pytest
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Block, Probe
-from cnc.model.diagnostics import Diagnostic
+from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import (
     assert_error_at,
     block_summaries,
@@ -105,6 +105,52 @@ def test_errors_are_reported_at_the_word(name: str) -> None:
 
 def test_no_feed() -> None:
     assert error_of("G38.2 Z-1").code == "feed-missing"
+
+
+HAAS = "G0 Z9.\nG31 Z-5. F60.{}\nG0 Z9.{}\nM30"
+
+
+@pytest.mark.parametrize(
+    ("lines", "answer", "place"),
+    [
+        ((" M79", ""), 1.0, None),
+        ((" M79", ""), 0.0, (2, 15)),
+        (("", " M79"), 1.0, None),
+        (("", " M79"), 0.0, (3, 8)),
+        (("", "\nM79"), 0.0, (4, 1)),
+        ((" M78", ""), 1.0, (2, 15)),
+        ((" M78", ""), 0.0, None),
+        (("", "\nM78"), 1.0, (4, 1)),
+        (("", "\nM78"), 0.0, None),
+        ((" M78", "\nM79"), 0.0, (4, 1)),
+    ],
+)
+def test_alarms_of_haas_at_a_skip(
+    lines: tuple[str, str], answer: float, place: tuple[int, int] | None
+) -> None:
+    text = Text.of_lines(HAAS.format(*lines).split("\n"), "test.nc")
+    found = None
+    try:
+        for block in interpret(text, dialect="haas"):
+            if isinstance(block, Probe):
+                block.answer.values = (answer, 0.0, 0.0, -1.0)
+    except GcodeError as error:
+        found = error.diagnostic
+    assert place == (found and (found.line, found.column))
+    assert found is None or (found.code, found.file) == ("probe-alarm", "test.nc")
+
+
+@pytest.mark.parametrize("code", ["M78", "M79"])
+def test_an_assumed_answer_raises_no_alarm_of_haas(code: str) -> None:
+    found = rows(run(HAAS.format(f" {code}", f"\n{code}"), dialect="haas"))
+    assert list(found)[-2] == ("rapid", 0.0, 0.0, 9.0)
+
+
+def test_alarms_of_haas_without_a_board() -> None:
+    found = error_of("G0 Z9.\nM79", dialect="haas")
+    assert (found.code, found.line) == ("probe-alarm", 2)
+    assert end_of("G0 Z9.\nM78", dialect="haas") == [0.0, 0.0, 9.0]
+    assert error_of("G31 Z-5. F60. M78 M79", dialect="haas").code == "modal-conflict"
 
 
 def test_an_alarm_that_a_guessed_contact_leads_to_is_a_warning() -> None:

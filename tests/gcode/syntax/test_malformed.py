@@ -283,7 +283,7 @@ latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-ch
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
 not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
 s-call s-end s-proc s-holes s-again
-s-until
+s-until skip-alarm
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
@@ -302,7 +302,7 @@ unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-tabl
 tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed word-replaced
 wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
 rotary-axis-place optional-stop-off tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
-cycle-level-assumed retraction-left-out subprogram-missing control-variable
+cycle-level-assumed retraction-left-out subprogram-missing control-variable probe-alarm
 """
 """Warnings, and errors of files and names. They have their own tests."""
 
