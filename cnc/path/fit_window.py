@@ -62,7 +62,8 @@ def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spli
     turn = 0
     while True:
         improve(chain, spline, free, tolerance)
-        wrong = prove(chain, spline, feet, _touched(spline, free), ALLOWED * tolerance)
+        changed = _touched(spline, free) | _determined(spline)
+        wrong = prove(chain, spline, feet, changed, ALLOWED * tolerance)
         if not wrong.any():
             return spline
         turn += 1
@@ -104,6 +105,16 @@ def _touched(spline: Spline, free: Flags) -> Flags:
     free_before = np.concatenate(([0], np.cumsum(free)))
     touched: Flags = free_before[spline.first + ORDER] > free_before[spline.first]
     return touched
+
+
+def _determined(spline: Spline) -> Flags:
+    """Return the curved spans whose control points are all given, by what is beside them.
+
+    What is beside them changes when spans are left to the polyline.
+    """
+    knots = spline.knots[:-1]
+    curved: Flags = ~_touched(spline, ~spline.fixed) & ~knots["straight"] & ~knots["polyline"]
+    return curved
 
 
 def _broken(

@@ -286,6 +286,9 @@ def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
 @njit
 def derive_along(tube: Tube, along: AlongRows, spans: Floats, t: Floats, c: Floats) -> None:
     """Write the derivatives by the unknowns ``spans``; ``t`` is overwritten."""
+    if along.number[0] == 0:
+        set_knots(tube, spans, t)
+        return
     other, moved = spans.copy(), c.copy()
     weights, r, square = np.empty((3, 4)), np.empty((3, c.shape[1])), np.empty(5)
     along.group[:] = -1

@@ -17,10 +17,10 @@ from cnc.kernels.planner.limits import UNSEEN
 from cnc.kernels.planner.path_arrays import PathArrays
 
 GROUPS = 3
-STEPS = (5, 4, 5)
+STEPS = (4, 4, 4)
 """Groups of a leg, and steps of each: behind a corner, in the middle, before the next corner."""
 
-LEG_STEPS = 14
+LEG_STEPS = 12
 MOST_STEPS = (MOST_CORNERS + 1) * LEG_STEPS
 
 WITHIN = 1.0 - 4e-4
