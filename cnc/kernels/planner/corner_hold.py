@@ -34,6 +34,7 @@ from cnc.kernels.planner.corner_legs import (
     STEPS,
     WITHIN,
     basis_of,
+    steps_of_legs,
     tube_of,
 )
 from cnc.kernels.planner.corner_motion import fastest_motion
@@ -48,7 +49,7 @@ from cnc.kernels.planner.corner_pieces import (
 from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain, state_at
 from cnc.kernels.planner.corner_rows import Rows, new_rows, write_rows
 from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
-from cnc.kernels.planner.legs import line_bounds
+from cnc.kernels.planner.legs import REST, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
@@ -198,19 +199,9 @@ def _legs_to(
             start[0, q] -= path.length[0] * tube.along[0, q]
         reach[0, 1] = path.length[0]
     reach[legs - 1, 1] = path.length[last]
-    leg, group, part = (
-        np.empty(legs * LEG_STEPS, np.int64),
-        np.empty(legs * LEG_STEPS, np.int64),
-        np.empty(legs * LEG_STEPS),
-    )
+    leg, group, part = steps_of_legs(legs)
     ends = np.zeros((2, 3, d))
     ends[0] = state
-    k = 0
-    for each in range(legs):
-        for g in range(GROUPS):
-            for _ in range(STEPS[g]):
-                leg[k], group[k], part[k] = each, GROUPS * each + g, 1.0 / STEPS[g]
-                k += 1
     return Tube(
         tube.axes,
         tube.velocity,
@@ -313,7 +304,8 @@ def _find_stop(
     if not fastest_motion(tube, rows, c, spans):
         return none
     place = spans[-1] * tube.unit
-    if not place < path.length[last]:
+    if not REST < place < path.length[last] - REST:
+        # Such a short rest of a leg would be one of rounding.
         return none
     steps = len(tube.leg)
     set_knots(tube, spans, rows.t)

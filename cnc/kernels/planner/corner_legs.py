@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import METRIC, METRICS, START, Floats
+from cnc.kernels.path.curve import METRIC, METRICS, START, Floats, Ints
 from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain
 from cnc.kernels.planner.corner_rows import ROOM
 from cnc.kernels.planner.corner_tube import Tube
@@ -77,6 +77,20 @@ def basis_of(path: PathArrays, first: int, last: int, along: Floats) -> Floats:
 
 
 @njit
+def steps_of_legs(legs: int) -> tuple[Ints, Ints, Floats]:
+    """Return leg, group and part of its group's duration (steps,) of each step of so many legs."""
+    leg_of = np.empty(legs * LEG_STEPS, np.int64)
+    group, part = leg_of.copy(), np.empty(legs * LEG_STEPS)
+    k = 0
+    for leg in range(legs):
+        for g in range(GROUPS):
+            for _ in range(STEPS[g]):
+                leg_of[k], group[k], part[k] = leg, GROUPS * leg + g, 1.0 / STEPS[g]
+                k += 1
+    return leg_of, group, part
+
+
+@njit
 def tube_of(
     path: PathArrays,
     chain: Chain,
@@ -114,14 +128,7 @@ def tube_of(
     _leave_out_far_ends(space, basis, start, reach, along, eps)
     bend = 8.0 * limits.chord_error / limits.period**2
     pull = min(limits.tangential_acceleration, limits.normal_acceleration, bend)
-    leg_of = np.empty(legs * LEG_STEPS, np.int64)
-    group, part = leg_of.copy(), np.empty(legs * LEG_STEPS)
-    k = 0
-    for leg in range(legs):
-        for g in range(GROUPS):
-            for _ in range(STEPS[g]):
-                leg_of[k], group[k], part[k] = leg, GROUPS * leg + g, 1.0 / STEPS[g]
-                k += 1
+    leg_of, group, part = steps_of_legs(legs)
     return Tube(
         np.ascontiguousarray(basis.T),
         limits.axis_velocity * (1.0 - UNSEEN),
