@@ -48,7 +48,9 @@ HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
 
 SOON = 1.05
-"""Part of the time of a ramp with constant bounds in which a plan rests soon."""
+"""Part of the time of a ramp with constant bounds in which a plan rests soon. A ramp that takes
+longer is compared with another one.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +173,15 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
         return (phases, rest) if legal and not exceeding_sections(path, phases, near) else None
 
     options = []
+    firm = inf
     for ramp in first_ramps(plan, here):
+        firm = min(firm, float(ramp[0]["duration"].sum()))
         shortest = searched(*ramp)
         if shortest is not None and (found := stopped(*shortest)) is not None:
-            if not (np.diff(found.phases["v"]) > 0.0).any():
-                return found
             # A ramp that speeds up again may be far from the shortest one.
+            rises = (np.diff(found.phases["v"]) > 0.0).any()
+            if not rises and float(found.phases["duration"].sum()) <= SOON * firm:
+                return found
             options.append(found)
             break
     slow = ramp_by_clock(plan, here, near, slowing.arrays)
