@@ -31,11 +31,12 @@ GATHERING = 0.5
 """Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
 of the answers to this computer, and its late wake-ups. One line may wait for space.
 """
-FEW_ARRIVED = 4.0
-"""Unanswered lines that have arrived at the board. Fewer show that it waits for the wire."""
-SLOWER_THAN_WIRE, FEW_FOR_SLOW_BOARD = 1.3, 2.5
+SLOWER_THAN_WIRE = 1.3
 """Time between answers, in times of a line on the wire, above which the board takes longer for a
-line than the wire; and the lines that are few then.
+line than the wire. Answers gather only there.
+"""
+FEW_ARRIVED = 2.5
+"""Unanswered lines that have arrived at such a board. Fewer are not enough to let answers gather.
 """
 LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
@@ -163,8 +164,9 @@ class LineStream:
         """Receive; where answers come fast, let some gather, which saves most of the CPU time.
 
         The board meanwhile reads the lines that wait in its buffer. A wire that brings lines more
-        slowly than the board reads them is not left idle. A report makes answers late: behind it,
-        more lines are answered than is known.
+        slowly than the board reads them is not left idle: no answers gather, and the first answer
+        after a long move is served at once. A report makes answers late: behind it, more lines are
+        answered than is known.
         """
         link, interval = self.link, self.monitor.liveness.interval
         protocol, wire = link.protocol, link.wire
@@ -178,11 +180,12 @@ class LineStream:
         behind = self._asked
         self._asked = link.asked or protocol.marked
         behind = behind or self._asked
-        pause = (BEHIND_REPORT if behind else 1.0) * GATHERING * (waiting - 1) * interval
-        few = FEW_FOR_SLOW_BOARD if interval > SLOWER_THAN_WIRE * on_one_line else FEW_ARRIVED
         # As long as the wire is busy, lines that are sent now would only wait for it.
-        undisturbed = busy - SPARE - self._late
-        pause = undisturbed if busy > (waiting - few) * on_one_line else max(pause, undisturbed)
+        pause = busy - SPARE - self._late
+        slow = interval > SLOWER_THAN_WIRE * on_one_line
+        if slow and busy <= (waiting - FEW_ARRIVED) * on_one_line:
+            part = BEHIND_REPORT * GATHERING if behind else GATHERING
+            pause = max(pause, part * (waiting - 1) * interval)
         if behind and protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
             pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
