@@ -43,9 +43,11 @@ LONGEST_GATHERING = 0.02
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
 SPARE = 0.0015
-"""Time before the wire is idle at which waiting ends, s; the lateness of wake-ups is added."""
-LATE_WEIGHT = 0.9
-"""Part of the lateness that counts at the next wake-up."""
+"""Time before the wire is idle at which waiting ends, s; the mean lateness of wake-ups is added.
+A single late wake-up, which a busy computer has now and then, says nothing about the next.
+"""
+LATE_WEIGHT = 0.3
+"""Weight of the last wake-up in that mean."""
 BEHIND_REPORT = 0.8
 """Share of the gathering while answers may wait behind a report or the answer to a mark."""
 REPORT = 40
@@ -77,6 +79,7 @@ class LineStream:
         self.state = "idle"
         self.probed: tuple[float, ...] | None = None
         self.rested_at = 0.0
+        self._control = Control()
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
@@ -99,17 +102,17 @@ class LineStream:
     @property
     def stopping(self) -> bool:
         """Whether the operator has asked to stop the run."""
-        requests = self._requests
-        return requests is not None and requests.control.stopped
+        return self._control.stopped
 
     @property
     def held(self) -> bool:
         """Whether the operator holds the run."""
-        return self._requests is not None and self._requests.control.held
+        return self._control.held
 
     def connect_operator(self, control: Control, on_report: OnReport) -> None:
         """Serve the operator's requests, and call ``on_report`` after each status report."""
-        self._requests, self._on_report = OperatorRequests(control), on_report
+        self._control, self._requests = control, OperatorRequests(control)
+        self._on_report = on_report
 
     def begin(self, offset: Sequence[float], *, moves: bool) -> None:
         """Begin a run.
@@ -137,11 +140,11 @@ class LineStream:
             self.rest()
         if self.stopping:
             return False
-        if self.status.state == "Alarm":
+        if link.status is not None and link.status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
-            or monitor.far_ahead(link.status)
+            or (monitor.moves and monitor.far_ahead(link.status))
             or not (data := protocol.offer(text, line.line, kind))
         ):
             self._await_answers()
@@ -192,7 +195,7 @@ class LineStream:
         if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
             pause = min(pause, LONGEST_GATHERING)
             link.clock.sleep(pause)
-            self._late = max(link.now() - now - pause, LATE_WEIGHT * self._late)
+            self._late += LATE_WEIGHT * (link.now() - now - pause - self._late)
         self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
@@ -345,7 +348,7 @@ class LineStream:
     def _serve_operator(self) -> None:
         """Turn the operator's requests into real-time commands."""
         requests, link = self._requests, self.link
-        if requests is not None and not requests.control.stopped and self.state == "running":
+        if requests is not None and not self.stopping and self.state == "running":
             data = requests.commands(self.status, link.status_at, link.now())
             if data:
                 self.write(data)
