@@ -112,12 +112,15 @@ class LineOutcome:
             motion, else the last line that the board has accepted.
         began: Time of the first line with an effect other than modes, by the clock of the board, s;
             None without one.
+        ended: Time of the first report that showed the machine at rest behind the lines of the
+            program, by that clock, s.
     """
 
     position: tuple[float, ...]
     lines: int
     stopped_at_line: int | None = None
     began: float | None = None
+    ended: float = 0.0
 
 
 class _Stream:
@@ -141,6 +144,7 @@ class _Stream:
         self.text: tuple[Block | None, str] = (None, "")
         self.sent = 0
         self.began: float | None = None
+        self.ended: float | None = None
         self.file = ""
         self.wanted: Mapping[str, float] | None = None
 
@@ -240,7 +244,8 @@ class _Stream:
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
         line = board.moving_line or board.confirmed_line
-        return LineOutcome(board.position, self.sent, line if stopped else None, self.began)
+        ended = board.rested_at if self.ended is None else self.ended
+        return LineOutcome(board.position, self.sent, line if stopped else None, self.began, ended)
 
 
 def _only_modes(line: GcodeLine) -> bool:
@@ -289,6 +294,7 @@ def stream(
                 break
         if not control.stopped:
             board.execute(END, 0)
+            run.ended = board.rested_at
             run.compare()
             run.send(() if afterwards is None or board.check_only else afterwards())
             board.finish()

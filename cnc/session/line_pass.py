@@ -116,7 +116,7 @@ class LinePass:
             report.duration_s = self.timing.seconds - self.timing.remaining(outcome.lines)
         if not board.check_only:
             began = outcome.began
-            report.played_s = 0.0 if began is None else max(board.rested_at - began, 0.0)
+            report.played_s = 0.0 if began is None else max(outcome.ended - began, 0.0)
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
     def _steps(self, on_lines: Callable[[PackedLines], None] | None = None) -> Iterator[Step]:

@@ -27,6 +27,9 @@ class PresentLine:
     Args:
         program: The file of the program.
         name: Its name in progress reports.
+
+    Attributes:
+        sent: Notes a line that is sent. It is called for each, so it is no function of Python.
     """
 
     def __init__(self, program: Path, name: str) -> None:
@@ -35,10 +38,7 @@ class PresentLine:
         self._number, self._text = 0, ""
         self._sent: deque[GcodeLine] = deque(maxlen=KEPT_LINES)
         self._tool: int | None = None
-
-    def sent(self, line: GcodeLine) -> None:
-        """Note a line that is sent."""
-        self._sent.append(line)
+        self.sent = self._sent.append
 
     def steps(self, steps: Iterable[Step]) -> Iterator[Step]:
         """Yield steps, and note the tool of each that has been carried out."""

@@ -54,7 +54,8 @@ def test_the_time_of_a_run_is_measured(tmp_path: Path) -> None:
     assert report.played_s is not None
     assert report.as_json()["played_s"] == report.played_s
     moved = box.moves[-1].end_time - box.moves[0].begin_time
-    assert moved < report.played_s < moved + 0.2
+    # One report at rest, 50 ms after the one before; the rest behind the offsets does not count.
+    assert moved < report.played_s < moved + 0.06
     assert "computed" in shown
 
 

@@ -174,7 +174,12 @@ ERRORS_FLUID: dict[int, Meaning] = {
 }
 """Errors of FluidNC that differ from GRBL's, or that GRBL lacks."""
 
-_HOME = "remove the cause, then home the machine; its position is lost"
+POSITION_LOST = (
+    "its position is lost: home the machine, or set its zero again (cncrun zero) where it does not "
+    "home"
+)
+"""Advice where the motors may have lost steps."""
+_HOME = f"remove the cause; {POSITION_LOST}"
 
 ALARMS: dict[int, Meaning] = {
     1: Meaning("a limit switch was hit", _HOME),

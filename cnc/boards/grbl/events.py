@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 from cnc.boards.grbl.line_kinds import Kind
 from cnc.boards.grbl.messages import Feedback, Other, Reply, Setting, Welcome
 from cnc.boards.grbl.status import Status
 
 
-@dataclass(slots=True)
-class SentLine:
+class SentLine(NamedTuple):
     """An unanswered line.
 
     Attributes:
@@ -21,7 +22,6 @@ class SentLine:
         kind: Its kind.
         seconds: Longest time that it takes without motion.
         mark: Whether it is a mark.
-        seen: Whether the board has reported its modes to the mark.
         expected: Feed and speed at the mark, by the lines before it.
     """
 
@@ -31,8 +31,13 @@ class SentLine:
     kind: Kind
     seconds: float = 0.0
     mark: bool = False
-    seen: bool = False
     expected: Mapping[str, float] | None = None
+
+
+new_sent_line: Callable[
+    [tuple[str, int, int, Kind, float, bool, Mapping[str, float] | None]], SentLine
+] = partial(tuple.__new__, SentLine)
+"""Make a sent line of all its fields. A call of the type would take a function of Python."""
 
 
 @dataclass(slots=True)

@@ -56,6 +56,7 @@ class FaultMonitor:
     Attributes:
         liveness: Finds missing answers.
         tracker: Follows the reported positions along the moves that were sent.
+        moves: Whether lines move the machine.
         doubtful: Whether the last report was off the moves, so that another is wanted soon.
     """
 
@@ -65,7 +66,7 @@ class FaultMonitor:
         self.doubtful = False
         self._protocol = protocol
         self._ahead = AHEAD
-        self._moves = False
+        self.moves = False
         self._firmware = Firmware.GRBL
         self._without_alarm = False
         self._busy_at = 0.0
@@ -104,7 +105,7 @@ class FaultMonitor:
         self.tracker.begin(position)
         self.liveness.begin(now)
         self._ahead = max(AHEAD, SPARE_AHEAD + info.braking_s())
-        self._moves = moves
+        self.moves = moves
         self._firmware = info.kind
         self._without_alarm = self.doubtful = False
         self._busy_at = now
@@ -113,12 +114,12 @@ class FaultMonitor:
         """Note a line that has been sent just now."""
         if self._protocol.waiting == 1:
             self.liveness.begin(now)
-        if self._moves:
+        if self.moves:
             self.tracker.send(line)
 
     def far_ahead(self, status: Status | None) -> bool:
         """Return whether the board has enough motion ahead for now."""
-        if not self._moves or status is None:
+        if not self.moves or status is None:
             return False
         feed, rapid, _ = status.overrides or (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
         return self.tracker.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
@@ -168,7 +169,7 @@ class FaultMonitor:
             if status.phase > 0:
                 return faults.alarmed(status.phase, line, self._firmware)
             return faults.alarmed_unheard(line)
-        if status.position is None or status.state not in TRACKED_STATES or not self._moves:
+        if status.position is None or status.state not in TRACKED_STATES or not self.moves:
             return None
         waiting = self._protocol.waiting
         off = self.tracker.off(status.position, waiting)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
-from cnc.boards.grbl.codes import alarm_meaning, error_meaning
+from cnc.boards.grbl.codes import POSITION_LOST, alarm_meaning, error_meaning
 from cnc.boards.grbl.messages import Firmware, Reply
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
@@ -18,7 +18,6 @@ STOP_IT = (
     "if the machine still moves, press its emergency stop; check the power supply and the cable, "
     "then home it"
 )
-HOME_IT = "home the machine before the next run; its position is lost"
 PROBE_ALARMS = (4, 5)
 _PASSED_ON = re.compile(r"M0*(?![0-9]$|30$|6[2-8]$)[0-9]+", re.IGNORECASE)
 """An M-code that only the program can have: it is passed on by ``[program.codes]``."""
@@ -69,7 +68,7 @@ def laser_mode_off() -> BoardError:
 
 def alarmed_unheard(line: int) -> BoardError:
     """Return the fault of a board that is in alarm without a message."""
-    hint = "check its switches and its display; home the machine before the next run"
+    hint = f"check its switches and its display; {POSITION_LOST}"
     return board_error(
         "board-alarm",
         "the board is in alarm; its message with the cause was lost",
@@ -84,7 +83,7 @@ def restarted(line: int) -> BoardError:
         "board-restarted",
         "the board has restarted by itself",
         line=line,
-        hint=f"check its reset button and its power supply; {HOME_IT}",
+        hint=f"check its reset button and its power supply; {POSITION_LOST}",
     )
 
 

@@ -31,20 +31,23 @@ GATHERING = 0.5
 """Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
 of the answers to this computer, and its late wake-ups. One line may wait for space.
 """
-FEW_ARRIVED = 4.0
-"""Unanswered lines that have arrived at the board. Fewer show that it waits for the wire."""
-SLOWER_THAN_WIRE, FEW_FOR_SLOW_BOARD = 1.3, 2.5
+SLOWER_THAN_WIRE = 1.3
 """Time between answers, in times of a line on the wire, above which the board takes longer for a
-line than the wire; and the lines that are few then.
+line than the wire. Answers gather only there.
+"""
+FEW_ARRIVED = 2.5
+"""Unanswered lines that have arrived at such a board. Fewer are not enough to let answers gather.
 """
 LONGEST_GATHERING = 0.02
 """Limit on that time, s."""
 SHORTEST_GATHERING = 0.002
 """Time below which waiting is not worth its while, s."""
 SPARE = 0.0015
-"""Time before the wire is idle at which waiting ends, s; the lateness of wake-ups is added."""
-LATE_WEIGHT = 0.9
-"""Part of the lateness that counts at the next wake-up."""
+"""Time before the wire is idle at which waiting ends, s; the mean lateness of wake-ups is added.
+A single late wake-up, which a busy computer has now and then, says nothing about the next.
+"""
+LATE_WEIGHT = 0.3
+"""Weight of the last wake-up in that mean."""
 BEHIND_REPORT = 0.8
 """Share of the gathering while answers may wait behind a report or the answer to a mark."""
 REPORT = 40
@@ -76,6 +79,7 @@ class LineStream:
         self.state = "idle"
         self.probed: tuple[float, ...] | None = None
         self.rested_at = 0.0
+        self._control = Control()
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
@@ -98,17 +102,17 @@ class LineStream:
     @property
     def stopping(self) -> bool:
         """Whether the operator has asked to stop the run."""
-        requests = self._requests
-        return requests is not None and requests.control.stopped
+        return self._control.stopped
 
     @property
     def held(self) -> bool:
         """Whether the operator holds the run."""
-        return self._requests is not None and self._requests.control.held
+        return self._control.held
 
     def connect_operator(self, control: Control, on_report: OnReport) -> None:
         """Serve the operator's requests, and call ``on_report`` after each status report."""
-        self._requests, self._on_report = OperatorRequests(control), on_report
+        self._control, self._requests = control, OperatorRequests(control)
+        self._on_report = on_report
 
     def begin(self, offset: Sequence[float], *, moves: bool) -> None:
         """Begin a run.
@@ -136,11 +140,11 @@ class LineStream:
             self.rest()
         if self.stopping:
             return False
-        if self.status.state == "Alarm":
+        if link.status is not None and link.status.state == "Alarm":
             self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
         while (
             protocol.waiting >= liveness.max_waiting
-            or monitor.far_ahead(link.status)
+            or (monitor.moves and monitor.far_ahead(link.status))
             or not (data := protocol.offer(text, line.line, kind))
         ):
             self._await_answers()
@@ -163,8 +167,9 @@ class LineStream:
         """Receive; where answers come fast, let some gather, which saves most of the CPU time.
 
         The board meanwhile reads the lines that wait in its buffer. A wire that brings lines more
-        slowly than the board reads them is not left idle. A report makes answers late: behind it,
-        more lines are answered than is known.
+        slowly than the board reads them is not left idle: no answers gather, and the first answer
+        after a long move is served at once. A report makes answers late: behind it, more lines are
+        answered than is known.
         """
         link, interval = self.link, self.monitor.liveness.interval
         protocol, wire = link.protocol, link.wire
@@ -178,18 +183,19 @@ class LineStream:
         behind = self._asked
         self._asked = link.asked or protocol.marked
         behind = behind or self._asked
-        pause = (BEHIND_REPORT if behind else 1.0) * GATHERING * (waiting - 1) * interval
-        few = FEW_FOR_SLOW_BOARD if interval > SLOWER_THAN_WIRE * on_one_line else FEW_ARRIVED
         # As long as the wire is busy, lines that are sent now would only wait for it.
-        undisturbed = busy - SPARE - self._late
-        pause = undisturbed if busy > (waiting - few) * on_one_line else max(pause, undisturbed)
+        pause = busy - SPARE - self._late
+        slow = interval > SLOWER_THAN_WIRE * on_one_line
+        if slow and busy <= (waiting - FEW_ARRIVED) * on_one_line:
+            part = BEHIND_REPORT * GATHERING if behind else GATHERING
+            pause = max(pause, part * (waiting - 1) * interval)
         if behind and protocol.partial[:1] in (b"<", b"["):
             # No answer comes before the end of the message.
             pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
         if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
             pause = min(pause, LONGEST_GATHERING)
             link.clock.sleep(pause)
-            self._late = max(link.now() - now - pause, LATE_WEIGHT * self._late)
+            self._late += LATE_WEIGHT * (link.now() - now - pause - self._late)
         self.serve(self.wait)
 
     def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
@@ -342,7 +348,7 @@ class LineStream:
     def _serve_operator(self) -> None:
         """Turn the operator's requests into real-time commands."""
         requests, link = self._requests, self.link
-        if requests is not None and not requests.control.stopped and self.state == "running":
+        if requests is not None and not self.stopping and self.state == "running":
             data = requests.commands(self.status, link.status_at, link.now())
             if data:
                 self.write(data)

@@ -19,7 +19,8 @@ of the board, in seconds, is limited to what its planner needs
 (:attr:`PositionTracker.seconds`). A planner full of moves of some seconds each would hide a fault
 for a minute.
 
-After a line whose effect is not known, nothing is known until :meth:`PositionTracker.begin`.
+Behind a line whose effect is not known, nothing is known until :meth:`PositionTracker.begin`. The
+moves before it are still followed, because the machine may rest on them.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class PositionTracker:
         self._reported = (0, 0.0)
         self._at: Point | None = None
         self._direction: Sequence[float] | None = None
-        self._may_end_early = False
+        self._may_end_early = self._unknown = False
 
     def begin(self, position: Sequence[float]) -> None:
         """The board stands at this position, mm, with nothing to do."""
@@ -91,19 +92,19 @@ class PositionTracker:
         self._passed = self._seconds = self._traversing = 0.0
         self._reported = (0, 0.0)
         self._direction = None
-        self._may_end_early = False
+        self._may_end_early = self._unknown = False
         self._at = tuple(position)
 
     @property
     def seconds(self) -> float:
-        """Approximate time of the motion ahead at 100 %; 0 where nothing is known."""
-        if self._at is None or not self._moves:
+        """Approximate time of the motion ahead at 100 %; 0 where it is not known."""
+        if self._unknown or not self._moves:
             return 0.0
         return self._seconds - self._passed * self._moves[0].seconds
 
     def seconds_at(self, feed: float, rapid: float) -> float:
         """Return the same at overrides of feed and traverse, in per cent."""
-        if self._at is None or not self._moves:
+        if self._unknown or not self._moves:
             return 0.0
         ahead = self._seconds - self._passed * self._moves[0].seconds
         traversing = self._traversing - self._passed * self._traverses[0]
@@ -117,16 +118,16 @@ class PositionTracker:
     @property
     def line(self) -> int:
         """Source line of the present move; 0 where it is not known."""
-        return self._moves[0].line if self._at is not None and self._moves else 0
+        return self._moves[0].line if self._moves else 0
 
     def send(self, line: GcodeLine) -> None:
         """Note a line that was sent."""
         self._sent += 1
-        if self._at is None:
+        if self._at is None or self._unknown:
             return
         effect = line.effect
         if effect is None:
-            self._at = None
+            self._unknown = True
         elif effect.kind in MOTIONS:
             self._may_end_early = effect.kind is LineKind.PROBE
             self._add(line.line, effect)
@@ -160,7 +161,7 @@ class PositionTracker:
         # The report before may have been wrong.
         found, nearest = self._find(point, (0, self._passed))
         if found is None:
-            return min(closest, nearest)
+            return 0.0 if self._unknown else min(closest, nearest)
         self._reported = found
         return 0.0
 
@@ -182,7 +183,12 @@ class PositionTracker:
         Returns:
             The distance in mm; 0 within the tolerance, and where nothing is known.
         """
-        if self._at is None or self._may_end_early or len(position) != len(self._at):
+        if (
+            self._at is None
+            or self._unknown
+            or self._may_end_early
+            or len(position) != len(self._at)
+        ):
             return 0.0
         distance = math.dist(position, self._at)
         if distance > self._tolerance:

@@ -50,6 +50,7 @@ from cnc.boards.grbl.events import (
     SentLine,
     Started,
     UnexpectedReply,
+    new_sent_line,
 )
 from cnc.boards.grbl.line_kinds import Kind, bare, kind_of, seconds_of
 from cnc.boards.grbl.messages import (
@@ -151,7 +152,7 @@ class GrblProtocol:
         self._messages = Messages()
         self.used = self.unmarked = 0
         self._unanswered: deque[SentLine] = deque()
-        self._marks = 0
+        self._marked = self._mark_seen = False
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
         self.firmware = Firmware.GRBL
@@ -174,7 +175,7 @@ class GrblProtocol:
     @property
     def marked(self) -> bool:
         """Whether a mark is unanswered."""
-        return self._marks > 0
+        return self._marked
 
     @property
     def partial(self) -> bytes:
@@ -215,21 +216,14 @@ class GrblProtocol:
             return b""
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
-        return self._enter(
-            SentLine(
-                text,
-                line,
-                len(text) + 1,
-                kind,
-                seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0,
-            )
-        )
+        seconds = seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0
+        return self._enter(new_sent_line((text, line, len(text) + 1, kind, seconds, False, None)))
 
     def mark_fits(self) -> bool:
         """Return whether a mark may be sent: one at a time, without writers or system lines."""
         if (
             self.state is not State.READY
-            or self._marks
+            or self._marked
             or (self._unanswered and self._unanswered[-1].kind in ("writer", "system"))
         ):
             return False
@@ -239,7 +233,7 @@ class GrblProtocol:
         """Return the bytes of a mark that fits."""
         if not self.mark_fits():
             raise RuntimeError(f"A mark does not fit in state {self.state.name}.")
-        self._marks += 1
+        self._marked, self._mark_seen = True, False
         line = self._unanswered[-1].line if self._unanswered else self.confirmed_line
         return self._enter(
             SentLine(
@@ -251,7 +245,8 @@ class GrblProtocol:
         """Return the soft reset; both sides drop the lines that are not carried out."""
         self.state = State.RESETTING
         self._unanswered.clear()
-        self.used = self.unmarked = self._marks = 0
+        self.used = self.unmarked = 0
+        self._marked = False
         self._expected_modes.clear()
         self.status_reader.forget()
         return RealTime.RESET.value
@@ -273,11 +268,15 @@ class GrblProtocol:
     def _accepted(self, data: bytes) -> int:
         """Return the number of lines that bytes accept; 0 if they may hold anything else.
 
-        At the full rate of the wire nearly all bytes are such answers.
+        At the full rate of the wire nearly all bytes are such answers. Those to the lines before a
+        mark are, too.
         """
         count = len(data) // len(ANSWER)
-        plain = self.state is State.READY and not self._marks and not self._messages.partial
-        return count if plain and count <= self.waiting and data == ANSWER * count else 0
+        most = len(self._unanswered)
+        if self._marked:
+            most -= self.unmarked + 1
+        plain = self.state is State.READY and not self._messages.partial
+        return count if plain and count <= most and data == ANSWER * count else 0
 
     def _confirmed(self, count: int) -> Confirmed:
         """Return the event of ``count`` accepted lines, none of which is a mark."""
@@ -306,7 +305,7 @@ class GrblProtocol:
             expected = self.state is not State.READY
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
-        if isinstance(message, Feedback) and message.kind == "GC" and self._marks:
+        if isinstance(message, Feedback) and message.kind == "GC" and self._marked:
             return self._mark_answered(message.text)
         return message
 
@@ -318,12 +317,12 @@ class GrblProtocol:
             return UnexpectedReply(reply.error)
         sent = self._unanswered.popleft()
         self.used -= sent.size
-        self._marks -= sent.mark
+        self._marked = self._marked and not sent.mark
         if reply.error:
             self.state = State.FAILED
             return Rejected(sent, reply)
         if sent.mark:
-            if not sent.seen:
+            if not self._mark_seen:
                 return self._lost(sent.line)
             self._verified_line = sent.line
             return None
@@ -339,7 +338,7 @@ class GrblProtocol:
         """
         oldest = self._unanswered[0]
         if oldest.mark:
-            oldest.seen = True
+            self._mark_seen = True
             reported = dict(_MODE.findall(modes))
             return (
                 None
