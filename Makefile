@@ -20,12 +20,12 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/installed
 	$(BIN)/cncrun $(PROGRAM)
 
-# Everything that CI checks, with a share of the tests. First the kernels are compiled, in one process.
-# Beside it are the linters, and the tests that need none of these kernels.
+# Everything that CI checks, with a share of the tests. First the kernels are compiled. Beside it are
+# the tests that need none of these kernels, then the linters.
 test: $(VENV)/installed-test
-	$(MAKE) --jobs=2 warm lint early tested
+	$(MAKE) --jobs=2 warm early lint tested
 
-# This process also writes the bytecode of all tests, which else each process of the others would do.
+# Before the others: this process writes the bytecode of all tests, which else each of them would do.
 early: $(VENV)/installed-test
 	$(PYTEST) -q -m own_code
 
