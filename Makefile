@@ -8,32 +8,38 @@ PROGRAM ?= programs/trident.nc
 # another. Each has one thread of linear algebra: further ones wait in a busy loop, and take the
 # processor from the tests of the other processes.
 PROCESSES := $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) * 3 // 2)')
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(PROCESSES) --dist worksteal
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+SHARED := -n $(PROCESSES) --dist worksteal
 
 # Without compiled modules each process of a test would compile them again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: run test tested quick soak bench lint format types layers warm docs picture wheel firmware flash simulator clean
+.PHONY: run test early tested quick soak bench lint format types layers warm docs picture wheel firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
 	$(BIN)/cncrun $(PROGRAM)
 
-# Everything that CI checks, with a share of the tests. The kernels are compiled once, beside the linters, before the tests share them.
+# Everything that CI checks, with a share of the tests. First the kernels are compiled. Beside it are
+# the tests that need none of these kernels, then the linters.
 test: $(VENV)/installed-test
-	$(MAKE) --jobs=2 lint tested
+	$(MAKE) --jobs=2 warm early lint tested
+
+# Before the others: this process writes the bytecode of all tests, which else each of them would do.
+early: $(VENV)/installed-test
+	$(PYTEST) -q -m own_code
 
 tested: warm
-	$(PYTEST)
+	$(PYTEST) $(SHARED) -m "not own_code"
 
 # For daily work: the tests of language, model and files, without firmware, browser and long runs.
 quick: $(VENV)/installed-test
 	$(MAKE) --jobs=2 lint
-	$(PYTEST) tests/gcode tests/machine tests/model tests/outputs tests/report
+	$(PYTEST) $(SHARED) tests/gcode tests/machine tests/model tests/outputs tests/report
 
 # All tests, with large amounts of work: those of make test, and those with the marker soak.
 soak: $(VENV)/installed-test
-	CNC_SOAK=1 $(PYTEST)
+	CNC_SOAK=1 $(PYTEST) $(SHARED)
 
 # The documentation site: build/site. A broken link is an error.
 docs: $(VENV)/installed-docs

@@ -159,7 +159,7 @@ def test_the_action_annotates(shop):
         arguments="--fail-on note --portable grbl --jobs 1",
     )
     assert good.returncode == 0
-    assert action(shop, "Check", programs="$(touch hacked) parts/good.nc").returncode == 2
+    assert action(shop, "Check", programs="$(touch${IFS}hacked)").returncode == 2
     assert not (shop.folder / "hacked").exists()
 
 

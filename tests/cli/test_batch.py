@@ -271,11 +271,11 @@ def test_a_file_name_that_is_not_text(tmp_path):
         (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
     code = (
         "import sys; from cnc import cli\n"
-        "for form in 'text', 'github':\n"
-        "    print(form, cli.exit_code([*sys.argv[1:], '--format', form]))"
+        "for form, name in zip(('text', 'github'), sys.argv[1:]):\n"
+        "    print(form, cli.exit_code(['check', name, '--jobs', '1', '--format', form]))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, "check", str(tmp_path), "--jobs", "1"],
+        [sys.executable, "-c", code, str(tmp_path), os.fsencode(tmp_path) + b"/caf\xe9.nc"],
         cwd=ROOT,
         capture_output=True,
         check=False,

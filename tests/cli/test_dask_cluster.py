@@ -53,6 +53,7 @@ def cluster():
                 process.kill()
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_dead_worker_loses_and_repeats_no_report(cluster, tmp_path, capfd, monkeypatch):
     address, workers = cluster
     kinds = {"good": GOOD, "slow": SLOW, "bad": "G2 X5\n", "sub": "o<part> call\nM2\n"}

@@ -208,6 +208,7 @@ def test_an_internal_error_has_its_traceback_in_the_log(
     assert in_order(log.read_text(), "CRITICAL", "Traceback", "RuntimeError: oh")
 
 
+@pytest.mark.usefixtures("one_process")
 def test_findings_of_many_programs_are_in_the_log(program: Path, tmp_path: Path) -> None:
     (tmp_path / "bad.nc").write_text("G1 X5\n")
     log = tmp_path / "run.log"

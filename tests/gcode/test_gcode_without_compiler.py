@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.soak import check_without_compiler, share
 
 FOLDER = Path(__file__).parent
@@ -22,5 +24,6 @@ LONG = (
 )
 
 
+@pytest.mark.own_code
 def test_results_are_equal_without_the_compiler() -> None:
     check_without_compiler(*FILES, some=LEFT_OUT + share("", LONG))

@@ -20,7 +20,10 @@ from cnc.kernels.loader import Code
 from tests.support.paths import ROOT
 from tests.support.waiting import HANG, wait_until
 
-pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+pytestmark = [
+    pytest.mark.own_code,
+    pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python"),
+]
 
 KERNELS = '''
 from cnc.kernels.jit import njit

@@ -14,7 +14,10 @@ from cnc.kernels import jit
 from tests.support.paths import ROOT
 from tests.support.soak import share
 
-pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+pytestmark = [
+    pytest.mark.own_code,
+    pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python"),
+]
 
 KERNELS = '''
 from __future__ import annotations

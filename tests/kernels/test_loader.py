@@ -103,6 +103,7 @@ for wrong in ([1.0], {}, object()):
 WRONG = [f"kernels do not take a {name}" for name in ("list", "dict", "object")]
 
 
+@pytest.mark.own_code
 @compiled
 def test_values_of_all_types_come_and_go_unchanged(tmp_path: Path) -> None:
     (tmp_path / "example.py").write_text(KERNELS)

@@ -16,7 +16,10 @@ from cnc.kernels import code_cache, jit
 from cnc.kernels.loader import Code
 from tests.support.paths import ROOT
 
-pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+pytestmark = [
+    pytest.mark.own_code,
+    pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python"),
+]
 
 KERNELS = '''
 from __future__ import annotations

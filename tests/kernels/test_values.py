@@ -14,7 +14,10 @@ from llvmlite import ir
 from cnc.kernels import jit
 from tests.support.paths import ROOT
 
-pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
+pytestmark = [
+    pytest.mark.own_code,
+    pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python"),
+]
 
 KERNELS = '''
 from __future__ import annotations

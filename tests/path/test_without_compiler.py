@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.soak import check_without_compiler, share
 
 FILES = [
@@ -15,5 +17,6 @@ REST = (
 SPANS = share("spans_are_the_nurbs", "spans_are_the_nurbs and -3]")
 
 
+@pytest.mark.own_code
 def test_the_same_without_the_compiler() -> None:
     check_without_compiler(*FILES, some=f"({SPANS}) or {REST}")

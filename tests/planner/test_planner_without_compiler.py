@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.soak import check_without_compiler, share
 
 SHARE = "valley or a_stop or too_fast or errata or tangent or jump or exact_stop or short_dwell"
@@ -20,5 +22,6 @@ FILES = [
 ]
 
 
+@pytest.mark.own_code
 def test_a_share_passes_without_the_compiler() -> None:
     check_without_compiler(*share((FOLDER,), FILES), some=share(FULL, QUICK))

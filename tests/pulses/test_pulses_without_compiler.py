@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.soak import check_without_compiler, share
 
 SHARE = (
@@ -12,5 +14,6 @@ SHARE = (
 )
 
 
+@pytest.mark.own_code
 def test_the_same_without_the_compiler() -> None:
     check_without_compiler(Path(__file__).parent, some=share("not without_the_compiler", SHARE))

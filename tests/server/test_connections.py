@@ -45,8 +45,8 @@ class RealServer:
             backlog=BACKLOG,
             ws="websockets-sansio",
             log_config=None,
-            ws_ping_interval=0.5,
-            ws_ping_timeout=0.5,
+            # The connections of these tests answer no ping.
+            ws_ping_interval=None,
             timeout_graceful_shutdown=1,
         )
         self.server = uvicorn.Server(config)
@@ -63,7 +63,7 @@ class RealServer:
         return socket.create_connection(("127.0.0.1", self.port))
 
     def get(self, path):
-        with httpx.Client(base_url=self.url) as client:
+        with httpx.Client(base_url=self.url, timeout=HANG) as client:
             return client.get(path)
 
 
@@ -232,7 +232,7 @@ def test_few_threads_serve_a_flood_of_requests(server, monkeypatch):
         return found
 
     async def flood():
-        async with httpx.AsyncClient(base_url=server.url, timeout=60) as client:
+        async with httpx.AsyncClient(base_url=server.url, timeout=HANG) as client:
             each = [client.get("/api/history") for _ in range(60)]
             return {answer.status_code for answer in await asyncio.gather(*each)}
 
@@ -310,7 +310,7 @@ def test_the_pulses_are_the_same_with_clients_and_in_a_flood(
     answers, ended = [], threading.Event()
 
     async def flood():
-        async with httpx.AsyncClient(base_url=server.url) as client:
+        async with httpx.AsyncClient(base_url=server.url, timeout=HANG) as client:
             while not ended.is_set():
                 each = [client.get("/api/state") for _ in range(8)]
                 answers.extend(answer.status_code for answer in await asyncio.gather(*each))

@@ -108,5 +108,6 @@ def test_impossible_times_are_refused() -> None:
         StepEncoder(5).encode(np.array([2**33, 2**33 + 9], np.int64), ones)
 
 
+@pytest.mark.own_code
 def test_kernels_run_without_the_compiler() -> None:
     check_without_compiler(Path(__file__), some="smooth_moves and 16000000 and 5 or apart")
