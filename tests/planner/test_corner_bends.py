@@ -1,6 +1,7 @@
 """Blends where no axis limits the jerk: the speed that the tolerance allows, legal, within it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from tests.support.planner.corners import assert_legal, distances, duration, planned
-from tests.support.planner.motions import machine, sampled
+from tests.support.planner.motions import lines, machine, sampled
 from tests.support.soak import share
 
 NORMAL, EPS = 1000.0, 0.1
@@ -87,8 +88,8 @@ def test_a_rotary_axis_keeps_to_the_tolerance_too():
         path=PathLimits(max_feed=300.0, max_tangential_acceleration=900.0, max_jerk=40_000.0),
     )
     points = np.array([(10.0, 0.0, 40.0), (14.0, 9.0, 30.0)])
-    lines = Polyline("", 1, points, np.full(2, 60.0), np.array([1, 2], np.int32))
-    path = build([PathMode("", 1, "blend", EPS), lines], axes=("x", "y", "a"), start=np.zeros(3))
+    moves = Polyline("", 1, points, np.full(2, 60.0), np.array([1, 2], np.int32))
+    path = build([PathMode("", 1, "blend", EPS), moves], axes=("x", "y", "a"), start=np.zeros(3))
     chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
     assert (chunks[0].path.kind != LINE).any()
     motion = sampled(chunks, 1e-4)
@@ -124,3 +125,16 @@ def test_turns_of_a_polygon_are_blends_and_no_spline(tmp_path):
     )
     spline = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
     assert report.duration_s < 0.99 * duration(spline)
+
+
+def test_corners_beside_a_leg_without_room_are_passed_together():
+    # A leg of 1.7 tolerances has room for blends of a third of the tolerance.
+    mill = machine(tangential=2000.0, normal=NORMAL, jerk=300_000.0, chord_error=0.01)
+    first, second = corner(135.0, 5.6 * EPS, 1.7 * EPS)
+    points = [first, second, second + [2.2 * EPS, 0.0, 0.0]]
+    (chunk,) = build([lines(points, 50.0)], axes=("x", "y", "z"), start=np.zeros(3))
+    stops, passed = (
+        list(LookAhead(mill).plan(iter([replace(chunk, tolerance=np.array(tolerance))])))
+        for tolerance in ([0.0, 0.0, 0.0], [EPS, EPS, 0.0])
+    )
+    assert duration(passed) < 0.7 * duration(stops)

@@ -79,6 +79,11 @@ BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 STAY, PASS, BLEND = 0, 1, 2
 """Treatments of a corner: as it is, a motion past the stop there, a curve."""
 
+TIGHT = 0.75
+"""Where the legs have room for a blend of less than this part of the tolerance, corners are passed
+together.
+"""
+
 LEAST_TURN = 1e-4
 """Sine of half the smallest turn of a blend whose curvature follows the speed. Below, the plane of
 the corner is not known well.
@@ -183,6 +188,9 @@ def choose(
             feed = min(feed, largest_speed(scratch.plane, limits))
             bend = bend_of(scratch.plane, eps, max(line1.a, line2.a), limits)
             blend = fastest_blend(turn.sine, eps, feed, sides, bend)
+            if passes and blend.inside < TIGHT * eps:
+                # The legs are too short for the tolerance: corners are passed together.
+                return passed
             best = side_time(straight, sides[0].length, sides[0])
             best += side_time(straight, sides[1].length, sides[1])
             if blend.time < best * (1.0 - BETTER):
