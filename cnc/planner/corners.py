@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.corners import round_corners
+from cnc.kernels.planner.corners import MOST_PIECES, round_corners
 from cnc.kernels.planner.legs import record_end
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.model.blocks import Block, Message
@@ -47,6 +47,8 @@ class CornerBlending:
         self._limits, self._ramps, self._where = limits, ramps, where
         self._taken = 0.0
         """Length that the last blend takes off the next chunk, mm."""
+        self._rests = True
+        """Whether the motion rests at the start of the next chunk."""
 
     def blended(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield the stream with blends in its path.
@@ -73,6 +75,7 @@ class CornerBlending:
     def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
         """Return the chunk with its corners decided; ``following`` continues the motion."""
         taken, self._taken = self._taken, 0.0
+        rests, self._rests = self._rests, bool(path.stop_after[-1])
         if not (self._where() and (taken or path.tolerance.any())):
             return path
         limits, own = self._limits, len(path)
@@ -82,9 +85,9 @@ class CornerBlending:
             bound = np.append(bound, limits.feeds(following)[:1])
         size = len(arrays.pieces.data) + BLENDS_SIZE
         while True:
-            out = empty_path(2 * own, size)
+            out = empty_path(MOST_PIECES * own, size)
             count, numbers, self._taken = round_corners(
-                own, arrays, bound, taken, limits.arrays, ACCURACY, self._ramps, out
+                own, arrays, bound, taken, limits.arrays, ACCURACY, self._ramps, rests, out
             )
             if count >= 0:
                 break
@@ -115,7 +118,7 @@ def numbered(path: PathChunk) -> PathArrays:
 def _with_first_piece(path: PathArrays, following: PathChunk) -> PathArrays:
     """Return ``path`` and the first piece of ``following``.
 
-    Of that piece kernels read the curve, its length and its feed.
+    Of that piece kernels read the curve, its length, its feed and whether it ends with a stop.
     """
     start, data = int(following.at[0]), path.pieces.data
     end = record_end(Pieces(following.kind, following.at, following.data), 0)
@@ -127,6 +130,7 @@ def _with_first_piece(path: PathArrays, following: PathChunk) -> PathArrays:
         ),
         length=np.append(path.length, following.length[:1]),
         feed=np.append(path.feed, following.feed[:1]),
+        stop_after=np.append(path.stop_after, following.stop_after[:1]),
     )
 
 

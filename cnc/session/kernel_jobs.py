@@ -215,7 +215,16 @@ JOBS = {
         _kernels("path.fit_chain", "path.fit_stretches", "path.fit_squares", "path.fit_spline"), fit
     ),
     "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
-    "corner blends": Job(_kernels("planner.corners", "planner.legs"), plan_corner),
+    "corner blends": Job(
+        _kernels(
+            "planner.corners",
+            "planner.legs",
+            "planner.corner_bends",
+            "planner.corner_turning",
+            "planner.corner_cubic",
+        ),
+        plan_corner,
+    ),
     "corner stops": Job(
         _kernels(
             "planner.corner_stops",

@@ -229,7 +229,7 @@ class ProgramReader:
             start=self.start,
             tolerance=self.machine.path.tolerance,
             due_times=self.due_times,
-            passes=joints.passes_corners,
+            passes=joints.linear,
             duration=motion_time(self.machine),
         )
         return joints.path(path, self.start)

@@ -164,7 +164,9 @@ def test_a_turn_becomes_a_blend_that_saves_time(degrees):
     points = [19 * u1, 19 * u1 + 18 * u2]
     chunks, ahead = planned(points, 0.1, ALONG, 40.0)
     assert not ahead.audit.violations
-    assert list(chunks[0].path.kind) == [LINE, SPAN, LINE]
+    kinds = list(chunks[0].path.kind)
+    assert kinds == [LINE, *[SPAN] * (len(kinds) - 2), LINE]
+    assert len(kinds) > 2
     assert duration(chunks) < 0.97 * duration(planned(points, 0.0, ALONG, 40.0)[0])
     assert_legal(chunks, ALONG, (1e-3,))
 
@@ -176,8 +178,10 @@ def test_a_blend_between_a_traverse_and_a_feed_move_keeps_the_feed(feed):
     moves = Polyline("t.nc", 1, points, feeds, np.arange(1, 4, dtype=np.int32))
     path = build([PathMode("t.nc", 1, "blend", 0.1), moves], axes=AXES, start=np.zeros(3))
     (chunk,) = [c for c in LookAhead(ALONG).plan(path) if isinstance(c, PlanChunk)]
-    assert chunk.path.kind.tolist() == [LINE, SPAN, LINE, SPAN, LINE]
-    inside = (chunk.phase_s >= chunk.piece_s[1]) & (chunk.phase_s <= chunk.piece_s[4])
+    straight = np.flatnonzero(chunk.path.kind == LINE)
+    first, last = chunk.piece_s[straight[0] + 1], chunk.piece_s[straight[-1]]
+    assert len(straight) == 3
+    inside = (chunk.phase_s >= first) & (chunk.phase_s <= last)
     assert chunk.phase_v[inside].max() <= feed
     assert_legal([chunk], ALONG, (1e-3, 1e-4))
 

@@ -3,10 +3,10 @@
 - Where the machine limits the jerk of an axis, the plan stops, and a fastest motion replaces the
   stops (:mod:`cnc.kernels.planner.corner_stops`): at turns from 5 to 179 degrees.
 - Elsewhere the corner as it is and a blend are compared by their time. Where the blend is slower,
-  the plan stops, and a motion replaces the stop if one is found. A blend is the Bezier curve of
-  C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the directions. Its curvature is
-  0 at both ends, and its distance from the corner is d/4 sin(theta/2) for a turn by theta. It is
-  planned as any curve is. Beyond 135 degrees there is none.
+  the plan stops, and a motion replaces the stop if one is found. A blend is planned as any curve
+  is. Where no axis limits the jerk, its curvature follows the speed
+  (:mod:`cnc.kernels.planner.corner_bends`). Elsewhere it is a Bezier curve without a jump of the
+  curvature (:mod:`cnc.kernels.planner.corner_cubic`); beyond 135 degrees there is none.
 
 The joints of a machine whose kinematics is not linear have no straight ramps beside a stop. There a
 corner at which the motion would stop has a blend, up to turns of 175 degrees.
@@ -28,11 +28,28 @@ from cnc.kernels.path.curve import (
     SPAN,
     SPAN_BODY,
     START,
-    TABLE,
     Floats,
-    curve_eval_s,
-    curve_speed,
 )
+from cnc.kernels.planner.corner_bends import (
+    MOST_CUBICS,
+    Blend,
+    Side,
+    corner_plane,
+    cubics_of,
+    fastest_blend,
+    largest_speed,
+    no_blend,
+    side_time,
+    write_points,
+)
+from cnc.kernels.planner.corner_cubic import (
+    BLEND_POINTS,
+    Scratch,
+    cubic_time,
+    half_time,
+    write_blend,
+)
+from cnc.kernels.planner.corner_turning import Bend, bend_of, no_bend
 from cnc.kernels.planner.legs import (
     LEGS_SHARE,
     REVERSED,
@@ -44,21 +61,14 @@ from cnc.kernels.planner.legs import (
     write_line,
 )
 from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.limits import piece_junction, speed_bounds
+from cnc.kernels.planner.limits import piece_junction
 from cnc.kernels.planner.path_arrays import PathArrays
-from cnc.kernels.planner.scurve import ramp_distance, ramp_time, reachable_speed
 from cnc.kernels.planner.timed import (
     TIMED_SIZE,
     TIMED_SIZE_PER_AXIS,
     write_cubic,
     write_turns,
 )
-
-BLEND_POINTS = 9
-"""Points at which the speed in a blend is bounded."""
-
-LEFT_OVER = 0.5
-"""Part of the acceleration and jerk of a straight line with which the speed changes in a blend."""
 
 BETTER = 1e-3
 """A blend has to save this part of the time."""
@@ -69,87 +79,39 @@ BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 STAY, PASS, BLEND = 0, 1, 2
 """Treatments of a corner: as it is, a motion past the stop there, a curve."""
 
+TIGHT = 0.75
+"""Where the legs have room for a blend of less than this part of the tolerance, corners are passed
+together.
+"""
+
+LEAST_TURN = 1e-4
+"""Sine of half the smallest turn of a blend whose curvature follows the speed. Below, the plane of
+the corner is not known well.
+"""
+
+MOST_PIECES = 1 + MOST_CUBICS
+"""Largest number of pieces that one piece becomes, with the blend behind it."""
+
 SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
 """Sine of half the largest turn that a blend makes where the motion cannot pass a stop."""
 
 
-class Scratch(NamedTuple):
-    """Arrays that are used again for each corner.
+class Treatment(NamedTuple):
+    """The treatment of a corner.
 
     Attributes:
-        u: (2, axes): directions of the legs.
-        q: (4, axes): derivatives of a curve.
-        pair: (2, 4, axes): derivatives on both sides of a junction.
-        ends: (3, axes): start, middle (measured from the start) and end of a blend.
-        v: (BLEND_POINTS,): speeds along a blend.
-        s: (BLEND_POINTS,): distances of these places.
+        choice: STAY, PASS or BLEND.
+        before: length that a blend takes off the line before the corner, mm.
+        after: length that it takes off the line behind it.
+        blend: a blend whose curvature follows the speed; without a time for none.
+        bend: its least radius.
     """
 
-    u: Floats
-    q: Floats
-    pair: Floats
-    ends: Floats
-    v: Floats
-    s: Floats
-
-
-@njit
-def half_time(v: float, distance: float, bounds: LineBounds) -> float:
-    """Return the time from the middle of a move to the end of ``distance``, s.
-
-    The motion has no acceleration in the middle; at the end its speed is ``v``.
-    """
-    top, a, j = bounds.v, bounds.a, bounds.j
-    peak = max(v, min(top, reachable_speed(v, distance, a, j)))
-    return ramp_time(v, peak, a, j) + max(distance - ramp_distance(v, peak, a, j), 0.0) / peak
-
-
-@njit
-def blend_time(
-    data: Floats,
-    at: int,
-    ends: tuple[float, float],
-    feed: float,
-    bounds: LineBounds,
-    limits: LimitArrays,
-    scratch: Scratch,
-) -> tuple[float, float, float]:
-    """Return about the time of the cubic at ``at``, and the speeds at its ends, s and mm/s.
-
-    The speed is limited at some points, and rises between them by a part of the acceleration and
-    jerk of a straight line: the bend takes the rest.
-
-    Args:
-        data: the records.
-        at: index of the cubic's record.
-        ends: largest speeds at its start and its end, mm/s.
-        feed: largest speed.
-        bounds: of a straight line.
-        limits: of the machine.
-        scratch: scratch.
-    """
-    v, s, q = scratch.v, scratch.s, scratch.q
-    data[at + TABLE] = 1.0  # selects derivatives by arc length
-    before = 0.0
-    for k in range(BLEND_POINTS):
-        u = k / (BLEND_POINTS - 1.0)
-        curve_eval_s(SPAN, data, at, u, q)
-        v[k] = speed_bounds(data, at, q, feed, limits)[0]
-        rate = curve_speed(SPAN, data, at, u)
-        s[k] = 0.5 * (before + rate) / (BLEND_POINTS - 1.0)
-        before = rate
-    data[at + TABLE] = 0.0
-    v[0] = min(v[0], ends[0])
-    v[BLEND_POINTS - 1] = min(v[BLEND_POINTS - 1], ends[1])
-    a, j = LEFT_OVER * bounds.a, LEFT_OVER * bounds.j
-    for k in range(1, BLEND_POINTS):
-        v[k] = min(v[k], reachable_speed(v[k - 1], s[k], a, j))
-    for k in range(BLEND_POINTS - 1, 0, -1):
-        v[k - 1] = min(v[k - 1], reachable_speed(v[k], s[k], a, j))
-    time = 0.0
-    for k in range(1, BLEND_POINTS):
-        time += 2.0 * s[k] / (v[k - 1] + v[k])
-    return time, v[0], v[BLEND_POINTS - 1]
+    choice: int
+    before: float
+    after: float
+    blend: Blend
+    bend: Bend
 
 
 @njit
@@ -165,10 +127,11 @@ def choose(
     bound: Floats,
     limits: LimitArrays,
     out_data: Floats,
-    blend: int,
+    at: int,
     scratch: Scratch,
     ramps: bool,
-) -> tuple[int, float]:
+    rests: bool,
+) -> Treatment:
     """Choose the fastest treatment of the corner behind line ``k``.
 
     Each is rated by the time from the middle of the one line to the middle of the other, without
@@ -179,20 +142,19 @@ def choose(
         k: the line before the corner.
         bound: largest feed of each piece, mm/s.
         limits: of the machine.
-        out_data: receives the record of a blend, without its table, at index ``blend``.
-        blend: that index.
+        out_data: receives the record of a blend, without its table, at index ``at``.
+        at: that index.
         scratch: scratch.
         ramps: whether the motion may pass stops.
-
-    Returns:
-        STAY, PASS or BLEND, and the length that a blend takes off both lines, mm.
+        rests: whether the motion rests at the start of the path.
     """
     data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
     length1, length2 = path.length[k], path.length[k + 1]
     u = scratch.u
     turn = directions(data, a, data, b, u)
+    stays = Treatment(STAY, 0.0, 0.0, no_blend(), no_bend())
     if turn.sine > 1.0:
-        return STAY, 0.0
+        return stays
     junction = piece_junction(
         path.pieces,
         k,
@@ -205,44 +167,113 @@ def choose(
         scratch.pair,
     )
     if not junction.flat:
-        return STAY, 0.0
+        return stays
     straight = junction.speed
+    passes = ramps and straight == 0.0 and STRAIGHTEST < turn.sine < REVERSED
+    passed = Treatment(PASS, 0.0, 0.0, no_blend(), no_bend())
+    along = only_along(limits)
+    if passes and not along:
+        return passed
     line1 = line_bounds(u[0], bound[k], limits)
     line2 = line_bounds(u[1], bound[k + 1], limits)
-    half1 = 0.5 * length1
-    half2 = 0.5 * length2
-    best = half_time(straight, half1, line1) + half_time(straight, half2, line2)
-    choice = STAY
     eps = path.tolerance[k]
-    passes = ramps and straight == 0.0 and STRAIGHTEST < turn.sine < REVERSED
-    if passes and not only_along(limits):
-        return PASS, 0.0
-    taken = 0.0
+    feed = min(bound[k], bound[k + 1])
+    if ramps and along:
+        if LEAST_TURN < turn.sine < REVERSED:
+            sides = (
+                side_of(length1, path.stop_after[k - 1] if k > 0 else rests, line1),
+                side_of(length2, path.stop_after[k + 1], line2),
+            )
+            eps /= corner_plane(turn.sine, u, scratch.plane)
+            feed = min(feed, largest_speed(scratch.plane, limits))
+            bend = bend_of(scratch.plane, eps, max(line1.a, line2.a), limits)
+            blend = fastest_blend(turn.sine, eps, feed, sides, bend)
+            if passes and blend.inside < TIGHT * eps:
+                # The legs are too short for the tolerance: corners are passed together.
+                return passed
+            best = side_time(straight, sides[0].length, sides[0])
+            best += side_time(straight, sides[1].length, sides[1])
+            if blend.time < best * (1.0 - BETTER):
+                return Treatment(BLEND, blend.before.reach, blend.after.reach, blend, bend)
+        # Where no axis limits the jerk, other motions are not always found.
+        return passed if passes else stays
+    best = half_time(straight, 0.5 * length1, line1) + half_time(straight, 0.5 * length2, line2)
     if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
-        ends = scratch.ends
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
-        for i in range(u.shape[1]):
-            corner = data[b + START + i]
-            ends[0, i] = corner - d * u[0, i]
-            ends[1, i] = d * u[0, i]
-            ends[2, i] = corner + d * u[1, i]
-        write_cubic(out_data, blend, a, ends[0], ends[1], ends[1], ends[2])
-        line = LineBounds(0.0, min(line1.a, line2.a), min(line1.j, line2.j))
-        fastest = (
-            reachable_speed(0.0, length1 - d, line1.a, line1.j),
-            reachable_speed(0.0, length2 - d, line2.a, line2.j),
-        )
-        feed = min(bound[k], bound[k + 1])
-        time, v1, v2 = blend_time(out_data, blend, fastest, feed, line, limits, scratch)
-        time += half_time(v1, half1 - d, line1) + half_time(v2, half2 - d, line2)
+        lines, lengths = (line1, line2), (length1, length2)
+        write_blend(data, a, b, d, out_data, at, scratch)
+        time = cubic_time(out_data, at, d, lengths, feed, lines, limits, scratch)
         # A stop inside the tolerance takes longer than its blend: the same way with two rests.
         if (not ramps and straight == 0.0) or time < best * (1.0 - BETTER):
-            choice = BLEND
-            taken = d
-    if passes and choice == STAY:
-        # Without limits of the axes' jerk blends are good, and other motions not always found.
-        choice = PASS
-    return choice, taken
+            return Treatment(BLEND, d, d, no_blend(), no_bend())
+    return stays
+
+
+@njit
+def side_of(length: float, rests: bool, line: LineBounds) -> Side:
+    """Return a leg of a corner.
+
+    Half of it belongs to the corner at its other end, which may be none; the whole leg where the
+    motion rests there.
+    """
+    if rests:
+        return Side(2.0 * LEGS_SHARE * length, length, True, line)
+    return Side(LEGS_SHARE * length, 0.5 * length, False, line)
+
+
+@njit
+def append_cubics(
+    path: PathArrays,
+    k: int,
+    treatment: Treatment,
+    scratch: Scratch,
+    accuracy: float,
+    out: PathArrays,
+    count: int,
+    used: int,
+) -> tuple[int, int]:
+    """Append the cubics of a blend whose curvature follows the speed.
+
+    Args:
+        path: the path.
+        k: the line before the corner.
+        treatment: the blend.
+        scratch: with the directions of the legs and the plane of the corner.
+        accuracy: largest error of the inverse arc length, mm.
+        out: receives the pieces, without what does not depend on the shape.
+        count: the pieces so far.
+        used: the numbers of records so far.
+
+    Returns:
+        The new numbers of both; (-1, 0) if ``out`` has no space.
+    """
+    data, ends, n = out.pieces.data, scratch.ends, scratch.u.shape[1]
+    corner, like = path.pieces.at[k + 1] + START, out.pieces.at[count - 1]
+    cubics = cubics_of(treatment.blend, treatment.bend)
+    points = np.empty((cubics, 4, 2))
+    write_points(treatment.blend, treatment.bend, points)
+    for i in range(n):
+        ends[3, i] = path.pieces.data[corner + i] - treatment.before * scratch.u[0, i]
+    for c in range(cubics):
+        if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS > len(data):
+            return -1, 0
+        for i in range(n):
+            ends[0, i] = ends[3, i]
+            e1, e2 = scratch.plane[0, i], scratch.plane[1, i]
+            begin = points[c, 0, 0] * e1 + points[c, 0, 1] * e2
+            end = points[c, 3, 0] * e1 + points[c, 3, 1] * e2
+            ends[3, i] = path.pieces.data[corner + i] + end
+            if c + 1 == cubics:
+                ends[3, i] = path.pieces.data[corner + i] + treatment.after * scratch.u[1, i]
+            ends[1, i] = points[c, 1, 0] * e1 + points[c, 1, 1] * e2 - begin
+            ends[2, i] = ends[3, i] - ends[0, i]
+            ends[2, i] += points[c, 2, 0] * e1 + points[c, 2, 1] * e2 - end
+        out.pieces.kind[count], out.pieces.at[count] = SPAN, used
+        table = write_cubic(data, used, like, ends[0], ends[1], ends[2], ends[3])
+        end_of_table = measure(SPAN, data, used, table, accuracy, scratch.q)
+        used = write_turns(data, used, end_of_table)
+        count += 1
+    return count, used
 
 
 @njit
@@ -254,6 +285,7 @@ def round_corners(
     limits: LimitArrays,
     accuracy: float,
     ramps: bool,
+    rests: bool,
     out: PathArrays,
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
@@ -268,7 +300,8 @@ def round_corners(
         limits: of the machine.
         accuracy: largest error of the inverse arc length of blends, mm.
         ramps: whether the motion may pass stops.
-        out: space for twice the pieces, and for their records.
+        rests: whether the motion rests at the start.
+        out: space for MOST_PIECES for each piece, and for their records.
 
     Returns:
         The numbers of pieces and of numbers of the result, and the length taken off the piece
@@ -279,7 +312,8 @@ def round_corners(
         np.zeros((2, n)),
         np.zeros((4, n)),
         np.zeros((2, 4, n)),
-        np.zeros((3, n)),
+        np.zeros((4, n)),
+        np.zeros((2, n)),
         np.zeros(BLEND_POINTS),
         np.zeros(BLEND_POINTS),
     )
@@ -291,8 +325,7 @@ def round_corners(
     for k in range(own):
         if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS + START + 2 * n > len(data):
             return -1, 0, 0.0
-        choice = STAY
-        reach = 0.0
+        treatment = Treatment(STAY, 0.0, 0.0, no_blend(), no_bend())
         blend = used + START + 2 * n
         if (
             path.tolerance[k] > 0.0
@@ -301,7 +334,8 @@ def round_corners(
             and path.pieces.kind[k] == LINE
             and path.pieces.kind[k + 1] == LINE
         ):
-            choice, reach = choose(path, k, bound, limits, data, blend, scratch, ramps)
+            treatment = choose(path, k, bound, limits, data, blend, scratch, ramps, rests)
+        choice, reach = treatment.choice, treatment.before
         pieces.kind[count] = path.pieces.kind[k]
         at[count] = path.pieces.at[k]
         if taken > 0.0 or reach > 0.0:
@@ -315,17 +349,23 @@ def round_corners(
         count += 1
         taken = 0.0
         if choice == BLEND:
-            taken = reach
-            pieces.kind[count] = SPAN
-            at[count] = blend
-            table = blend + START + 2 * n + SPAN_BODY + 4 * (n + 1)
-            end = measure(SPAN, data, blend, table, accuracy, scratch.q)
-            used = write_turns(data, blend, end)
-            out.length[count] = data[blend + LENGTH]
+            taken = treatment.after
+            first = count
+            if treatment.blend.time < math.inf:
+                count, used = append_cubics(path, k, treatment, scratch, accuracy, out, count, used)
+                if count < 0:
+                    return -1, 0, 0.0
+            else:
+                table = blend + START + 2 * n + SPAN_BODY + 4 * (n + 1)
+                end = measure(SPAN, data, blend, table, accuracy, scratch.q)
+                pieces.kind[count], at[count] = SPAN, blend
+                used = write_turns(data, blend, end)
+                count += 1
             slower = bound[k] <= bound[k + 1]
-            out.feed[count] = path.feed[k] if slower else path.feed[k + 1]
-            out.line[count] = path.line[k]
-            out.stop_after[count] = False
-            out.tolerance[count] = 0.0
-            count += 1
+            for p in range(first, count):
+                out.feed[p] = path.feed[k] if slower else path.feed[k + 1]
+                out.length[p] = data[at[p] + LENGTH]
+                out.line[p] = path.line[k]
+                out.stop_after[p] = False
+                out.tolerance[p] = 0.0
     return count, used, taken

@@ -106,16 +106,10 @@ def speed_bounds(
         limits: of the machine.
     """
     axis_v, axis_a, axis_j = limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk
-    period = limits.period
     top = feed
     curvature = curvature_of(data, at, q)
     if curvature > 0.0:
-        radius = 1.0 / curvature
-        top = min(top, math.sqrt(limits.normal_acceleration * radius))
-        # The chord of a half circle leaves it by the radius, and no chord by more.
-        sagitta = min(limits.chord_error, radius)
-        top = min(top, 2.0 / period * math.sqrt(sagitta * (2.0 * radius - sagitta)))
-        top = min(top, math.sqrt(24.0 * (1.0 - UNSEEN) * limits.step_deviation) * radius / period)
+        top = min(top, bend_speed(1.0 / curvature, limits))
     bend = 0.0
     twist = 0.0
     for i in range(q.shape[1]):
@@ -129,6 +123,17 @@ def speed_bounds(
     if twist * v * v * v > JERK_SHARE:
         v = (JERK_SHARE / twist) ** (1.0 / 3.0)
     return v, top
+
+
+@njit
+def bend_speed(radius: float, limits: LimitArrays) -> float:
+    """Return the largest speed that limits along the path allow in a bend of this radius, mm/s."""
+    period = limits.period
+    top = math.sqrt(limits.normal_acceleration * radius)
+    # The chord of a half circle leaves it by the radius, and no chord by more.
+    sagitta = min(limits.chord_error, radius)
+    top = min(top, 2.0 / period * math.sqrt(sagitta * (2.0 * radius - sagitta)))
+    return min(top, math.sqrt(24.0 * (1.0 - UNSEEN) * limits.step_deviation) * radius / period)
 
 
 @njit

@@ -1,0 +1,140 @@
+"""Blends where no axis limits the jerk: the speed that the tolerance allows, legal, within it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cnc.api import check
+from cnc.kernels.path.curve import LINE
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import PathMode, Polyline
+from cnc.path.build import build
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from tests.support.planner.corners import assert_legal, distances, duration, planned
+from tests.support.planner.motions import lines, machine, sampled
+from tests.support.soak import share
+
+NORMAL, EPS = 1000.0, 0.1
+
+
+def corner(degrees, first, second, start=20.0):
+    """A corner in the plane of x and y."""
+    a, b = math.radians(start), math.radians(start + degrees)
+    point = np.array([first * math.cos(a), first * math.sin(a), 0.0])
+    return [point, point + [second * math.cos(b), second * math.sin(b), 0.0]]
+
+
+def largest_radius(degrees, out):
+    """Of an arc that is tangent to lines at the distance ``out`` outside of both legs, and passes
+    the corner inside at the distance EPS. Those lines meet out / c outside of the corner, and the
+    arc passes that place at the distance R / c - R.
+    """
+    c = math.cos(math.radians(degrees) / 2)
+    return (EPS + out / c) / (1 / c - 1)
+
+
+@pytest.mark.parametrize("degrees", [60.0, 90.0, 135.0, 165.0][:: share(1, 2)])
+def test_a_corner_is_passed_at_the_speed_that_the_tolerance_allows(degrees):
+    # With a radius R the normal acceleration allows sqrt(a R). The chord error allows more here.
+    mill = machine(tangential=500.0, normal=NORMAL, jerk=20_000.0, chord_error=0.01)
+    inside, fastest = (math.sqrt(NORMAL * largest_radius(degrees, out)) for out in (0.0, EPS))
+    for feed in (0.985 * fastest, 1.1 * fastest):
+        chunks, ahead = planned(corner(degrees, 40.0, 40.0), EPS, mill, feed)
+        assert not ahead.audit.violations
+        speed = np.linalg.norm(np.diff(sampled(chunks, 1e-3), axis=0), axis=1) / 1e-3
+        passed = np.cumsum(speed) * 1e-3
+        least = speed[(passed > 20.0) & (passed < passed[-1] - 20.0)].min()
+        assert 1.3 * inside < least < fastest
+
+
+@pytest.mark.parametrize("growth", [0.3, 1.0, 2.0, 8.0][:: share(1, 2)])
+@pytest.mark.parametrize("degrees", [55.0, 100.0, 178.0])
+def test_blends_keep_to_the_tolerance_and_the_limits(growth, degrees):
+    # The ratio of both accelerations tells by how much the radius changes in a turn.
+    mill = machine(tangential=growth * NORMAL, normal=NORMAL, jerk=400_000.0, chord_error=0.01)
+    for first, second in ((6.0, 5.0), (2.0, 6.0), (1.0, 0.7)):
+        points = corner(degrees, first, second)
+        chunks, ahead = planned(points, EPS, mill, 150.0)
+        assert not ahead.audit.violations
+        assert_legal(chunks, mill, (1e-3, 1e-4))
+        off, missed = distances(sampled(chunks, 5e-5), np.vstack((np.zeros(3), points)))
+        assert off.max() <= EPS
+        assert missed.max() <= EPS * (1.0 + 1e-3)
+        assert duration(chunks) < 1.01 * duration(planned(points, 0.0, mill, 150.0)[0])
+
+
+def test_unequal_legs_use_their_own_acceleration():
+    # x accelerates ten times as fast as y, and no axis limits the jerk.
+    axes = {
+        name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a)
+        for name, a in (("x", 4000.0), ("y", 400.0), ("z", 400.0))
+    }
+    mill = Machine(axes=axes, path=PathLimits(max_feed=300.0, max_jerk=80_000.0))
+    points = [(20, 0, 0), (20, 20, 0)]
+    chunks, ahead = planned(points, EPS, mill, 100.0)
+    assert not ahead.audit.violations
+    assert_legal(chunks, mill, (1e-3,))
+    assert duration(chunks) < 0.98 * duration(planned(points, 0.0, mill, 100.0)[0])
+
+
+def test_a_rotary_axis_keeps_to_the_tolerance_too():
+    # The table turns by 40 degrees in the first leg and back by 10 in the second.
+    axis = Axis(steps_per_mm=100.0, max_velocity=400.0)
+    mill = Machine(
+        axes=dict.fromkeys(("x", "y", "a"), axis),
+        path=PathLimits(max_feed=300.0, max_tangential_acceleration=900.0, max_jerk=40_000.0),
+    )
+    points = np.array([(10.0, 0.0, 40.0), (14.0, 9.0, 30.0)])
+    moves = Polyline("", 1, points, np.full(2, 60.0), np.array([1, 2], np.int32))
+    path = build([PathMode("", 1, "blend", EPS), moves], axes=("x", "y", "a"), start=np.zeros(3))
+    chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
+    assert (chunks[0].path.kind != LINE).any()
+    motion = sampled(chunks, 1e-4)
+    corner_at = np.vstack((np.zeros(3), points))
+    off, _ = distances(motion * [1, 1, 0], corner_at * [1, 1, 0])
+    assert off.max() <= EPS
+    # Of the places of the path within the tolerance of each position, one has about its angle.
+    places = np.vstack([np.linspace(a, b, 20_001) for a, b in zip(corner_at, points, strict=False)])
+    for place in motion[::40]:
+        near = np.abs(places[:, :2] - place[:2]).max(axis=1) <= EPS
+        assert np.abs(places[near, 2] - place[2]).min() <= EPS
+
+
+def test_turns_of_a_polygon_are_blends_and_no_spline(tmp_path):
+    # An octagon whose legs are 80 tolerances long. A spline goes round in wide bends.
+    mill = machine(tangential=1000.0, normal=NORMAL, jerk=30_000.0)
+    angles = np.radians(45.0) * np.arange(9)
+    points = 10.45 * np.column_stack((np.cos(angles), np.sin(angles)))
+    program = tmp_path / "octagon.nc"
+    moves = "".join(f"G1 X{x:.4f} Y{y:.4f}\n" for x, y in points)
+    program.write_text(f"G21 G90 G94 G17 G64 P{EPS}\nF6000\n{moves}M2\n")
+    report = check(program, mill)
+    assert report.ok
+    path = build(
+        [
+            PathMode("", 1, "blend", EPS),
+            Polyline(
+                "", 1, np.c_[points, np.zeros(9)], np.full(9, 100.0), np.arange(9, dtype=np.int32)
+            ),
+        ],
+        axes=("x", "y", "z"),
+        start=np.zeros(3),
+    )
+    spline = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
+    assert report.duration_s < 0.99 * duration(spline)
+
+
+def test_corners_beside_a_leg_without_room_are_passed_together():
+    # A leg of 1.7 tolerances has room for blends of a third of the tolerance.
+    mill = machine(tangential=2000.0, normal=NORMAL, jerk=300_000.0, chord_error=0.01)
+    first, second = corner(135.0, 5.6 * EPS, 1.7 * EPS)
+    points = [first, second, second + [2.2 * EPS, 0.0, 0.0]]
+    (chunk,) = build([lines(points, 50.0)], axes=("x", "y", "z"), start=np.zeros(3))
+    stops, passed = (
+        list(LookAhead(mill).plan(iter([replace(chunk, tolerance=np.array(tolerance))])))
+        for tolerance in ([0.0, 0.0, 0.0], [EPS, EPS, 0.0])
+    )
+    assert duration(passed) < 0.7 * duration(stops)
