@@ -190,7 +190,9 @@ def blocks_of(case: Case) -> list[Block]:
 
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
-    path = build(blocks_of(case), axes=AXES, start=np.zeros(3), passes=Joints(case.machine).linear)
+    path = build(
+        blocks_of(case), axes=AXES, start=np.zeros(3), passes=Joints(case.machine).passes_corners
+    )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]
 

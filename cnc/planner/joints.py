@@ -37,8 +37,9 @@ class Joints:
         tip_columns: Number of columns of the tool tip in front of those of the joints in a path; 0
             where the axes are the joints.
         tip_axes: Letters of the axes, which are the columns of a tip.
-        linear: Whether the joints are a linear function of the tip. Then the motion passes corners
-            under a tolerance without a stop.
+        linear: Whether the joints are a linear function of the tip.
+        passes_corners: Whether the motion passes all corners under a tolerance: the ramps beside a
+            stop are straight, and the jerk of an axis is limited. Else blends count too.
         angular: Whether each joint turns: its unit is the degree.
     """
 
@@ -53,6 +54,10 @@ class Joints:
             self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
+        self.passes_corners = self.linear and (
+            machine.path.max_jerk is None
+            or any(axis.max_jerk is not None for axis in machine.axes.values())
+        )
         self.angular = tuple(letter in ROTARY_LETTERS for letter in self.tip_axes)
         if self._map is not None:
             self.angular = self._map.angular

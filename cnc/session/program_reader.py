@@ -229,7 +229,7 @@ class ProgramReader:
             start=self.start,
             tolerance=self.machine.path.tolerance,
             due_times=self.due_times,
-            passes=joints.linear,
+            passes=joints.passes_corners,
             duration=motion_time(self.machine),
         )
         return joints.path(path, self.start)

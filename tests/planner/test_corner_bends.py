@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnc.api import check
 from cnc.kernels.path.curve import LINE
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
@@ -101,30 +100,6 @@ def test_a_rotary_axis_keeps_to_the_tolerance_too():
     for place in motion[::40]:
         near = np.abs(places[:, :2] - place[:2]).max(axis=1) <= EPS
         assert np.abs(places[near, 2] - place[2]).min() <= EPS
-
-
-def test_turns_of_a_polygon_are_blends_and_no_spline(tmp_path):
-    # An octagon whose legs are 80 tolerances long. A spline goes round in wide bends.
-    mill = machine(tangential=1000.0, normal=NORMAL, jerk=30_000.0)
-    angles = np.radians(45.0) * np.arange(9)
-    points = 10.45 * np.column_stack((np.cos(angles), np.sin(angles)))
-    program = tmp_path / "octagon.nc"
-    moves = "".join(f"G1 X{x:.4f} Y{y:.4f}\n" for x, y in points)
-    program.write_text(f"G21 G90 G94 G17 G64 P{EPS}\nF6000\n{moves}M2\n")
-    report = check(program, mill)
-    assert report.ok
-    path = build(
-        [
-            PathMode("", 1, "blend", EPS),
-            Polyline(
-                "", 1, np.c_[points, np.zeros(9)], np.full(9, 100.0), np.arange(9, dtype=np.int32)
-            ),
-        ],
-        axes=("x", "y", "z"),
-        start=np.zeros(3),
-    )
-    spline = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
-    assert report.duration_s < 0.99 * duration(spline)
 
 
 def test_corners_beside_a_leg_without_room_are_passed_together():
