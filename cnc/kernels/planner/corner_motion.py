@@ -62,6 +62,9 @@ BEFORE_BOUND = 0.8
 LONGEST = 0.15
 """Largest change of the logarithm of a duration in one step. The rows are far from linear in it."""
 
+EVEN = 0.01
+"""Below this change of the logarithms of the durations the places are about linear in them."""
+
 GROWTH = 4.0
 """Largest ratio of the parts of two steps that are taken one after the other. A step that is much
 longer than the one before mostly fails, and each trial costs half as much as a step.
@@ -141,8 +144,10 @@ def _lowered(
             continue
         look_ahead(rows, n)
         part = min(longest, BEFORE_BOUND * furthest(rows, n, s, n.other[groups]))
+        widest = 0.0
         for g in range(groups):
-            part = min(part, LONGEST / max(abs(n.other[g]), LONGEST))
+            widest = max(widest, abs(n.other[g]))
+        part = min(part, LONGEST / max(widest, LONGEST))
         step_s = n.other[groups]
         better = False
         while part > LEAST_STEP and not better:
@@ -152,7 +157,7 @@ def _lowered(
             for g in range(groups):
                 n.tried_spans[g] = n.spans[g] + part * n.other[g]
             _place(tube, rows, n.tried, n.tried_spans)
-            if first == 0 and not held:
+            if first == 0 and not held and part * widest > EVEN:
                 correct(tube, rows, n, part)
             tried = s + part * step_s
             new = weights[0] * duration(n.share, n.tried_spans) + weights[1] * tried
