@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import ARC, LINE, START
+from cnc.kernels.path.curve import ARC, LINE, SPAN, START, TABLE
 from cnc.path.sample import points_along
 from cnc.planner.plan import PlanChunk
 
@@ -15,6 +15,8 @@ CHORD = 1e-4
 """mm. Largest distance of a chord from its arc."""
 SPAN_SPACING, MAX_SPAN_POINTS = 0.05, 2000
 """mm between points on a span of a spline, and the largest number of points on it."""
+TIMED_PARTS = 8
+"""Parts of a step of a motion past a corner: it may bend much on a short way."""
 ROUNDING = 1e-9
 """mm of path length."""
 
@@ -67,6 +69,8 @@ class Recorder:
         spacing = np.where(
             path.kind[pieces] == LINE, np.inf, np.maximum(SPAN_SPACING, length / MAX_SPAN_POINTS)
         )
+        timed = (path.kind[pieces] == SPAN) & (path.data[at + TABLE] == 0.0)
+        spacing[timed] = np.minimum(spacing[timed], length[timed] / TIMED_PARTS)
         radius, sweep = path.data[body[arc] + 2], np.abs(path.data[body[arc] + 4])
         # sagitta = r (1 - cos(angle / 2)), about r angle^2 / 8
         spacing[arc] = length[arc] / np.ceil(sweep / np.sqrt(8.0 * CHORD / radius))
