@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from cnc.kernels.planner.corner_hold import stop_within
+from cnc.kernels.planner.corner_hold import Chained, stop_within
 from cnc.kernels.planner.corner_legs import MOST_STEPS
 from cnc.kernels.planner.corner_pieces import steps_size
 from cnc.path.chunk import PathChunk
@@ -41,7 +41,7 @@ def stop_inside(left: ChainLeft, legs: PathChunk, limits: Limits) -> CornerStop 
     path, axes = numbered(legs), len(legs.axes)
     out = empty_path(MOST_STEPS, len(legs.data) + steps_size(MOST_STEPS + 1, axes))
     out_plan = empty_plan(MOST_STEPS, MOST_STEPS)
-    count, numbers, leg, place = stop_within(
+    chained = Chained(
         path,
         limits.feeds(legs),
         limits.arrays,
@@ -49,9 +49,8 @@ def stop_inside(left: ChainLeft, legs: PathChunk, limits: Limits) -> CornerStop 
         path_arrays(left.plan.path),
         left.plan.arrays,
         left.leg,
-        out,
-        out_plan,
     )
+    count, numbers, leg, place = stop_within(chained, out, out_plan)
     if leg < 0:
         return None
     passed = legs.part(0, leg + 1)

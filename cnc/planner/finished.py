@@ -138,11 +138,6 @@ class Finished:
         return _between(first.plan, begin, end)
 
     @property
-    def time(self) -> float:
-        """Time at which the next slice begins, s since the start of the program."""
-        return self._parts[0].plan.t0 + self._done
-
-    @property
     def chain_left(self) -> float:
         """Time from here to the end of the chain of corners that is under way, s; 0 for none."""
         chain = self._chain_under_way() if self._parts else None

@@ -244,6 +244,7 @@ JOBS = {
             "planner.corner_rows",
             "planner.corner_tube",
             "planner.corner_hold",
+            "planner.corner_clock",
             "planner.corner_pieces",
         ),
         plan_corner,

@@ -26,6 +26,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import LENGTH, LINE, METRIC, METRICS, START, U1, Floats, curve_eval
+from cnc.kernels.planner.corner_clock import Planned, planned_state, slowed, time_of
 from cnc.kernels.planner.corner_legs import (
     GROUPS,
     LEG_STEPS,
@@ -46,7 +47,7 @@ from cnc.kernels.planner.corner_pieces import (
     begun,
     write_steps,
 )
-from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain, state_at
+from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain
 from cnc.kernels.planner.corner_rows import Rows, new_rows, write_rows
 from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.kernels.planner.legs import REST, line_bounds
@@ -71,26 +72,30 @@ FIRST_STEP = 0.5
 step, its Bezier points keep to the bounds.
 """
 
-HALVINGS = 60
-
 WITHIN_STOP = 1.0 - 1e-6
 """Part of the tolerance that is used: more than where the motion comes from."""
 
 
-class Planned(NamedTuple):
-    """The rest of a motion past corners, in the directions of its legs.
+class Chained(NamedTuple):
+    """A motion past a chain of corners that is under way.
 
     Attributes:
-        path: timed pieces, one for each phase.
-        plan: the phases.
-        basis: (d, axes): the directions.
-        origin: (axes,): the place of the first corner, mm.
+        path: the legs of the chain, whole.
+        bound: (legs,): largest feeds, mm/s.
+        limits: of the machine.
+        travel: (2, axes): lowest and highest positions, mm.
+        left: the timed pieces of the motion from here on.
+        plan: their phases.
+        first: the leg that is under way.
     """
 
     path: PathArrays
+    bound: Floats
+    limits: LimitArrays
+    travel: Floats
+    left: PathArrays
     plan: PlanArrays
-    basis: Floats
-    origin: Floats
+    first: int
 
 
 class Rest(NamedTuple):
@@ -112,62 +117,11 @@ class Rest(NamedTuple):
 
 
 @njit
-def _planned_state(planned: Planned, t: float, r: Floats) -> None:
-    """Write position, velocity and acceleration (3, d) at time ``t`` from the start."""
-    path, plan = planned.path, planned.plan
-    d, n = planned.basis.shape
-    here = plan.t[0] + t
-    end = plan.t[len(plan.j)]
-    k = min(max(int(np.searchsorted(plan.t, here, side="right")) - 1, 0), len(plan.j) - 1)
-    s, rate, _ = state_at(min(here, end), k, plan)
-    q = np.empty((4, n))
-    at = path.pieces.at[k]
-    u = min(max(s - plan.piece_s[k], 0.0), path.length[k])
-    curve_eval(path.pieces.kind[k], path.pieces.data, at, u, q)
-    for o in range(d):
-        for order in range(3):
-            r[order, o] = 0.0
-        for m in range(int(path.pieces.data[at + METRICS])):
-            i = int(path.pieces.data[at + METRIC + m])
-            r[0, o] += planned.basis[o, i] * (q[0, i] - planned.origin[i])
-            r[1, o] += planned.basis[o, i] * q[1, i] * rate
-            r[2, o] += planned.basis[o, i] * q[2, i] * rate * rate
-    if here > end:
-        for o in range(d):
-            r[0, o] += r[1, o] * (here - end)
-            r[2, o] = 0.0
-
-
-@njit
-def _slowed(t: float, whole: float) -> tuple[float, float, float]:
-    """Return the slowed clock at time ``t``, its rate and the change of that."""
-    u = min(max(t / whole, 0.0), 1.0)
-    return (
-        whole * u * (1.0 - u * u * (1.0 - 0.5 * u)),
-        1.0 - u * u * (3.0 - 2.0 * u),
-        -6.0 * u * (1.0 - u) / whole,
-    )
-
-
-@njit
-def _time_of(clock: float, whole: float) -> float:
-    """Return the time at which the slowed clock shows ``clock``."""
-    low, high = 0.0, whole
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if _slowed(middle, whole)[0] < clock:
-            low = middle
-        else:
-            high = middle
-    return high
-
-
-@njit
 def _ramp(planned: Planned, limits: LimitArrays) -> float:
     """Return the time of a straight ramp to rest from the start, s."""
     d, n = planned.basis.shape
     r = np.empty((3, d))
-    _planned_state(planned, 0.0, r)
+    planned_state(planned, 0.0, r)
     speed, along = 0.0, 0.0
     for o in range(d):
         speed += r[1, o] ** 2
@@ -224,30 +178,15 @@ def _legs_to(
 
 
 @njit
-def _find_stop(
-    path: PathArrays,
-    bound: Floats,
-    limits: LimitArrays,
-    travel: Floats,
-    left: PathArrays,
-    plan: PlanArrays,
-    first: int,
-    longer: float,
-    rows: Rows,
-) -> Rest:
-    """Return the fastest motion to rest from the start of a motion past corners.
+def _find_stop(chained: Chained, longer: float, rows: Rows) -> Rest:
+    """Return the fastest motion to rest that one search finds.
 
     Args:
-        path: the legs of the chain, whole.
-        bound: (legs,): largest feeds, mm/s.
-        limits: of the machine.
-        travel: (2, axes): lowest and highest positions, mm.
-        left: the timed pieces of the motion from here on.
-        plan: their phases.
-        first: the leg that is under way.
+        chained: the motion that is under way.
         longer: see LONGER.
         rows: space for the limits.
     """
+    path, bound, limits, travel, left, plan, first = chained
     legs, n = len(path.length), len(limits.axis_jerk)
     along = np.zeros((MOST_CORNERS + 1, MOST_DIRECTIONS))
     basis = basis_of(path, 0, legs - 2, along)
@@ -273,8 +212,8 @@ def _find_stop(
         if enters[leg] < 0.5 * whole:
             last = leg
     state, r = np.empty((3, d)), np.empty((3, d))
-    _planned_state(planned, 0.0, state)
-    _planned_state(planned, 0.5 * whole, r)
+    planned_state(planned, 0.0, state)
+    planned_state(planned, 0.5 * whole, r)
     speed = 0.0
     for q in range(d):
         speed += state[1, q] ** 2
@@ -288,7 +227,7 @@ def _find_stop(
     spans = np.empty(GROUPS * (last - first + 1) + 1)
     begin = 0.0
     for leg in range(first, last + 1):
-        end = whole if leg == last else _time_of(enters[leg + 1], whole)
+        end = whole if leg == last else time_of(enters[leg + 1], whole)
         side = SIDE * (end - begin)
         before = side
         if leg == first:
@@ -324,8 +263,8 @@ def _first_points(planned: Planned, tube: Tube, whole: float, spans: Floats, row
         # The polar form of a parabola at three parameters, from their mean.
         mean = (rows.t[k] + rows.t[k + 1] + rows.t[k + 2]) / 3.0
         x, y, z = rows.t[k] - mean, rows.t[k + 1] - mean, rows.t[k + 2] - mean
-        clock, rate, change = _slowed(mean, whole)
-        _planned_state(planned, clock, r)
+        clock, rate, change = slowed(mean, whole)
+        planned_state(planned, clock, r)
         for q in range(d):
             a = r[2, q] * rate * rate + r[1, q] * change
             c[k, q] = r[0, q] + a * (x * y + y * z + z * x) / 6.0
@@ -367,26 +306,12 @@ def _write_last_line(
 
 @njit
 def stop_within(
-    path: PathArrays,
-    bound: Floats,
-    limits: LimitArrays,
-    travel: Floats,
-    left: PathArrays,
-    plan: PlanArrays,
-    first: int,
-    out: PathArrays,
-    out_plan: PlanArrays,
+    chained: Chained, out: PathArrays, out_plan: PlanArrays
 ) -> tuple[int, int, int, float]:
     """Write the fastest motion to rest that is found from inside a motion past corners.
 
     Args:
-        path: the legs of the chain, whole.
-        bound: (legs,): largest feeds, mm/s.
-        limits: of the machine.
-        travel: (2, axes): lowest and highest positions, mm.
-        left: the timed pieces of the motion from here on.
-        plan: their phases.
-        first: the leg that is under way.
+        chained: the motion that is under way.
         out: space for MOST_STEPS pieces. The data needs the size of all records of ``path``, and
             :func:`cnc.kernels.planner.corner_pieces.steps_size`.
         out_plan: space for so many phases.
@@ -395,12 +320,13 @@ def stop_within(
         The numbers of pieces and of numbers in their records; the leg on which it rests, -1 if no
         motion is found; the place from the start of that leg, mm.
     """
+    path, _, limits, _, left, plan, first = chained
     rows = new_rows(MOST_STEPS, len(limits.axis_jerk), MOST_DIRECTIONS)
-    rest = _find_stop(path, bound, limits, travel, left, plan, first, LONGER[0], rows)
+    rest = _find_stop(chained, LONGER[0], rows)
     for longer in LONGER[1:]:
         if rest.duration <= NEAR * rest.ramp:
             break
-        other = _find_stop(path, bound, limits, travel, left, plan, first, longer, rows)
+        other = _find_stop(chained, longer, rows)
         if other.duration < rest.duration:
             rest = other
     if rest.leg < 0:
