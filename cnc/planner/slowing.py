@@ -23,7 +23,7 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
-from cnc.kernels.planner.stopping import shortest_ramp
+from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
 from cnc.planner.known_path import KnownPath, rounding_of
@@ -36,7 +36,10 @@ from cnc.planner.phases import (
     plan_to_rest,
     release,
 )
-from cnc.planner.stop_ramp import even_ramp, first_ramps, ramp_by_clock
+from cnc.planner.stop_ramp import even_ramp, fastest_ramp, firm_ramp, ramp_by_clock
+
+Ramp = tuple[Phases, float]
+"""Phases to rest, and the place of rest, mm."""
 
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
@@ -98,7 +101,7 @@ class SlowedPlan:
 
 
 def slowed(request: Request) -> SlowedPlan | None:
-    """Return a plan for the request; None if there is none.
+    """Return a plan for the request; None if there is none, or if the plan so far rests sooner.
 
     While it slows, the motion does not end its acceleration early across a place that it has to
     cross at constant speed.
@@ -106,7 +109,8 @@ def slowed(request: Request) -> SlowedPlan | None:
     plan = request.plan
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
     if request.stops and (ramp := _shortest_stop(request)) is not None:
-        return ramp
+        sooner = float(ramp.phases["duration"].sum()) < _time_to_rest(plan)
+        return ramp if sooner else None
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
     if acceleration > 0.0 and (released := release(plan)) is not None:
@@ -129,15 +133,18 @@ def slowed(request: Request) -> SlowedPlan | None:
 
 
 def rests_soon(request: Request) -> bool:
-    """Return whether the plan so far rests about as soon as a ramp could."""
+    """Return whether the plan so far rests about as soon as any motion could."""
     limits, plan = request.path.limits, request.plan
     s, v = float(plan[0]["s"]), float(plan[0]["v"])
     ahead = limits.stopping_distance(v, any_direction=True)
     slowing = replace(limits, slowing_from=float(plan["v"].max()) * (1.0 + MARGIN))
     near = request.path.intervals(slowing, s, min(request.goal, s + ahead))
-    ramp = next(first_ramps(plan, near), None) if len(near.end) else None
-    left = float(plan["duration"][: first_rest(plan)].sum())
-    return ramp is not None and left <= SOON * float(ramp[0]["duration"].sum())
+    return bool(len(near.end)) and _time_to_rest(plan) <= SOON * fastest_ramp(plan, near)
+
+
+def _time_to_rest(plan: Phases) -> float:
+    """Return the time until a plan rests for the first time, s."""
+    return float(plan["duration"][: first_rest(plan)].sum())
 
 
 def _shortest_stop(request: Request) -> SlowedPlan | None:
@@ -163,34 +170,39 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
     if not len(here.end):
         return None
+    flat = np.flatnonzero(near.flat)
+    before = float(near.end[flat[0] - 1]) if len(flat) and flat[0] else s if len(flat) else end
 
-    def searched(phases: Phases, rest: float) -> tuple[Phases, float] | None:
-        """Return the shortest ramp that a search finds from one to rest at ``rest``."""
-        flat = near.flat & (near.end < rest - rounding_of(rest))
-        if flat.any() or rest > end + rounding_of(end):
-            return None
-        legal, phases, rest = shortest_ramp(phases, rest, near, slowing.arrays)
-        return (phases, rest) if legal and not exceeding_sections(path, phases, near) else None
+    def searched(ramp: Ramp, part: float) -> list[Ramp]:
+        """Return the shortest ramp that a search finds from another one, if there is any."""
+        legal, phases, rest = shortest_ramp(*ramp, before, part, near, slowing.arrays)
+        return [(phases, rest)] if legal and not exceeding_sections(path, phases, near) else []
 
-    options = []
-    firm = inf
-    for ramp in first_ramps(plan, here):
-        firm = min(firm, float(ramp[0]["duration"].sum()))
-        shortest = searched(*ramp)
-        if shortest is not None and (found := stopped(*shortest)) is not None:
+    ramps: list[Ramp] = []
+    if (firm := firm_ramp(plan, here)) is not None:
+        ramps = searched((firm, end_of(firm)[0]), FAR)
+        for phases, rest in ramps:
             # A ramp that speeds up again may be far from the shortest one.
-            rises = (np.diff(found.phases["v"]) > 0.0).any()
-            if not rises and float(found.phases["duration"].sum()) <= SOON * firm:
+            rises = (np.diff(phases["v"]) > 0.0).any()
+            quick = float(phases["duration"].sum()) <= SOON * float(firm["duration"].sum())
+            if quick and not rises and (found := stopped(phases, rest)) is not None:
                 return found
-            options.append(found)
-            break
     slow = ramp_by_clock(plan, here, near, slowing.arrays)
-    if slow is not None and not (near.flat & (near.end < slow[1])).any():
-        for phases, rest in (slow, searched(*slow) or slow):
-            if not exceeding_sections(path, phases, near):
-                found = stopped(phases, rest)
-                options += [] if found is None else [found]
-    return min(options, key=lambda option: float(option.phases["duration"].sum()), default=None)
+    if slow is not None:
+        if slow[1] < before and not exceeding_sections(path, slow[0], near):
+            ramps.append(slow)
+        ramps += searched(slow, FAR)
+    ramps.sort(key=_duration)
+    ramps += [finer for ramp in ramps[:1] for finer in searched(ramp, NEAR_BY)]
+    for phases, rest in sorted(ramps, key=_duration):
+        if (found := stopped(phases, rest)) is not None:
+            return found
+    return None
+
+
+def _duration(ramp: Ramp) -> float:
+    """Return the time of a ramp, s."""
+    return float(ramp[0]["duration"].sum())
 
 
 class _Search:

@@ -13,7 +13,6 @@ the search of :mod:`cnc.kernels.planner.stopping` begins with such ramps, and wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
@@ -22,16 +21,10 @@ from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
 from cnc.kernels.planner.slowed_clock import slowed_clock
-from cnc.planner.phases import end_of
 
 EVEN = 0.98
 """A bound varies by less than 2 % over the ramp and with the speed; else a search may find a
 shorter one.
-"""
-
-LATER = (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4, 2.0)
-"""A search begins too with the plan for these parts of the time of a ramp, and the ramp behind it:
-a motion at the limits of jerk may only slow where the axes leave it some.
 """
 
 MORE = 0.01
@@ -110,30 +103,28 @@ def even_ramp(known: Intervals, s: float, v: float, a: float) -> Phases | None:
     return phases if even else None
 
 
-def first_ramps(plan: Phases, near: Intervals) -> Iterator[tuple[Phases, float]]:
-    """Yield ramps with which a search for the shortest one may begin.
+def firm_ramp(plan: Phases, near: Intervals) -> Phases | None:
+    """Return the fastest motion to rest under the least bounds nearby.
 
     Args:
         plan: the plan so far, from the start of the ramp to rest.
         near: the intervals behind the start, about as far as the ramp goes.
 
-    Yields:
-        The phases, which may exceed limits, and where they come to rest, mm.
+    Returns:
+        The phases, which may exceed limits; None if there are none.
     """
     _, s, v, a, _ = plan[0].tolist()
-    accel, jerk = float(near.accel[:, -1].min()), float(near.jerk[:, -1].min())
-    firm = _ramp_from(s, v, a, accel, jerk)
-    if firm is None:
-        return
-    yield firm, end_of(firm)[0]
-    begun = np.cumsum(plan["duration"])[:-1]
-    whole = float(firm["duration"].sum())
-    for row in np.unique(np.searchsorted(begun, whole * np.array(LATER)) + 1).tolist():
-        if row < len(plan):
-            _, there, speed, slope, _ = plan[row].tolist()
-            behind = _ramp_from(there, speed, slope, accel, jerk)
-            if behind is not None:
-                yield np.concatenate((plan[:row], behind)), end_of(behind)[0]
+    return _ramp_from(s, v, a, float(near.accel[:, -1].min()), float(near.jerk[:, -1].min()))
+
+
+def fastest_ramp(plan: Phases, near: Intervals) -> float:
+    """Return the time of the fastest motion to rest under the largest bounds nearby, s.
+
+    No motion along the path rests sooner. Arguments as of :func:`firm_ramp`.
+    """
+    _, s, v, a, _ = plan[0].tolist()
+    ramp = _ramp_from(s, v, a, float(near.accel.max()), float(near.jerk.max()))
+    return 0.0 if ramp is None else float(ramp["duration"].sum())
 
 
 def ramp_by_clock(
@@ -153,8 +144,7 @@ def ramp_by_clock(
     Returns:
         The phases, and where they come to rest, mm; None if none of them is legal.
     """
-    _, s, v, a, _ = plan[0].tolist()
-    firm = _ramp_from(s, v, a, float(near.accel[:, -1].min()), float(near.jerk[:, -1].min()))
+    firm = firm_ramp(plan, near)
     if firm is None:
         return None
     time = float(firm["duration"].sum())

@@ -93,7 +93,7 @@ def plan_corner() -> None:
 
 def stop() -> None:
     """Come to rest on a curve."""
-    from cnc.kernels.planner.stopping import shortest_ramp
+    from cnc.kernels.planner.stopping import FAR, shortest_ramp
     from cnc.planner.known_path import KnownPath
     from cnc.planner.limits import Limits
     from cnc.planner.phases import plan_to_rest
@@ -105,7 +105,7 @@ def stop() -> None:
     end = known_path.add(path, None, None).end
     known = known_path.intervals(limits, 0.0, end)
     plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
-    shortest_ramp(plan, end, known, limits.arrays)
+    shortest_ramp(plan, end, end, FAR, known, limits.arrays)
     ramp_by_clock(plan, known, known, limits.arrays)
 
 

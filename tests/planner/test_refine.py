@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cnc.kernels.planner.cell_motion import cell_phases
+from cnc.kernels.planner.cell_motion import OPEN, cell_phases, length_to_rest
 from cnc.kernels.planner.intervals import (
     LEVELS,
     SCRATCH,
@@ -56,6 +56,26 @@ def test_phases_of_a_cell_connect_its_cuts():
         ahead = other.copy()
         cell_phases(*(cut - step), d, other, unused)
         assert (ahead - other) / 2e-6 == pytest.approx(slope[:, m], rel=1e-6, abs=1e-6)
+
+
+def test_an_open_cell_is_one_phase_to_rest():
+    x, slope = np.empty(5), np.empty((5, 4))
+    v, a = 40.0, -300.0
+    assert cell_phases(v, a, 0.0, 0.0, OPEN, x, slope)
+    h, j, same, middle, acceleration = x
+    assert j == same
+    assert v + 2.0 * h * (a + h * j) == pytest.approx(0.0, abs=1e-9)
+    assert a + 2.0 * h * j == pytest.approx(0.0, abs=1e-9)
+    assert (v + h * (a + 0.5 * h * j), a + h * j) == pytest.approx((middle, acceleration))
+    length = 2.0 * h * (v + 2.0 * h * (0.5 * a + 2.0 * h * j / 6.0))
+    assert length_to_rest(v, a) == pytest.approx(length)
+    other, unused = np.empty(5), np.empty((5, 4))
+    for m, step in enumerate(([1e-5, 0.0], [0.0, 1e-4])):
+        cell_phases(v + step[0], a + step[1], 0.0, 0.0, OPEN, other, unused)
+        ahead = other.copy()
+        cell_phases(v - step[0], a - step[1], 0.0, 0.0, OPEN, other, unused)
+        assert (ahead - other) / (2.0 * step[m]) == pytest.approx(slope[:, m], rel=1e-6)
+    assert not cell_phases(v, 0.0, 0.0, 0.0, OPEN, x, slope)
 
 
 def known_with_a_stop() -> Intervals:

@@ -153,3 +153,40 @@ def add_point(
             elif o >= 2:
                 total += by_v if o == 2 else by_a
             block[m, o] += total
+
+
+@njit
+def add_reach(reach: float, speed: float, accel: float, gradient: Floats, curved: Floats) -> None:
+    """Add the derivatives of the barrier of the place before which the motion has to rest.
+
+    Args:
+        reach: length of the phase to rest from the state at a point, as a share of the largest.
+        speed: mm/s.
+        accel: mm/s^2.
+        gradient: (3,): as of :func:`point_barrier`.
+        curved: (3, 3): as of :func:`point_barrier`.
+    """
+    by_v, by_a = 2.0 * reach / ((1.0 - reach) * speed), -reach / ((1.0 - reach) * accel)
+    gradient[0] += by_v
+    gradient[1] += by_a
+    curved[0, 0] += by_v * by_v
+    curved[0, 1] += by_v * by_a
+    curved[1, 1] += by_a * by_a
+
+
+@njit
+def add_bend(by_jerk: float, v: float, a: float, block: Floats) -> None:
+    """Add what the second derivatives of the jerk a^2 / (2 v) to rest add to those of the barrier.
+
+    The jerk is convex, and far from linear. The other constraints are taken as linear.
+
+    Args:
+        by_jerk: the derivative of the barrier by the jerk.
+        v: speed at the start of the phase to rest, mm/s.
+        a: acceleration there.
+        block: (4, 4): the upper half of the Hessian of the cell.
+    """
+    bend = max(by_jerk, 0.0) / v
+    block[0, 0] += bend * (a / v) * (a / v)
+    block[0, 1] -= bend * (a / v)
+    block[1, 1] += bend

@@ -34,6 +34,13 @@ acceleration between them.
 """
 
 
+OPEN = 0.0
+"""Stands for the length of a cell that leads to rest by one phase, wherever that ends."""
+
+CLOSED = -math.inf
+"""Stands for a fixed place of the last cut."""
+
+
 class Cells(NamedTuple):
     """A row of cells, and the motion through them.
 
@@ -47,6 +54,9 @@ class Cells(NamedTuple):
         pace: (n,): share of its speed bounds that it may use; ``top`` includes it.
         q: (n, 3, 3, axes + 1): q', q'', q''' at the start, in the middle and at the end; the last
             column is for the path itself.
+        rest_before: CLOSED where the last cut has a fixed place. Else the last cell is one phase of
+            constant jerk to rest: its length is OPEN, ``s[n]`` follows from the motion, and this
+            is the place before which it rests, mm.
     """
 
     s: Floats
@@ -57,6 +67,39 @@ class Cells(NamedTuple):
     share: Floats
     pace: Floats
     q: Floats
+    rest_before: float
+
+
+@njit
+def phase_to_rest(v: float, a: float, x: Floats, slope: Floats) -> bool:
+    """Compute one phase of constant jerk to rest, as :func:`cell_phases` does two phases.
+
+    Args:
+        v: speed at its start, mm/s.
+        a: acceleration there.
+        x: (5,): receives the entries H, J1, J2, V_MIDDLE, A_MIDDLE.
+        slope: (5, 4): receives the derivatives of x by v and a. Those by the state at rest are 0.
+
+    Returns:
+        Whether there is such a phase: the motion has to slow.
+    """
+    if not v > 0.0 > a:
+        return False
+    for i in range(5):
+        for k in range(4):
+            slope[i, k] = 0.0
+    x[H], slope[H, 0], slope[H, 1] = -v / a, -1.0 / a, v / (a * a)
+    x[J1], slope[J1, 0], slope[J1, 1] = 0.5 * a * a / v, -0.5 * a * a / (v * v), a / v
+    x[J2], slope[J2, 0], slope[J2, 1] = x[J1], slope[J1, 0], slope[J1, 1]
+    x[V_MIDDLE], slope[V_MIDDLE, 0] = 0.25 * v, 0.25
+    x[A_MIDDLE], slope[A_MIDDLE, 1] = 0.5 * a, 0.5
+    return True
+
+
+@njit
+def length_to_rest(v: float, a: float) -> float:
+    """Return the length of the phase of :func:`phase_to_rest`, mm."""
+    return -2.0 / 3.0 * v * v / a
 
 
 @njit
@@ -70,13 +113,15 @@ def cell_phases(
         a0: acceleration there.
         v1: speed at its end.
         a1: acceleration there.
-        d: mm.
+        d: mm; OPEN for a phase to rest.
         x: (5,): receives the entries H, J1, J2, V_MIDDLE, A_MIDDLE.
         slope: (5, 4): receives the derivatives of x by v0, a0, v1, a1.
 
     Returns:
         Whether the motion exists and goes forward throughout.
     """
+    if d == OPEN:
+        return phase_to_rest(v0, a0, x, slope)
     da = a1 - a0
     total = v0 + v1
     square = total * total - 4.0 / 3.0 * d * da
@@ -125,10 +170,10 @@ def cell_phases(
 
 
 @njit
-def empty_cells(n: int, columns: int) -> Cells:
+def empty_cells(n: int, columns: int, rest_before: float = CLOSED) -> Cells:
     """Return arrays for ``n`` cells; each may use all of the limits.
 
-    ``columns``: number of axes, and 1 for the path.
+    ``columns``: number of axes, and 1 for the path. ``rest_before``: as of :class:`Cells`.
     """
     return Cells(
         np.empty(n + 1),
@@ -139,6 +184,7 @@ def empty_cells(n: int, columns: int) -> Cells:
         np.ones(n),
         np.ones(n),
         np.empty((n, 3, 3, columns)),
+        rest_before,
     )
 
 
@@ -155,7 +201,8 @@ def copy_part(source: Floats, first: int, count: int, target: Floats, at: int) -
 @njit
 def with_motion(cells: Cells, v: Floats, a: Floats) -> Cells:
     """Return the same cells with another motion."""
-    return Cells(cells.s, v, a, cells.length, cells.top, cells.share, cells.pace, cells.q)
+    share, pace = cells.share, cells.pace
+    return Cells(cells.s, v, a, cells.length, cells.top, share, pace, cells.q, cells.rest_before)
 
 
 @njit

@@ -14,14 +14,17 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.kernels.planner.cell_motion import (
     A_MIDDLE,
+    CLOSED,
     J1,
     J2,
+    OPEN,
     V_MIDDLE,
     Cells,
     H,
     cell_phases,
     copy_part,
     empty_cells,
+    length_to_rest,
 )
 from cnc.kernels.planner.intervals import (
     SAMPLES,
@@ -187,10 +190,20 @@ def place_cuts(
 
 
 @njit
+def place_rest(cells: Cells) -> None:
+    """Set the arc length at an open end to the one at which the motion rests."""
+    n = len(cells.length)
+    v, a = cells.v[n - 1], cells.a[n - 1]
+    if cells.rest_before != CLOSED and v > 0.0 > a:
+        cells.s[n] = cells.s[n - 1] + length_to_rest(v, a)
+
+
+@njit
 def describe(cells: Cells, known: Intervals) -> None:
     """Compute length, speed bounds and derivatives of the path of each cell from its cuts."""
     end, top = known.end, known.top
     s, cell_top, q = cells.s, cells.top, cells.q
+    place_rest(cells)
     k = interval_at(s[0], np.searchsorted(end, s[0]), end)
     for m in range(len(cells.length)):
         cells.length[m] = s[m + 1] - s[m]
@@ -199,6 +212,8 @@ def describe(cells: Cells, known: Intervals) -> None:
         middle = 0.5 * (s[m] + s[m + 1])
         k = interval_at(middle, k, end)
         derivatives(k, middle, known, q[m, 1])
+        if cells.rest_before != CLOSED and m + 1 == len(cells.length):
+            cells.length[m] = OPEN
         cell_top[m, 0] = cells.pace[m] * top[k]
         k = interval_at(s[m + 1], k, end)
         cell_top[m, 1] = cells.pace[m] * top[k]
@@ -345,7 +360,7 @@ def with_phases(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLim
 @njit
 def part_of(cells: Cells, first: int, last: int) -> Cells:
     """Return copies of the cells [first, last), without what follows from the path."""
-    out = empty_cells(last - first, cells.q.shape[3])
+    out = empty_cells(last - first, cells.q.shape[3], cells.rest_before)
     n = last - first
     copy_part(cells.s, first, n + 1, out.s, 0)
     copy_part(cells.v, first, n + 1, out.v, 0)

@@ -15,24 +15,40 @@ cell are raised at first, and lowered again as the motion leaves them.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.barrier import add_point, point_barrier, start_with_time
+from cnc.kernels.planner.barrier import (
+    add_bend,
+    add_point,
+    add_reach,
+    point_barrier,
+    start_with_time,
+)
 from cnc.kernels.planner.cell_motion import (
     A_MIDDLE,
     J1,
     J2,
+    OPEN,
     V_MIDDLE,
     Cells,
     H,
     cell_phases,
+    length_to_rest,
     with_motion,
 )
 from cnc.kernels.planner.intervals import SumLimits
+from cnc.kernels.planner.lifts import (
+    HIGH,
+    TOUCH,
+    NewtonSystem,
+    lower_even_lifts,
+    lower_lifts,
+    start_lifts,
+    system_for,
+)
 
 Floats = NDArray[np.float64]
 
@@ -49,53 +65,13 @@ FIRST_DAMPING, DAMPING_STEP, MOST_DAMPING = 0.1, 5.0, 1e5
 SLOWEST = 0.01
 """A step lowers the square of a speed to this share at most: no step leads back from rest."""
 
+LEFT = 0.2
+"""Part of the distance to the limits that a step leaves where the end is open: the jerk to rest
+depends on speed and acceleration the most.
+"""
+
 CENTRED = 0.3
 """The descent for one weight ends when a step would gain less than this for each cell."""
-
-NEAR = 0.99999
-"""Limits are raised if the first motion uses more than this share of one."""
-
-LIFT = 0.003
-"""Limits are raised by this share at least."""
-
-HIGH = 1e6
-"""Limits raised by this share do not bind."""
-
-TOUCH = 1e-4
-"""Relative: a motion may exceed a limit by this."""
-
-
-class NewtonSystem(NamedTuple):
-    """The linear system of a Newton step over n cells.
-
-    Attributes:
-        diagonal: (n + 1, 2, 2): blocks of the Hessian, of which the upper halves count.
-        upper: (n + 1, 2, 2): the blocks beside the diagonal.
-        gradient: (n + 1, 2).
-        step: (n + 1, 2): the solution.
-        lift: (n,): share by which the limits of each cell are raised.
-        used: (n,): the largest constraint of each cell, as a share of the limit not raised.
-    """
-
-    diagonal: Floats
-    upper: Floats
-    gradient: Floats
-    step: Floats
-    lift: Floats
-    used: Floats
-
-
-@njit
-def system_for(n: int, lift: float) -> NewtonSystem:
-    """Return a system for ``n`` cells whose limits are all raised by ``lift``."""
-    return NewtonSystem(
-        np.zeros((n + 1, 2, 2)),
-        np.zeros((n + 1, 2, 2)),
-        np.zeros((n + 1, 2)),
-        np.zeros((n + 1, 2)),
-        np.full(n, lift),
-        np.zeros(n),
-    )
 
 
 @njit
@@ -166,11 +142,20 @@ def merit(
                 if slopes and slack > 0.0:
                     gradient[0] += scale / slack
                     curved[0, 0] += scale * scale / (slack * slack)
+            if p == 0 and cells.length[k] == OPEN:
+                room = cells.rest_before - cells.s[k]
+                reach = length_to_rest(speed, accel) / (raised * room) if room > 0.0 else math.inf
+                left *= max(1.0 - reach, 0.0)
+                used = max(used, reach)
+                if slopes and reach < 1.0:
+                    add_reach(reach, speed, accel, gradient, curved)
             if not left > 0.0:
                 return math.inf, math.inf, math.inf
             product *= left
             if slopes:
                 add_point(p, gradient, curved, dx, rest, block)
+                if cells.length[k] == OPEN:
+                    add_bend(gradient[2], v[k], a[k], block)
         system.used[k] = used * raised
         worst = max(worst, used * raised)
         value -= math.log(product)
@@ -259,36 +244,12 @@ def newton_step(first: int, last: int, cells: Cells, damping: float, system: New
 
 
 @njit
-def start_lifts(first: int, last: int, system: NewtonSystem) -> bool:
-    """Raise the limits of the cells that are at or beyond them; return whether there are any."""
-    lifted = False
-    for k in range(first, last):
-        system.lift[k] = 0.0
-        if system.used[k] >= NEAR:
-            system.lift[k] = 1.5 * max(system.used[k] - 1.0, 0.0) + LIFT
-            lifted = True
-    return lifted
-
-
-@njit
-def lower_lifts(first: int, last: int, part: float, system: NewtonSystem) -> bool:
-    """Lower the raised limits after a step of length ``part``; return whether some stay raised."""
-    lifted = False
-    for k in range(first, last):
-        lift = system.lift[k]
-        if lift > 0.0:
-            if system.used[k] < NEAR:
-                system.lift[k] = 0.0
-            else:
-                lifted = True
-                if part > 0.4:
-                    system.lift[k] -= 0.5 * (1.0 + lift - system.used[k])
-    return lifted
-
-
-@njit
-def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float) -> float:
+def centre(
+    first: int, last: int, cells: Cells, limits: SumLimits, weight: float, even: bool = False
+) -> float:
     """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
+
+    Where the limits of all cells were raised, this ends once they are no longer.
 
     Args:
         first: the first cell of the range.
@@ -296,6 +257,7 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
         cells: the cells; ``v`` and ``a`` change.
         limits: for the sums.
         weight: of the time, per cell and relative to the time at the start.
+        even: whether to raise the limits of all cells by the same share, if any.
 
     Returns:
         The largest constraint: more than 1 if the limits could not be kept.
@@ -309,11 +271,15 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
     _, worst, time = merit(first, last, cells, limits, 0.0, False, system)
     if not time < math.inf:
         return math.inf
-    lifted = start_lifts(first, last, system)
+    lifted = start_lifts(first, last, even, system)
     weight *= (last - first) / time
     damping = 0.0
     for _ in range(STEPS):
         before, worst, _ = merit(first, last, cells, limits, weight, True, system)
+        tightest = HIGH
+        if even:
+            raised = 1.0 + system.lift[first]
+            tightest = raised - LEFT * (raised - worst)
         slope = newton_step(first, last, cells, damping, system)
         if not slope < 0.0:
             break
@@ -324,7 +290,7 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
                 v2[k] = math.sqrt(v[k] * max(v[k] + 2.0 * part * step[k, 0], SLOWEST * v[k]))
                 a2[k] = a[k] + part * step[k, 1]
             after, reached, _ = merit(first, last, trial, limits, weight, False, system)
-            if after < before + 0.1 * part * slope:
+            if after < before + 0.1 * part * slope and reached <= tightest:
                 moved = True
                 break
             part *= 0.5
@@ -340,7 +306,11 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
         for k in range(first + 1, last):
             v[k] = v2[k]
             a[k] = a2[k]
-        if lifted:
+        if lifted and even:
+            lifted = lower_even_lifts(first, last, part, system)
+            if not lifted:
+                break
+        elif lifted:
             lifted = lower_lifts(first, last, part, system)
         elif -slope < CENTRED * (last - first) and part == 1.0:
             break

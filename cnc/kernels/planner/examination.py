@@ -22,14 +22,15 @@ from cnc.kernels.planner.cell_motion import (
     A_MIDDLE,
     J1,
     J2,
+    OPEN,
     V_MIDDLE,
     Cells,
     H,
     cell_phases,
     empty_cells,
 )
-from cnc.kernels.planner.cells import describe
-from cnc.kernels.planner.descent import HIGH, TOUCH, merit, system_for
+from cnc.kernels.planner.cells import describe, place_rest
+from cnc.kernels.planner.descent import merit
 from cnc.kernels.planner.intervals import (
     SCRATCH,
     Intervals,
@@ -37,6 +38,7 @@ from cnc.kernels.planner.intervals import (
     interval_at,
     largest_shares,
 )
+from cnc.kernels.planner.lifts import HIGH, TOUCH, system_for
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.scurve import phase_time
 
@@ -87,6 +89,7 @@ def examine(cells: Cells, known: Intervals, limits: SumLimits, shares: Shares) -
     scratch = np.empty((SCRATCH, cells.q.shape[3]))
     k = interval_at(s[0], np.searchsorted(known.end, s[0]), known.end)
     largest = 0.0
+    place_rest(cells)
     for m in range(len(cells.length)):
         if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, dx):
             shares.sums[m] = shares.speed[m] = largest = math.inf
@@ -172,6 +175,7 @@ def tighten(
         The number of cuts.
     """
     system = system_for(len(cells.length), HIGH)
+    place_rest(cells)
     cuts = 0
     for m in range(len(cells.length)):
         at[m, 0, 0] = at[m, 1, 0] = math.nan
@@ -181,7 +185,7 @@ def tighten(
             continue
         _, held, _ = merit(m, m + 1, found, limits, 0.0, False, system)
         held = max(held * cells.share[m], TIGHT)
-        wanted = largest > UNHELD * held and cells.length[m] > SHORTEST
+        wanted = largest > UNHELD * held and cells.s[m + 1] - cells.s[m] > SHORTEST
         if sums > 1.0 + TOUCH and not wanted:
             cells.share[m] = max(cells.share[m] * (1.0 - 2.0 * TOUCH) / sums, LEAST_SHARE)
         if speed > 1.0 + TOUCH:
@@ -217,7 +221,7 @@ def tighten(
 def with_cuts(cells: Cells, at: Floats, cuts: int, known: Intervals) -> Cells:
     """Return the cells with ``cuts`` further cuts, those of :func:`tighten`."""
     n = len(cells.length)
-    out = empty_cells(n + cuts, cells.q.shape[3])
+    out = empty_cells(n + cuts, cells.q.shape[3], cells.rest_before)
     count = 0
     for m in range(n):
         out.s[count], out.v[count], out.a[count] = cells.s[m], cells.v[m], cells.a[m]
@@ -237,7 +241,7 @@ def with_cuts(cells: Cells, at: Floats, cuts: int, known: Intervals) -> Cells:
 def without_cut(cells: Cells, cut: int, known: Intervals) -> Cells:
     """Return the cells without the cut ``cut``, which is not an end."""
     n = len(cells.length)
-    out = empty_cells(n - 1, cells.q.shape[3])
+    out = empty_cells(n - 1, cells.q.shape[3], cells.rest_before)
     for m in range(n + 1):
         to = m if m < cut else m - 1
         if m != cut:
@@ -267,7 +271,7 @@ def passable(cells: Cells, known: Intervals) -> Cells:
             m += 1
             continue
         n = len(cells.length)
-        if v[m + 1] == 0.0 and v[m] > 0.0 and m > 0 and changed != m:
+        if v[m + 1] == 0.0 and v[m] > 0.0 and d != OPEN and m > 0 and changed != m:
             a[m] = -2.0 * v[m] * v[m] / (3.0 * d)
             changed = m
             m -= 1

@@ -39,9 +39,10 @@ from cnc.kernels.planner.cell_motion import (
     with_motion,
 )
 from cnc.kernels.planner.cells import describe
-from cnc.kernels.planner.descent import HIGH, NEAR, TOUCH, centre, merit, system_for
+from cnc.kernels.planner.descent import centre, merit
 from cnc.kernels.planner.examination import Shares, examine, passable, tighten, with_cuts
 from cnc.kernels.planner.intervals import Intervals, SumLimits
+from cnc.kernels.planner.lifts import HIGH, NEAR, TOUCH, system_for
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.scurve import phase_time
 
@@ -262,6 +263,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         cells.share.copy(),
         cells.pace.copy(),
         cells.q,
+        cells.rest_before,
     )
     solved, found = search(cells, known, limits, WEIGHT_STEP)
     if not solved:

@@ -40,9 +40,9 @@ from cnc.kernels.planner.cell_motion import (
     empty_cells,
 )
 from cnc.kernels.planner.cells import describe, part_of, plan_cells
-from cnc.kernels.planner.descent import TOUCH
 from cnc.kernels.planner.fastest import fastest
 from cnc.kernels.planner.intervals import SCRATCH, Intervals, SumLimits, largest_shares
+from cnc.kernels.planner.lifts import TOUCH
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at, write_phase

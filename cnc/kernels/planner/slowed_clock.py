@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.descent import TOUCH
 from cnc.kernels.planner.intervals import (
     SAMPLES,
     SCRATCH,
@@ -35,6 +34,7 @@ from cnc.kernels.planner.intervals import (
     interval_at,
     largest_shares,
 )
+from cnc.kernels.planner.lifts import TOUCH
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at, write_phase
 from cnc.kernels.planner.refine import sum_limits
