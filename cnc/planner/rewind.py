@@ -56,11 +56,15 @@ class Rewind:
     def window_at(self, time: float | None) -> Window | None:
         """Return the window as it was at ``time`` in the plan; None if it is not known.
 
-        A time just beside the end of a phase is none at which the window can be.
+        A time just beside the end of a phase is none at which the window can be. The window goes on
+        from the last copy before that time: a request may have changed the plan of earlier ones.
         """
-        if time is None or not self._copies or self._copies[0][0] > time:
+        if time is None:
             return None
-        _, kept, number = self._copies[0]
+        earlier = [each for each in self._copies if each[0] <= time + ROUNDING]
+        if not earlier:
+            return None
+        _, kept, number = earlier[-1]
         window = kept.copy()
         for added in self._added[number:]:
             window.add(*added)

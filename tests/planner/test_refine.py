@@ -1,5 +1,7 @@
 """The parts of the refinement: intervals, cells and their motion."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -103,6 +105,23 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
         rows, 0, 1, known_with_a_stop(), SumLimits(limits, limits, 1.0 / limits, 1.0 / limits)
     )
     assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("accel", "bend", "possible"),
+    [(89.0, 0.0, 100.0), (-89.0, 0.02, 98.0), (89.0, 0.2, None), (98.0, 0.0, None)],
+)
+def test_an_acceleration_can_gain_if_the_bends_leave_more(accel, bend, possible):
+    """The bends take q'' v^2 of 100 mm/s^2; the speed is at most 10 mm/s."""
+    known = known_with_a_stop()
+    known.samples[:, 2, 0, 0], known.samples[:, 2, 1, 0] = 1.0, bend
+    slow = math.sqrt(10.0**2 - 2.0 * 89.0 * 0.25)
+    speed, duration = (slow, (10.0 - slow) / 89.0) if accel > 0.0 else (10.0, (10.0 - slow) / 89.0)
+    rows = np.array([(duration, 0.5, speed, accel, 0.0)], PHASE)
+    limits = np.array([100.0, 1e9, 1e9])
+    gain = possible_gain(rows, 0, 1, known, SumLimits(limits, limits, 1.0 / limits, 1.0 / limits))
+    wanted = 0.0 if possible is None else duration * (1.0 - math.sqrt(89.0 / possible))
+    assert gain == pytest.approx(wanted, rel=1e-9)
 
 
 @pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
@@ -11,6 +12,7 @@ from cnc.planner.phases import INSTANT
 from cnc.planner.rewind import Rewind
 from tests.support.planner.corners import PER_AXIS, duration, planned
 from tests.support.planner.motions import AXES, lines
+from tests.support.planner.operated import assert_legal_under_operator
 from tests.support.soak import share
 
 
@@ -94,3 +96,35 @@ def test_a_time_just_beside_the_end_of_a_phase_is_none_to_return_to():
     end = window.clock.seconds + float(window._plan.phases[0]["duration"])
     assert rewind.window_at(end - 0.3 * INSTANT) is None
     assert rewind.window_at(end).clock.seconds == pytest.approx(end, abs=1e-12)
+
+
+def test_a_return_follows_the_plan_that_an_override_changed():
+    ahead, plans, _ = planning([(60.0, 0.0, 0.0)], 0.1)
+    next(plans)
+    window, rewind = ahead._window, Rewind()
+    rewind.keep(window)
+    window.take(0.1)
+    window.override(0.3)
+    assert window.prepared()
+    rewind.keep(window)
+    window.take(0.1)
+    back = rewind.window_at(window.clock.seconds)
+    assert back.clock.seconds == pytest.approx(window.clock.seconds, abs=1e-12)
+    assert back.length == pytest.approx(window.length, abs=1e-9)
+    assert back._plan.phases[0]["v"] == pytest.approx(window._plan.phases[0]["v"], abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", share([4, 18, 23], [4]))
+def test_overrides_beside_long_motions_past_corners_do_not_move_the_path(seed):
+    """Y is much slower than X, so one motion passes all corners."""
+    axes = ((600.0, 3800.0, 24600.0), (23.0, 38.0, 640.0), (12.0, 436.0, 2100.0))
+    mill = Machine(
+        axes={
+            letter: Axis(steps_per_mm=100.0, max_velocity=v, max_acceleration=a, max_jerk=j)
+            for letter, (v, a, j) in zip(AXES, axes, strict=True)
+        },
+        path=PathLimits(max_feed=600.0, chord_error=1e-3),
+    )
+    points = [(2.4, 9.7, 0.0), (-2.5, 18.4, 0.0), (-11.2, 23.4, 0.0), (-20.4, 19.5, 0.0)]
+    blocks = [PathMode("t.nc", 1, "blend", 0.005), lines(points, 90.0)]
+    assert_legal_under_operator(np.random.default_rng(seed), mill, blocks, True, 1.0, seed)

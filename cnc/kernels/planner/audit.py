@@ -27,7 +27,7 @@ from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
 from cnc.kernels.planner.phases import phase_at
 from cnc.kernels.planner.plan_arrays import PlanArrays
-from cnc.kernels.planner.timed import is_timed, timed_motion
+from cnc.kernels.planner.timed import is_timed, slowest_between, speeding_up, timed_motion
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,9 @@ POINTS = 8
 """Least number of points examined in a phase."""
 
 TIMED_POINTS = 64
-"""The same in a timed piece, where the jerk along the path may have a sharp peak."""
+"""The same in a timed piece, where the jerk along the path may have a sharp peak. The place between
+two of them at which the speed is least is examined too: there the peak may be narrower still.
+"""
 
 CLOSE = 1e-3
 """mm; motion that covers less than this in many periods is examined at this distance instead."""
@@ -196,6 +198,8 @@ def audit_phases(
         points = max(least, int(min(duration / period, length / CLOSE)))
         examined = -1
         skip = False
+        u_before = 0.0
+        change_before = 0.0
         for m in range(points + 1):
             s, v, a = phase_at(duration * m / points, s0, v0, a0, j)
             if m == points:
@@ -206,6 +210,7 @@ def audit_phases(
             piece = next_piece(piece, s + (inside if m == 0 else -inside), piece_s)
             if examined != piece:
                 examined = piece
+                change_before = 0.0
                 if bounded != piece:
                     bounded = piece
                     derivative_bounds(kind[piece], data, pieces.at[piece], bounds)
@@ -216,8 +221,15 @@ def audit_phases(
                 continue
             local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
             here, where = kind[piece], pieces.at[piece]
-            curve_eval_s(here, data, where, curve_inv_arclen(here, data, where, local), q)
+            u = curve_inv_arclen(here, data, where, local)
+            curve_eval_s(here, data, where, u, q)
             raise_maxima(pieces, piece, q, v, a, j, feed[piece], largest)
+            if is_timed(here, data, where):
+                change = speeding_up(data, where, q)
+                if change_before < 0.0 < change:
+                    slowest_between(here, data, where, u_before, u, q)
+                    raise_maxima(pieces, piece, q, v, a, j, feed[piece], largest)
+                u_before, change_before = u, change
             # A line at constant speed has the same values everywhere.
             skip = skip or (kind[piece] == LINE and steady)
 

@@ -56,11 +56,14 @@ BETWEEN = 5e-4
 BETWEEN_FINE = 1e-4
 """Part of the limit that is left for places between those that FINE parts have."""
 
-INSIDE = 1e-3
-"""Parts of a step at its ends that are not searched: the motion may rest there."""
+BESIDE_REST = 1e-3
+"""Part of a step beside a rest that is not searched for the place of the least speed."""
 
-SLOWEST_STEPS = 6
-"""Newton steps to the place of the least speed."""
+SLOWEST_STEPS = 12
+"""Largest number of Newton steps to the place of the least speed."""
+
+FOUND = 1e-12
+"""A shorter step, as a part of the duration, ends that search."""
 
 REST = 1e-9
 """mm/s; the jerk along the path has no value where the motion rests."""
@@ -230,22 +233,32 @@ def _slowest_at(square: Floats, h: float) -> float:
             low = at
         else:
             high = at
-        at = at - first / second if second > 0.0 else high
+        newton = -first / second if second > 0.0 else math.inf
+        if abs(newton) <= FOUND * h:
+            break
+        at += newton
         if not low < at < high:
             at = 0.5 * (low + high)
     return at / h
 
 
 @njit
-def _peak_in(square: Floats, h: float, parts: int) -> float:
+def peak_in(square: Floats, h: float, parts: int) -> float:
     """Return the place in a step at which v'' is about largest, as a part of its duration."""
     place = _largest_at(square, h, parts)
     slowest = _slowest_at(square, h)
-    if INSIDE < slowest < 1.0 - INSIDE and (
-        abs(_jerk_at(square, slowest * h)) > abs(_jerk_at(square, place * h))
-    ):
+    if slowest < 0.0 or _beside_rest(square, h, slowest):
+        return place
+    if abs(_jerk_at(square, slowest * h)) > abs(_jerk_at(square, place * h)):
         return slowest
     return place
+
+
+@njit
+def _beside_rest(square: Floats, h: float, part: float) -> bool:
+    """Return whether a place, as a part of the step, is beside an end at which the motion rests."""
+    end = 0.0 if part < 0.5 else h
+    return abs(part * h - end) < BESIDE_REST * h and _along(square, end)[0] <= REST * REST
 
 
 @njit
@@ -259,7 +272,7 @@ def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
         if k != read:
             read, h = k, _read_step(k, t, c, weights, r, square)
         if 0.0 < along.share[m] < 1.0:
-            along.share[m] = _peak_in(square, h, COARSE)
+            along.share[m] = peak_in(square, h, COARSE)
         passed = along.share[m] * h
         f, half, bent = _along(square, passed)
         if f <= REST * REST:
@@ -326,7 +339,7 @@ def tighten(tube: Tube, along: AlongRows, t: Floats, c: Floats) -> float:
     while m < along.number[0]:
         k, first = along.step[m], m
         h = _read_step(k, t, c, weights, r, square)
-        between, at_rows = abs(_jerk_at(square, _peak_in(square, h, FINE) * h)), 0.0
+        between, at_rows = abs(_jerk_at(square, peak_in(square, h, FINE) * h)), 0.0
         while m < along.number[0] and along.step[m] == k:
             at_rows = max(at_rows, abs(along.value[m]))
             m += 1

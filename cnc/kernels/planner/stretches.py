@@ -24,6 +24,9 @@ FASTEST = 0.985
 STEEPEST = 0.85
 """The same for acceleration and jerk, as parts of their bounds on a straight path."""
 
+STEEPEST_ON_BENDS = 0.97
+"""The same for acceleration, as a part of the bound that the bends leave: it is never too high."""
+
 
 class Stretch(NamedTuple):
     """Rows of a plan that are refined together.
@@ -124,13 +127,43 @@ def slows_again(rows: Phases, r: int, last: int) -> float:
 
 
 @njit
+def left_by_bends(row: np.void, finish: float, known: Intervals, limits: SumLimits) -> float:
+    """Return the acceleration that is possible throughout a phase beside that of the bends, mm/s^2.
+
+    Args:
+        row: the phase, of constant acceleration.
+        finish: arc length at its end, mm.
+        known: the intervals of the path.
+        limits: for the sums.
+    """
+    end, samples = known.end, known.samples
+    axes = samples.shape[3]
+    s, v, a = row["s"], row["v"], row["a"]
+    lowest = limits.a[axes]
+    begin = s
+    k = interval_at(s, np.searchsorted(end, s), end)
+    while True:
+        # The square of the speed where it is highest.
+        square = v * v + 2.0 * a * ((min(end[k], finish) if a > 0.0 else begin) - s)
+        for i in range(axes):
+            slope, bend = abs(samples[k, 2, 0, i]), abs(samples[k, 2, 1, i])
+            if slope != 0.0:
+                lowest = min(lowest, (limits.a[i] - bend * square) / slope)
+        if not (k + 1 < len(end) and end[k] < finish):
+            return float(lowest)
+        begin = end[k]
+        k += 1
+
+
+@njit
 def possible_gain(
     rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits
 ) -> float:
     """Return an estimate of the time that refinement can save on the rows [first, last), s.
 
-    A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is below
-    the limits that would hold on a straight path. So can one that ends its deceleration below the
+    A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is clearly
+    below the limits that would hold on a straight path, or its acceleration below what the bends
+    leave. So can one that ends its deceleration below the
     speed bounds, where the motion decelerates again behind it.
     """
     end, top, samples = known.end, known.top, known.samples
@@ -163,6 +196,11 @@ def possible_gain(
                 total += both * (1.0 - reached / lowest)
         if j != 0.0 and abs(j) < STEEPEST * highest:
             total += row["duration"] * (1.0 - (abs(j) / highest) ** (1.0 / 3.0))
-        if j == 0.0 and a != 0.0 and abs(a) < STEEPEST * highest:
-            total += row["duration"] * (1.0 - math.sqrt(abs(a) / highest))
+        if j == 0.0 and a != 0.0:
+            most = float(highest)
+            if abs(a) >= STEEPEST * most:
+                most = left_by_bends(row, finish, known, limits)
+                if abs(a) >= STEEPEST_ON_BENDS * most:
+                    continue
+            total += row["duration"] * (1.0 - math.sqrt(abs(a) / most))
     return total

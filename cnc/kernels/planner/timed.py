@@ -33,6 +33,7 @@ from cnc.kernels.path.curve import (
     U1,
     Floats,
     curve_eval,
+    curve_eval_s,
 )
 
 ACCURACY = 1e-10
@@ -40,6 +41,9 @@ ACCURACY = 1e-10
 Gauss-Legendre of 6 points. The halves are 2^12 times as accurate. Where one axis has much less jerk
 than the other, the speed changes abruptly.
 """
+
+HALVINGS = 50
+"""Of a part of a timed piece, to the place of the least speed: to the last digits."""
 
 SMALLEST = 1e-6
 """Smallest part of a timed piece that is measured by itself, relative."""
@@ -89,6 +93,37 @@ def timed_motion(
         (d22 + d13 - along * along) / speed * rate**3,
         math.sqrt(max(d22 - along * along, 0.0)) * rate * rate,
     )
+
+
+@njit
+def speeding_up(data: Floats, at: int, q: Floats) -> float:
+    """Return r'.r'', which is negative where the motion slows down.
+
+    Args:
+        data: the records.
+        at: index of the record of the timed piece.
+        q: (4, axes): its derivatives.
+    """
+    total = 0.0
+    for m in range(int(data[at + METRICS])):
+        i = int(data[at + METRIC + m])
+        total += q[1, i] * q[2, i]
+    return total
+
+
+@njit
+def slowest_between(kind: int, data: Floats, at: int, low: float, high: float, q: Floats) -> None:
+    """Write the derivatives (4, axes) at the place of the least speed between two parameters.
+
+    The motion slows down at the first, and speeds up at the second.
+    """
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        curve_eval_s(kind, data, at, middle, q)
+        if speeding_up(data, at, q) < 0.0:
+            low = middle
+        else:
+            high = middle
 
 
 @njit
