@@ -133,16 +133,16 @@ class ToolCodes:
     def keep_length(self, words: LineWords) -> None:
         """Keep the H of a line without G43 or G44 for a later one, as FANUC does.
 
-        An H while an offset is in effect is left in the line: the tool would move by it. Beside
-        G53, whose move has no offset, H0 ends the offset in effect.
+        Another H while an offset is in effect is left in the line: the tool would move by it.
+        Beside G53, whose move has no offset, H0 ends the offset in effect.
         """
         if "H" not in words.rest or not self._dialect.offset_memory or self._dialect.lathe:
             return
         word = words.rest["H"]
         ends = word.number == 0.0 and any(code.number == 53.0 for code in words.g)
-        if self._length_on and (not ends or self._tip.active):
+        if self._length_on and (not ends or self._tip.active) and word.number != self._last_h:
             return
-        if self._length_on:
+        if self._length_on and ends and self._last_h:
             nothing = [0.0] * len(self.motion.axes)
             self._note_change(nothing)
             self._tip.set_offset(nothing, word, on=False, vectors=False)

@@ -55,6 +55,7 @@ class Dialect:
     length_axes: str
     home_beside_motion: bool
     home_needs_axes: bool
+    home_directly: bool
     machine_in_incremental: bool
     motion_assumed: bool
     repeated: str
@@ -81,6 +82,7 @@ class Dialect:
     corners: Literal["", "lines", "rounds", "all"]
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
+    spindle_power: str
     turret_offsets: Literal["", "P", "L"]
     wrap: WrapRule
     feed_of_all_axes: bool
@@ -268,7 +270,7 @@ _PLAIN = (
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
-    "length_units",
+    "length_units", "home_directly", "spindle_power",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

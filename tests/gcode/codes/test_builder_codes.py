@@ -137,7 +137,7 @@ def test_slips_that_controllers_accept(source: str, rows: list[str], code: str |
     assert warnings_of(source) == ([code] if code else [])
 
 
-@pytest.mark.parametrize("source", ["//G1 X5 F100", "// X5", "G0 X1 //home"])
+@pytest.mark.parametrize("source", ["//G1 X5 F100", "// X5", "G0 X1 //Y7"])
 def test_slashes_before_or_behind_code_are_no_comment(source: str) -> None:
     """Another control may execute the line, or skip it by block delete."""
     assert error_of(source).code == "block-delete-place"

@@ -139,7 +139,6 @@ CASES: dict[str, tuple[str, str]] = {
     "fractional tool": ("value-out-of-range", "¦T1.5"),
     "negative tool": ("value-out-of-range", "¦T-1"),
     "huge tool": ("value-out-of-range", "¦T100000"),
-    "no tool": ("tool-not-chosen", "¦M6"),
     "dwell without time": ("dwell-time-missing", "¦G4"),
     "negative dwell": ("value-out-of-range", "G4 ¦P-1"),
     "negative tolerance": ("value-out-of-range", "G64 ¦P-.1"),
