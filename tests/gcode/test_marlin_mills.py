@@ -50,6 +50,8 @@ MILLING = [
     ("O00100\nG54 T1 M6\nM83\nG4 P1.\nM84", "haas"),
     ("T1 M6\nS1000 M3\nM400\nG1 X5 F100", "auto"),
     ("M3 S1000 P1\nG1 X5 F100", "auto"),
+    ("M5\nM17\nG15\nG1 X5 F100", "auto"),
+    ("%\n( post: MPCNC21.cps)\nM62 P0", "grbl"),
 ]
 
 
@@ -109,6 +111,14 @@ def test_the_offsets_of_the_chosen_tool_may_stand_beside_it(line: str) -> None:
     assert "word-idle" in warnings_of(line, AUTO)
     other = line.replace("H3", "H4").replace("D3", "D4")
     assert error_of(other, dialect=AUTO).code == "word-unused"
+
+
+def test_percent_and_a_text_is_for_the_sender() -> None:
+    program = "%\n% vfd on\n%( start )\nG0 X5"
+    grbl = dialects.load("grbl", lenient=True)
+    assert block_summaries(program, dialect=grbl) == ["rapid 5 0 0"]
+    assert warnings_of(program, grbl) == ["code-not-needed"]
+    assert error_of("%\nG0 X1\n%\nG0 X5", dialect=grbl).code == "percent-place"
 
 
 def test_the_same_h_may_be_given_again() -> None:
