@@ -75,6 +75,15 @@ def test_lines_of_the_firmware(line: str, blocks: list[str]) -> None:
     assert block_summaries(line, dialect=MARLIN) == blocks
 
 
+def test_the_firmware_begins_with_a_feed() -> None:
+    assert block_summaries("G1 X5\nG1 X6 F300\nX7", dialect=MARLIN) == [
+        "line 5 0 0 F1500", "line 6 0 0 F300", "line 7 0 0 F300",
+    ]  # fmt: skip
+    assert warnings_of("G1 X5\nX6", MARLIN) == ["feed-assumed"]
+    assert warnings_of("G0 X5 F400\nG1 X6", MARLIN) == []
+    assert error_of("G1 X5", dialect=AUTO).code == "feed-missing"
+
+
 def test_homing_has_no_point_on_its_way() -> None:
     rows = block_summaries("G92 X5\nG0 X9 Y9\nG28 X0 Y0", dialect=MARLIN)
     assert rows == ["rapid 4 9 0", "rapid 0 0 0"]
@@ -134,6 +143,6 @@ def test_a_tool_change_without_a_tool_stops_for_the_operator(dialect: str) -> No
     assert block_summaries("S900 M3\nM6\nG0 X1.", dialect=lenient) == [
         "spindle cw 900", "spindle off 0", "stop", "rapid 1 0 0",
     ]  # fmt: skip
-    assert "tool-not-chosen" in warnings_of("M6", lenient)
+    assert "tool-change-by-hand" in warnings_of("M6", lenient)
     if dialect != "auto":
         assert error_of("M6", dialect=dialect).code == "tool-not-chosen"

@@ -146,7 +146,7 @@ class MachineCodes:
         if state.tool is None and self._dialect.lenient:
             message = "M6 without a tool chosen by a T word: it stops for a change by hand"
             hint = "give T and the tool's number"
-            here.report_warning("tool-not-chosen", message, code.word, hint)
+            here.report_warning("tool-change-by-hand", message, code.word, hint)
             self._spindle_off()
             self._out.add(Stop(here.file, here.line))
             return

@@ -83,6 +83,7 @@ class Dialect:
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
     spindle_power: str
+    first_feed: float
     turret_offsets: Literal["", "P", "L"]
     wrap: WrapRule
     feed_of_all_axes: bool
@@ -270,7 +271,7 @@ _PLAIN = (
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
-    "length_units", "home_directly", "spindle_power",
+    "length_units", "home_directly", "spindle_power", "first_feed",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
