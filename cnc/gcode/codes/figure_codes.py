@@ -194,7 +194,8 @@ class FigureCodes:
         names = PLANE_AXES[state.plane]
         plane = self._plane(at)
         here = coordinates.to_program(motion.position)
-        if self._dialect.figures == "mach3":
+        # Mach4 names the centre by X and Y.
+        if self._dialect.figures == "mach3" and words.rest.keys().isdisjoint("XY"):
             centre = self._centre_of_mach3(words, plane, at)
         else:
             centre = motion.axis_values(words, "G68")

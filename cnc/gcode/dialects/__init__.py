@@ -201,7 +201,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
         table["m"] += " " + auto["m"]
         table["nurbs"] = sorted({*table["nurbs"], *auto["nurbs"]})
         table |= {key: auto[key] for key in _LENIENT}
-        table["noted"] = auto["noted"] | table["noted"]
+        # Of the M-codes a builder's may have the same number.
+        noted = {code: note for code, note in auto["noted"].items() if code[0] == "G"}
+        table["noted"] = noted | table["noted"]
     return _dialect(name, table)
 
 
