@@ -24,7 +24,10 @@ MACH3 = [
 
 @pytest.mark.parametrize(("program", "ends"), MACH3)
 def test_figures_of_mach3(program: str, ends: list[tuple[float, float]]) -> None:
-    """Axis words of G51 are factors, A and B (X and Y in Mach4) the centre of G68; G16 counts from the position."""
+    """Axis words of G51 are factors, A and B the centre of G68; G16 counts from the position.
+
+    Mach4 names the centre of G68 by X and Y.
+    """
     reached = [end[:2] for end in points(program, "mach3")]
     assert reached[-len(ends) :] == [pytest.approx(end, abs=1e-12) for end in ends]
 
