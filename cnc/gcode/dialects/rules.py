@@ -47,8 +47,8 @@ class CycleRules:
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
         heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
-        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S: no, yes,
-            or yes with a warning ("unclear").
+        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S; with
+            a warning if "unclear".
     """
 
     repeats: str
