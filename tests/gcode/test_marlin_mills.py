@@ -115,6 +115,11 @@ def test_slashes_begin_a_comment_behind_code() -> None:
     assert error_of("G0 X5 // Y7", dialect=AUTO).code == "block-delete-place"
 
 
+@pytest.mark.parametrize("line", ["H0", "D0", "H3", "D3"])
+def test_an_offset_alone_is_no_slip(line: str) -> None:
+    assert error_of(f"M6 T3\nG0 X1\n{line}", dialect=AUTO).code == "word-unused"
+
+
 @pytest.mark.parametrize("line", ["T3 H3", "T3 D3 M6", "M6 T3 H3 D3"])
 def test_the_offsets_of_the_chosen_tool_may_stand_beside_it(line: str) -> None:
     assert "word-idle" in warnings_of(line, AUTO)
@@ -128,13 +133,6 @@ def test_percent_and_a_text_is_for_the_sender() -> None:
     assert block_summaries(program, dialect=grbl) == ["rapid 5 0 0"]
     assert warnings_of(program, grbl) == ["code-not-needed"]
     assert error_of("%\nG0 X1\n%\nG0 X5", dialect=grbl).code == "percent-place"
-
-
-def test_the_same_h_may_be_given_again() -> None:
-    policy = "O1\nG0 X0.\nG43 H0 Z5.\nH0 Z6.\nM30"
-    assert block_summaries(policy, dialect="fanuc")[:3] == [
-        "rapid 0 0 0", "rapid 0 0 5", "rapid 0 0 6",
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("dialect", ["auto", "fanuc", "mach3"])

@@ -46,14 +46,16 @@ _SPINDLE_ON = (3.0, 4.0)
 def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool:
     """Take words that controllers ignore, with a warning.
 
-    These are centre words of a traverse, and H and D without a code that uses them if they have the
-    number of the tool, so that G43 and G41 without H and D mean the same offsets.
+    These are centre words of a traverse, and H and D without a code that uses them if they stand
+    beside T and have its number, so that G43 and G41 without H and D mean the same offsets.
 
     Returns:
         Whether no other word is left.
     """
     if words.rest.keys() <= {"D", "H"}:
-        if any(word.number not in (state.tool, state.loaded) for word in words.rest.values()):
+        if "T" not in words.users or any(
+            word.number != state.tool for word in words.rest.values()
+        ):
             return False
         word = words.first()
         message = f"{word.written} has no effect without {_USERS[word.letter]}"
