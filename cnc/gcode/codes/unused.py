@@ -53,9 +53,7 @@ def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool
         Whether no other word is left.
     """
     if words.rest.keys() <= {"D", "H"}:
-        if "T" not in words.users or any(
-            word.number != state.tool for word in words.rest.values()
-        ):
+        if "T" not in words.users or any(word.number != state.tool for word in words.rest.values()):
             return False
         word = words.first()
         message = f"{word.written} has no effect without {_USERS[word.letter]}"
