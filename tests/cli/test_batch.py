@@ -50,7 +50,7 @@ BROKEN = [
     ("spline-tangent-missing", "G5 X1 Y1"), ("state-not-saved", "M72"),
     ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"),
     ("sub-unknown", "o<nowhere> call"),
-    ("thread-plane", "G76"), ("tool-not-chosen", "M6"),
+    ("thread-plane", "G76"), ("tool-not-chosen", "M61"),
     ("value-out-of-range", "S-5"),
     ("value-out-of-range", "G10 L2 P99 X5"), ("value-out-of-range", "G4 P-1"),
     ("value-out-of-range", "G64 P-1"), ("wait-time-missing", "M66 P1 L3"),

@@ -16,6 +16,7 @@ MACH3 = [
     ("G90 G51 X2\nG51 Y3\nG1 X1 Y1 F9", [(2, 3)]),
     ("G91 G51 X2\nG1 X1 F9\nX1", [(2, 0), (4, 0)]),
     ("G90 G68 A1 B0 R90\nG1 X2 Y0 F9\nG69\nX2 Y0", [(1, 1), (2, 0)]),
+    ("G90 G68 X1 Y0 R90\nG1 X2 Y0 F9\nG69\nX2 Y0", [(1, 1), (2, 0)]),
     ("G90 G0 X10 Y10\nG16\nG1 X5 Y90 F9\nY180\nG15\nX0 Y0", [(10, 15), (5, 10), (0, 0)]),
     ("G90 G0 X1\nG12 I5 F9", [(6, 0), (1, 0)]),
 ]
@@ -23,7 +24,10 @@ MACH3 = [
 
 @pytest.mark.parametrize(("program", "ends"), MACH3)
 def test_figures_of_mach3(program: str, ends: list[tuple[float, float]]) -> None:
-    """Axis words of G51 are factors, A and B the centre of G68; G16 counts from the position."""
+    """Axis words of G51 are factors, A and B the centre of G68; G16 counts from the position.
+
+    Mach4 names the centre of G68 by X and Y.
+    """
     reached = [end[:2] for end in points(program, "mach3")]
     assert reached[-len(ends) :] == [pytest.approx(end, abs=1e-12) for end in ends]
 

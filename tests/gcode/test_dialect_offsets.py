@@ -15,9 +15,26 @@ def test_h0_beside_g53_ends_the_length(line: str, height: float) -> None:
     assert points(program, "fanuc", tools=table())[1:] == [(0, 0, 0), (0, 0, height)]
 
 
-def test_h0_in_another_line_is_an_error() -> None:
-    program = "G21\nG43 H2 G0 Z5.\nG0 Z6. H0\nM30"
-    assert error_of(program, dialect="fanuc", tools=table()).code == "word-unused"
+@pytest.mark.parametrize(
+    ("lines", "heights"),
+    [
+        ("G43 H1 G0 Z1.\nH2 Z2.\nH0 Z3.\nZ4.", [41, 102, 3, 4]),
+        ("G44 H1 G0 Z1.\nH2 Z2.", [-39, -98]),
+        ("G43 H1 G0 Z1.\nT2 H2\nZ5.", [41, 105]),
+        ("G43 H1 G0 Z1.\nG91 G28 Z0 H0\nG90 Z5.", [41, 41, 0, 5]),
+    ],
+)
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_h_alone_changes_the_offset_in_effect(
+    dialect: str, lines: str, heights: list[float]
+) -> None:
+    """FANUC, "Tool length offset": G43 and G44 are modal, and another H is another offset.
+
+    Tool 1 is 40 mm long, tool 2 100 mm. H0 is no offset.
+    """
+    lengths = "G21 G90 G10 L10 P1 R40\nG10 L10 P2 R100"
+    assert [z for *_, z in points(f"{lengths}\n{lines}\nM30", dialect)] == heights
+    assert error_of("G43 H1\nG0 H2 Z1", dialect="linuxcnc", tools=table()).code == "word-unused"
 
 
 @pytest.mark.parametrize("code", ["G92", "G52"])

@@ -78,7 +78,7 @@ REFUSED = [
     (("fanuc",), f"{MM}G28", "axis-words-missing"),
     (("fanuc",), f"{MM}G4 P2.5", "decimal-point-place"),
     (("auto",), f"{MM}G4 X2000", "decimal-point-needed"),
-    (("auto", *NGC, *MACRO_B), f"{MM}M6", "tool-not-chosen"),
+    ((*NGC, *MACRO_B), f"{MM}M6", "tool-not-chosen"),
     (MACRO_B, f"{MM}G43 Z10.", "tool-offset-missing"),
     (MACRO_B, f"{MM}G41 G1 X5. F100", "compensation-offset-missing"),
     (("linuxcnc", *MACRO_B), "G21 G91\nG53 G0 Z0.", "machine-coordinates-incremental"),

@@ -187,11 +187,15 @@ class FigureCodes:
             raise fault("rotation-incremental", f"{at.written} under G91", at, hint)
         word = words.take("R", "G68")
         if word is None:
+            if empty := next((each for each in words.vacant if each.letter == "R"), None):
+                message = f"{empty.written} gives no angle: the variable is empty"
+                raise fault("rotation-angle", message, empty, "set the variable before")
             raise fault("rotation-angle", f"{at.written} needs R, the angle", at, "such as R45.")
         names = PLANE_AXES[state.plane]
         plane = self._plane(at)
         here = coordinates.to_program(motion.position)
-        if self._dialect.figures == "mach3":
+        # Mach4 names the centre by X and Y.
+        if self._dialect.figures == "mach3" and words.rest.keys().isdisjoint("XY"):
             centre = self._centre_of_mach3(words, plane, at)
         else:
             centre = motion.axis_values(words, "G68")

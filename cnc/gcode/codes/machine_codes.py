@@ -143,6 +143,13 @@ class MachineCodes:
             state.loaded = whole(word, "the tool number", 0, MAX_TOOL)
             self._out.add(Tool(here.file, here.line, state.loaded, change=False))
             return
+        if state.tool is None and self._dialect.lenient:
+            message = "M6 without a tool chosen by a T word: it stops for a change by hand"
+            hint = "give T and the tool's number"
+            here.report_warning("tool-change-by-hand", message, code.word, hint)
+            self._spindle_off()
+            self._out.add(Stop(here.file, here.line))
+            return
         if state.tool is None:
             raise fault(
                 "tool-not-chosen",
@@ -170,12 +177,21 @@ class MachineCodes:
             state.spindle = "off"
             self._spindle()
         else:
+            self._take_power(words, code)
             if state.speed is None:
                 message = f"{code.word.written} before any S word: the spindle does not turn"
                 self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
             self._unused_words.mark_used("S")
             before, state.spindle = state.spindle, "cw" if code.number == M.M3 else "ccw"
             self._spindle(with_motion=self._laser and state.spindle == before)
+
+    def _take_power(self, words: LineWords, code: Code) -> None:
+        """Take the power of the spindle in per cent, whose speed only the machine knows."""
+        letter = self._dialect.spindle_power
+        if letter and (word := words.take(letter, code.word.written)):
+            message = f"{word.written} (power of the spindle in per cent) has no effect here"
+            hint = f"give the speed with S beside {code.word.written}"
+            self._here.report_warning("word-idle", message, word, hint)
 
     def _spindle_mode(self, words: LineWords, code: Code) -> None:
         """G96 D S: constant surface speed, at most D rpm. G97 S: rpm."""

@@ -57,7 +57,7 @@ class MoveFeeds(AxisWords):
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise _missing(words, at)
+            feed = self._first_feed(words, at)
         self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed, length)
         if state.feed_mode == "per-revolution":
@@ -65,6 +65,16 @@ class MoveFeeds(AxisWords):
             if rate < MIN_FEED:
                 raise fault("feed-too-slow", f"the feed is less than {MIN_FEED:g} mm/s", at)
         return rate
+
+    def _first_feed(self, words: LineWords, at: Word) -> Feed:
+        """Put the feed with which the controller begins into effect, with a warning."""
+        first = self._dialect.first_feed
+        if not first:
+            raise _missing(words, at)
+        message = f"no F before this move: the firmware begins with {first:g} mm/min"
+        self._here.report_warning("feed-assumed", message, at, _FEED_HINT)
+        self._state.feed = feed_of(first, 1.0)
+        return self._state.feed
 
     def straight_feed(self, end: list[float], feed: Feed, length: float = 0.0) -> float:
         """Return the feed of linear axes, or of rotary axes if only they move.

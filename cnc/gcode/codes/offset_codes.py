@@ -155,7 +155,9 @@ class OffsetCodes:
         given = [letter for letter in words.rest if letter in AXES]
         columns = [motion.column[letter] for letter in given if letter in motion.column]
         if words.has_axis():
-            motion.traverse(motion.target(words, code.word.written, motion.position))
+            through = motion.target(words, code.word.written, motion.position)
+            if not self._dialect.home_directly:
+                motion.traverse(through)
         elif self._dialect.home_needs_axes and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",

@@ -12,7 +12,7 @@ from dataclasses import replace
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
@@ -24,6 +24,8 @@ from cnc.gcode.syntax.words import (
     under_compensation,
     whole,
 )
+
+_HOMES = (28.0, 30.0, 53.0)
 
 
 class ToolCodes:
@@ -55,7 +57,7 @@ class ToolCodes:
         self._spindle_reported = False
         self.turret_offset = 0
         self._last_h = 0
-        self._length_on = False
+        self._length_code: G | None = None
         self.state = state
         self.motion = motion
         self._coordinates = motion.coordinates
@@ -75,8 +77,8 @@ class ToolCodes:
 
     def tool_length(self, words: LineWords, code: Code) -> None:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
-        at, number = code.word, code.number
-        self._length_on = number != G.G49
+        at, number = code.word, code.g
+        self._length_code = None if number == G.G49 else number
         if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
             self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
@@ -113,6 +115,22 @@ class ToolCodes:
         on = stays or number in (G.G43_4, G.G43_5)
         self._tip.set_offset(offset, at, on=on, vectors=number == G.G43_5)
 
+    def with_length(self, words: LineWords, codes: Codes) -> Codes:
+        """Return the codes of a line, with that of the offset in effect if H stands alone.
+
+        On FANUC's controls such an H changes the offset.
+        """
+        word, code = words.rest.get("H"), self._length_code
+        if (
+            word is None
+            or code not in (G.G43, G.G44)
+            or not self._dialect.offset_memory
+            or self._dialect.lathe
+            or not codes.keys().isdisjoint(("tool-length", "non-modal"))
+        ):
+            return codes
+        return codes | {"tool-length": Code(code, word)}
+
     @staticmethod
     def _take_zero(words: LineWords) -> None:
         """Take H0 beside G49: on FANUC's controls it ends the length, too."""
@@ -133,16 +151,15 @@ class ToolCodes:
     def keep_length(self, words: LineWords) -> None:
         """Keep the H of a line without G43 or G44 for a later one, as FANUC does.
 
-        An H while an offset is in effect is left in the line: the tool would move by it. Beside
-        G53, whose move has no offset, H0 ends the offset in effect.
+        Beside G28, G30 and G53, whose moves end without an offset, H0 ends the offset in effect.
         """
         if "H" not in words.rest or not self._dialect.offset_memory or self._dialect.lathe:
             return
         word = words.rest["H"]
-        ends = word.number == 0.0 and any(code.number == 53.0 for code in words.g)
-        if self._length_on and (not ends or self._tip.active):
+        ends = word.number == 0.0 and any(code.number in _HOMES for code in words.g)
+        if self._length_code and (not ends or self._tip.active):
             return
-        if self._length_on:
+        if self._length_code:
             nothing = [0.0] * len(self.motion.axes)
             self._note_change(nothing)
             self._tip.set_offset(nothing, word, on=False, vectors=False)

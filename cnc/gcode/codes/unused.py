@@ -38,16 +38,28 @@ _HINTS = {
 }
 
 
+_USERS = {"D": "G41 or G42", "H": "G43"}
 _CENTRE = frozenset("IJK")
 _SPINDLE_ON = (3.0, 4.0)
 
 
 def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool:
-    """Take centre words of a traverse, which controllers ignore, with a warning.
+    """Take words that controllers ignore, with a warning.
+
+    These are centre words of a traverse, and H and D without a code that uses them if they stand
+    beside T and have its number, so that G43 and G41 without H and D mean the same offsets.
 
     Returns:
         Whether no other word is left.
     """
+    if words.rest.keys() <= {"D", "H"}:
+        if "T" not in words.users or any(word.number != state.tool for word in words.rest.values()):
+            return False
+        word = words.first()
+        message = f"{word.written} has no effect without {_USERS[word.letter]}"
+        here.report_warning("word-idle", message, word, "remove it, or give the code")
+        words.rest.clear()
+        return True
     if state.motion != G.G0 or not words.rest.keys() <= _CENTRE:
         return False
     word = words.first()

@@ -312,26 +312,22 @@ class DrillingCycles:
         state = self._state
         needed = TAPS.get(cycle)
         if needed and state.spindle == "off" and state.speed and self._rules.starts_spindle:
+            if self._rules.starts_spindle == "unclear":
+                message = f"{name} starts the spindle itself, which only rigid tapping does"
+                hint = f"give M{3 if needed == 'cw' else 4} before if the control needs it"
+                self._here.report_warning("spindle-started", message, at, hint)
             state.spindle = needed
             self._performer.start_spindle()
         start = "S and M4" if needed == "ccw" else "S and M3"
         if state.spindle == "off" or not state.speed:
-            raise fault(
-                "spindle-stopped",
-                f"{name} needs the spindle, which does not turn",
-                at,
-                f"give {start} before",
-            )
+            message = f"{name} needs the spindle, which does not turn"
+            raise fault("spindle-stopped", message, at, f"give {start} before")
         if needed and state.spindle != needed:
             direction = "anticlockwise" if needed == "ccw" else "clockwise"
             hand = "left" if needed == "ccw" else "right"
             message = f"{name} cuts a {hand}-hand thread: the spindle must turn {direction}"
-            raise fault(
-                "spindle-direction",
-                message,
-                at,
-                f"give {start} before, or {'G84' if needed == 'ccw' else 'G74'}",
-            )
+            hint = f"give {start} before, or {'G84' if needed == 'ccw' else 'G74'}"
+            raise fault("spindle-direction", message, at, hint)
 
     def _repeats(self, words: LineWords, name: str) -> int:
         found = [word for letter in self._rules.repeats if (word := words.take(letter, name))]

@@ -55,6 +55,7 @@ class Dialect:
     length_axes: str
     home_beside_motion: bool
     home_needs_axes: bool
+    home_directly: bool
     machine_in_incremental: bool
     motion_assumed: bool
     repeated: str
@@ -81,6 +82,8 @@ class Dialect:
     corners: Literal["", "lines", "rounds", "all"]
     figures: Literal["fanuc", "mach3"]
     orient_angle: str
+    spindle_power: str
+    first_feed: float
     turret_offsets: Literal["", "P", "L"]
     wrap: WrapRule
     feed_of_all_axes: bool
@@ -198,7 +201,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
         table["m"] += " " + auto["m"]
         table["nurbs"] = sorted({*table["nurbs"], *auto["nurbs"]})
         table |= {key: auto[key] for key in _LENIENT}
-        table["noted"] = auto["noted"] | table["noted"]
+        # Of the M-codes a builder's may have the same number.
+        noted = {code: note for code, note in auto["noted"].items() if code[0] == "G"}
+        table["noted"] = noted | table["noted"]
     return _dialect(name, table)
 
 
@@ -268,7 +273,7 @@ _PLAIN = (
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
-    "length_units",
+    "length_units", "home_directly", "spindle_power", "first_feed",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -51,6 +51,7 @@ class _Evidence(NamedTuple):
         place: The part of a line that is searched; "first" is the first line with code besides %,
             "later" those behind it.
         pattern: The pattern.
+        prints: Whether only a 3D printer's program has it.
     """
 
     language: str
@@ -59,6 +60,7 @@ class _Evidence(NamedTuple):
     what: str
     place: Literal["first", "later", "code", "comment", "line"]
     pattern: re.Pattern[str]
+    prints: bool
 
 
 class Reason(NamedTuple):
@@ -83,6 +85,7 @@ class Recognition(NamedTuple):
         rival: Another dialect with evidence of its own; empty if there is none.
         lathe: The evidence for a lathe in FANUC's or Haas' language.
         turns: Whether that evidence is enough to refuse the program on another machine.
+        prints: Whether the program heats or feeds filament.
     """
 
     dialect: DialectName = "auto"
@@ -91,6 +94,7 @@ class Recognition(NamedTuple):
     rival: str = ""
     lathe: tuple[Reason, ...] = ()
     turns: bool = False
+    prints: bool = False
 
     def described(self) -> str:
         """Return the dialect and its reasons as one line."""
@@ -117,6 +121,7 @@ def _table() -> _Table:
             each["what"],
             each.get("in", "code"),
             re.compile(each["pattern"], re.IGNORECASE),
+            each.get("prints", False),
         )
         for each in data["evidence"]
     )
@@ -229,7 +234,9 @@ def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> 
         return Recognition(rival=" or ".join(sorted((best, ranked[1]))), reasons=())
     if not _is_dialect(best):
         return Recognition(refusal=found[best][0][0].kind, reasons=reasons)
-    return Recognition(cast(DialectName, best), reasons, rival=rivals[0] if rivals else "")
+    prints = any(evidence.prints for evidence, _ in found[best])
+    rival = rivals[0] if rivals else ""
+    return Recognition(cast(DialectName, best), reasons, rival=rival, prints=prints)
 
 
 def _is_dialect(language: str) -> bool:
@@ -255,7 +262,7 @@ def refuse(recognition: Recognition, kind: MachineKind, file: str) -> None:
         message = f"this looks like {recognition.refusal}, by {why}"
         hint = "cncrun reads G-code; let the CAM system write G-code, or name a --dialect"
         raise GcodeError(Diagnostic("not-gcode", message, file, line, hint=hint))
-    elif recognition.dialect == "marlin" and kind not in ("printer", "laser"):
+    elif recognition.prints and kind not in ("printer", "laser"):
         message = (
             f"this looks like a program for a 3D printer's firmware, by {why}; "
             f"the machine is a {kind}"

@@ -47,7 +47,8 @@ class CycleRules:
         tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
         fine_boring: Whether G76 is fine boring, and not a thread.
         heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
-        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S.
+        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S; with
+            a warning if "unclear".
     """
 
     repeats: str
@@ -64,7 +65,7 @@ class CycleRules:
     tap_dwell: Literal["after", "before-each"]
     fine_boring: bool
     heights: Literal["kept", "line", "unclear"]
-    starts_spindle: bool
+    starts_spindle: bool | Literal["unclear"]
 
 
 class NotedCode(NamedTuple):

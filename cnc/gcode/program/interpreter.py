@@ -95,8 +95,7 @@ class Interpreter:
             turning.power_on(self.modal)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
-        self.dialect = dialect
-        self.policy = policy
+        self.dialect, self.policy = dialect, policy
         self.parameters = parameters
         own_zero = dialect.offset_memory or dialect.flavour == "siemens"
         self.coordinates = Coordinates(
@@ -294,6 +293,7 @@ class Interpreter:
             self._builder_codes.execute(words, extra)
         if self.dialect.increments:
             turning.take_increments(words, codes, self.dialect)
+        codes = self.tool_codes.with_length(words, codes)
         collector = self.motion.collector
         if not (collector and collector.line(words, codes)) and (
             codes or not self._is_program_number(words)

@@ -26,6 +26,9 @@ MAX_REPEATS = 999_999_999
 LONGEST_NUMBER = 9999
 """FANUC's M98 reads a larger P as repeats followed by four digits of program number."""
 
+BUILDERS = range(8000, 10_000)
+"""Programs that FANUC's parameter 3202 protects: a builder's and those of probes are among them."""
+
 
 class _CallWords:
     """The words of a call, apart from the rest of its line, which is executed before the call."""
@@ -199,10 +202,10 @@ class ProgramCall:
         if repeats and any(self._in(listing, short) for listing in (flow.listing, flow.main)):
             hint = f"FANUC reads it as O{short}, {repeats} times: write P{short} L{repeats}"
         if not hint:
-            # A file with subprograms has all of them: the number is mistyped.
+            # A file with subprograms has all of them, but for a builder's: the number is mistyped.
             begins = flow.main.definitions().programs.values()
             alone = all(begin == flow.main_border for begin in begins)
-            if alone and skips_missing(flow, f"O{number}", word, line):
+            if (alone or number in BUILDERS) and skips_missing(flow, f"O{number}", word, line):
                 return None
             hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
         raise fault("program-unknown", f"there is no program O{number}", word, hint)

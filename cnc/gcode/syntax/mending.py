@@ -19,8 +19,10 @@ _PROGRAM_NAME = re.compile(r"([ \t]*)(?=<[-A-Z0-9+_.]{1,32}>[ \t]*(?:[(;].*)?$)"
 _ALIGNMENT = re.compile(r"[ \t]*:(?=[ \t]*[0-9]{1,8}[ \t]+[A-Z][ \t]*[-+.0-9])", re.I)
 """A colon in place of N, at which some posts let a program begin again."""
 _TEXT_CODE = re.compile(
-    r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:16|23|28|30|32|117|118)\b(?=[ \t]+[A-Z])", re.I
+    r"[ \t]*(?:N[0-9]+[ \t]*)?M(?:(?:16|23|28|30|32)\b(?=[ \t]+[A-Z])|11[478](?=[ \t]))", re.I
 )
+_STOP_TEXT = re.compile(r"[ \t]*(?:N[0-9]+[ \t]*)?M0?[01][ \t](?=[ \t]*[A-Z]{2})", re.I)
+"""A stop with a text for the operator. Source: Marlin, "G-code Index", M0."""
 _CHECKSUM = re.compile(r"\*[0-9]+[ \t]*(?=;|$)")
 _HOMING = re.compile(r"[ \t]*(?:N[0-9]+[ \t]*)?G28(?![0-9.])", re.I)
 _AXIS_ALONE = re.compile(r"[XYZ](?=[ \t]*(?:[A-Z]|$))", re.I)
@@ -155,6 +157,11 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
     """Return a line without the slip of an error; None if the line cannot be repaired safely."""
     if error.code == "block-delete-place":
         return _slashes(text)
+    if (stop := _STOP_TEXT.match(text)) and not _could_be_code(text[stop.end() :]):
+        shown = re.sub("[();]", " ", text[stop.end() :])
+        what = "the text behind the stop is read as a message"
+        remark = Remark(MENDED, what, stop.end() + 1, len(shown))
+        return Mended(f"{text[: stop.end() - 1]}({shown})", remark)
     if error.code not in ("comment-nested", "comment-not-closed"):
         return None
     mended = _flat(text)
@@ -169,11 +176,10 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
 
 
 def _slashes(text: str) -> Mended | None:
-    """Return a line that ``//`` makes a comment; None for another line, and for one with code."""
-    code = text.lstrip(" \t")
-    if not code.startswith("//") or _could_be_code(code[2:]):
+    """Return a line with ``//`` as the begin of a comment; None without it, or with code behind."""
+    begin = _ANY_COMMENT.sub(lambda each: " " * len(each[0]), text).find("//")
+    if begin < 0 or _could_be_code(text[begin + 2 :]):
         return None
-    begin = len(text) - len(code)
     remark = Remark(MENDED, "// begins no comment in G-code: it is read as one", begin + 1, 2)
     return Mended(f"{text[:begin]};{text[begin + 1 :]}", remark)
 

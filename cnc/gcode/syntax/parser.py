@@ -170,6 +170,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.lenient and (shown := shown_message(text)) is not None:
         return Statement(remarks=(Remark("msg", shown, 1, len(text)),))
+    if syntax.lenient and syntax.dialect == "grbl" and text.lstrip(" \t").startswith("%"):
+        what = "a line with % and a text is for the sender program and has no effect here"
+        return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))

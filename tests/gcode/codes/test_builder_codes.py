@@ -137,7 +137,7 @@ def test_slips_that_controllers_accept(source: str, rows: list[str], code: str |
     assert warnings_of(source) == ([code] if code else [])
 
 
-@pytest.mark.parametrize("source", ["//G1 X5 F100", "// X5", "G0 X1 //home"])
+@pytest.mark.parametrize("source", ["//G1 X5 F100", "// X5", "G0 X1 //Y7"])
 def test_slashes_before_or_behind_code_are_no_comment(source: str) -> None:
     """Another control may execute the line, or skip it by block delete."""
     assert error_of(source).code == "block-delete-place"
@@ -162,7 +162,15 @@ def test_g80_restores_the_move_before_the_cycle() -> None:
 def test_haas_starts_the_spindle_for_a_tap() -> None:
     rows = block_summaries("S500\nG84 X10. Z-5. R2. F500.", dialect="haas")
     assert rows[0] == "spindle cw 500"
-    assert error_of("S500\nG84 X10. Z-5. R2. F500.", dialect="fanuc").code == "spindle-stopped"
+    assert error_of("G84 X10. Z-5. R2. F500.", dialect="fanuc").code == "spindle-stopped"
+    assert error_of("S5\nG84 X10 Z-5 R2 F500", dialect="linuxcnc").code == "spindle-stopped"
+
+
+def test_rigid_tapping_of_fanuc_starts_the_spindle() -> None:
+    tap = "M29 S500\nG84 X10. Z-5. R2. F500.\nM30"
+    assert block_summaries(tap, dialect="fanuc")[0] == "spindle cw 500"
+    assert "spindle-started" in warnings_of(tap, dialect="fanuc")
+    assert "spindle-started" not in warnings_of(f"M3 S500\n{tap}", dialect="fanuc")
 
 
 def test_a_decimal_point_in_a_dwell_of_milliseconds() -> None:

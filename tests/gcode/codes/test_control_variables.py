@@ -78,3 +78,9 @@ def test_an_empty_variable_in_h_or_d_is_named(line: str, code: str) -> None:
     found = error_of(f"O1\nG21\n{line}\nM30", dialect="fanuc")
     assert (found.code, found.line, found.column) == (code, 3, 5)
     assert "#518 gives no offset: the variable is empty" in found.message
+
+
+def test_an_empty_angle_is_named() -> None:
+    found = error_of("O1\nG68 X1. Y1. R[#600]\nM30", dialect="fanuc")
+    assert (found.code, found.line, found.column) == ("rotation-angle", 2, 13)
+    assert "R[#600] gives no angle: the variable is empty" in found.message

@@ -54,6 +54,16 @@ def test_the_number_of_the_main_program_is_no_subprogram(tmp_path: Path, head: s
     assert check(path, options=RunOptions(dialect="fanuc")).ok
 
 
+@pytest.mark.parametrize("call", ["G65 P9810 Z5.", "M98 P8000"])
+def test_a_builders_program_may_be_missing_beside_others(tmp_path: Path, call: str) -> None:
+    path = tmp_path / "part.nc"
+    path.write_text(f"O1\n{call}\nM98 P2\nM30\nO2\nG0 X4.\nM99\n")
+    report = check(path, options=RunOptions(dialect="fanuc"))
+    assert report.ok
+    assert "subprogram-missing" in [each.code for each in report.warnings]
+    assert not run(path, options=RunOptions(dialect="fanuc")).ok
+
+
 def test_a_missing_modal_macro_is_not_called(tmp_path: Path) -> None:
     path = tmp_path / "part.nc"
     path.write_text("G66 P9100 A1.\nG0 X1.\nX2.\nG67\nM30\n")

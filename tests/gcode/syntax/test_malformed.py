@@ -139,7 +139,6 @@ CASES: dict[str, tuple[str, str]] = {
     "fractional tool": ("value-out-of-range", "¦T1.5"),
     "negative tool": ("value-out-of-range", "¦T-1"),
     "huge tool": ("value-out-of-range", "¦T100000"),
-    "no tool": ("tool-not-chosen", "¦M6"),
     "dwell without time": ("dwell-time-missing", "¦G4"),
     "negative dwell": ("value-out-of-range", "G4 ¦P-1"),
     "negative tolerance": ("value-out-of-range", "G64 ¦P-.1"),
@@ -303,6 +302,7 @@ tool-table-unreadable dwell-point machine-coordinates-absolute motion-assumed wo
 wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
 rotary-axis-place optional-stop-off tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 cycle-level-assumed retraction-left-out subprogram-missing control-variable probe-alarm
+feed-assumed spindle-started tool-change-by-hand
 """
 """Warnings, and errors of files and names. They have their own tests."""
 
