@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from cnc.api import start_position
-from cnc.executor.packed_lines import PackedLines
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.board_limits import BoardLimits
@@ -25,6 +24,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
 from cnc.model.line_effects import ARCS, MOTIONS, LineKind
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
