@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,14 +18,12 @@ class SentLine(NamedTuple):
         line: Its source line.
         kind: Its kind.
         seconds: Longest time that it takes without motion.
-        expected: Feed and speed at a mark, by the lines before it.
     """
 
     text: str
     line: int
     kind: Kind
     seconds: float = 0.0
-    expected: Mapping[str, float] | None = None
 
 
 @dataclass(slots=True)

@@ -106,9 +106,11 @@ class GrblLink:
 
     def write(self, data: bytes) -> None:
         """Write at once, behind what is queued; PortLost."""
+        if data and self.info.commands_above_ascii:
+            data = data.translate(ABOVE_ASCII)
         data, self.queued = self.queued + data, b""
         self.wire.written(len(data), self.now())
-        self._port.write(data.translate(ABOVE_ASCII) if self.info.commands_above_ascii else data)
+        self._port.write(data)
 
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
@@ -141,7 +143,13 @@ class GrblLink:
         elif self.queued:
             self.write(b"")
         data = self._port.read(timeout)
-        events = self._received(data) if data else []
+        events = self.protocol.receive(data) if data else []
+        for event in events:
+            if type(event) is not Confirmed:
+                self._note(event)
+            elif self.asked_at is not None:
+                # The board is alive; it does not listen while it homes.
+                self.asked_at = self.now()
         asked = self.asked_at
         # Noise does not count as an answer.
         if (
@@ -321,28 +329,23 @@ class GrblLink:
                 if self.until(lambda event: isinstance(event, Started), POLL_FAST):
                     return
 
-    def _received(self, data: bytes) -> list[Event]:
-        for event in (events := self.protocol.receive(data)):
-            if type(event) is Confirmed:
-                if self.asked_at is not None:
-                    # The board is alive; it does not listen while it homes.
-                    self.asked_at = self.clock.now()
-            elif isinstance(event, Reported):
-                # An alarm whose message was lost may be any.
-                self.position_lost |= self._moved and event.status.locked
-                self._moved = not event.status.at_rest
-                self.status, self.status_at = event.status, self.clock.now()
-                self.asked_at = None
-            elif isinstance(event, Alarmed):
-                log.warning("%s: alarm %d", self.name, event.code)
-                self.alarm, self._moved = event.code, False
-                self.position_lost |= loses_position(event.code, self.info.kind)
-                self._alarms.append(event.code)
-            elif isinstance(event, Started):
-                log.info("%s: the board has started", self.name)
-                self.alarm = None
-                self.asked_at = None
-        return events
+    def _note(self, event: Event) -> None:
+        """Note what an event tells about the board."""
+        if isinstance(event, Reported):
+            # An alarm whose message was lost may be any.
+            self.position_lost |= self._moved and event.status.locked
+            self._moved = not event.status.at_rest
+            self.status, self.status_at = event.status, self.now()
+            self.asked_at = None
+        elif isinstance(event, Alarmed):
+            log.warning("%s: alarm %d", self.name, event.code)
+            self.alarm, self._moved = event.code, False
+            self.position_lost |= loses_position(event.code, self.info.kind)
+            self._alarms.append(event.code)
+        elif isinstance(event, Started):
+            log.info("%s: the board has started", self.name)
+            self.alarm = None
+            self.asked_at = None
 
     def _writing(self, now: float) -> bool:
         """Return whether the board may be writing to its EEPROM, when it loses bytes.

@@ -224,7 +224,7 @@ class GrblProtocol:
         """Return whether a mark may be sent: one at a time, without writers or system lines."""
         if self.state is not State.READY or self.marked or self.unanswered.alone:
             return False
-        return self.used + MARK_BYTES < self.rx_bytes
+        return self.unanswered.bytes + MARK_BYTES < self.rx_bytes
 
     def mark(self) -> bytes:
         """Return the bytes of a mark that fits."""
@@ -331,16 +331,12 @@ class GrblProtocol:
         Otherwise bytes were lost. grblHAL and FluidNC may also report changed modes unasked, at
         any time; there a lost line shows when the mark is confirmed without an answer.
         """
-        oldest = self.unanswered.oldest
-        assert oldest is not None
-        if oldest.kind == "mark":
+        expected = self.unanswered.expected
+        if expected is not None:
             self._mark_seen = True
-            reported = dict(_MODE.findall(modes))
-            return (
-                None
-                if self._as_expected(oldest.expected or {}, reported)
-                else self._lost(oldest.line)
-            )
+            if self._as_expected(expected, dict(_MODE.findall(modes))):
+                return None
+            return self._lost(self.unanswered.marked_line)
         if self.firmware is not Firmware.GRBL:
             return None
         return self._lost(self.unanswered.marked_line)

@@ -29,7 +29,6 @@ class _Part:
             group.lines[first],
             group.kind,
             group.seconds,
-            self.expected,
         )
 
 
@@ -58,6 +57,11 @@ class UnansweredLines:
         return self._parts[0].group if self._parts else None
 
     @property
+    def expected(self) -> Mapping[str, float] | None:
+        """Feed and speed at the mark, if that is answered next; else None."""
+        return self._parts[0].expected if self._parts else None
+
+    @property
     def newest_line(self) -> int:
         """The source line of the line that was sent last; 0 without an unanswered line."""
         return self._parts[-1].group.lines[self._parts[-1].end - 1] if self._parts else 0
@@ -65,7 +69,7 @@ class UnansweredLines:
     @property
     def marked_line(self) -> int:
         """The source line of the oldest mark; 0 without a mark."""
-        marks = (part.group.lines[0] for part in self._parts if part.group.kind == "mark")
+        marks = (part.group.lines[0] for part in self._parts if part.expected is not None)
         return next(marks, 0)
 
     def append(
