@@ -23,7 +23,7 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
-from cnc.model.line_effects import ARCS, MOTIONS, LineKind
+from cnc.model.line_effects import ARCS, MOTIONS, LineKind, effects_of
 from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
@@ -326,7 +326,8 @@ def test_packed_lines_are_the_same_lines():
     lines.append(GcodeLine("$X", 9))
     packed = PackedLines.of(lines)
     assert len(packed) == len(lines)
-    assert str(list(packed)) == str(lines)
+    assert packed.text == "".join(line.text + "\n" for line in lines)
+    assert str(list(effects_of(packed.rows))) == str([(line.line, line.effect) for line in lines])
 
 
 def test_axes_without_a_known_position_are_not_named_before_an_arc():
