@@ -185,14 +185,14 @@ class PositionTracker:
         if self._at is None or len(position) != len(self._at):
             return 0.0
         # Twice, because moves of length 0 take no place in the planner.
-        while len(self._moves) > 2 * self._planner + waiting + SPARE_MOVES:
-            self._drop_first()
+        kept = 2 * self._planner + waiting + SPARE_MOVES
+        if len(self._moves) > kept:
+            self._drop(len(self._moves) - kept)
         point = tuple(position)
         found, closest = self._find(point, self._reported)
         if found is not None:
             over, self._reported = self._reported, found
-            for _ in range(over[0]):
-                self._drop_first()
+            self._drop(over[0])
             self._passed = over[1]
             return 0.0
         # The report before may have been wrong.
@@ -230,8 +230,7 @@ class PositionTracker:
         distance = math.dist(position, self._at)
         if distance > self._tolerance:
             return distance
-        while self._moves:
-            self._drop_first()
+        self._drop(len(self._moves))
         return 0.0
 
     def _find(
@@ -257,11 +256,14 @@ class PositionTracker:
             closest, distance
         )
 
-    def _drop_first(self) -> None:
-        """Forget the first move, which is over."""
-        self._seconds -= self._moves.popleft().seconds
-        self._traversing -= self._traverses.popleft()
-        self._numbers.popleft()
+    def _drop(self, count: int) -> None:
+        """Forget the first ``count`` moves, which are over."""
+        if not count:
+            return
+        for _ in range(count):
+            self._seconds -= self._moves.popleft().seconds
+            self._traversing -= self._traverses.popleft()
+            self._numbers.popleft()
         self._passed = 0.0
         number, part = self._reported
-        self._reported = (number - 1, part) if number else (0, 0.0)
+        self._reported = (number - count, part) if number >= count else (0, 0.0)

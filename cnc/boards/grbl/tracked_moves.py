@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import mul, sub
 from typing import NamedTuple
 
 import numpy as np
@@ -87,12 +88,13 @@ class StraightMove(NamedTuple):
         Returns:
             The part of the move, and the distance there in mm.
         """
-        along = sum(
-            (b - a) * (p - a) for a, b, p in zip(self.start, self.end, point, strict=True)
-        ) / (self.length * self.length)
-        part = min(max(along, after), 1.0)
-        return part, math.dist(
-            point, [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        # A move is looked at for each report, so without a function of Python for each axis.
+        gone = list(map(sub, point, self.start))
+        along = sum(map(mul, gone, map(sub, self.end, self.start)))
+        square = self.length * self.length
+        part = min(max(along / square, after), 1.0)
+        return part, math.sqrt(
+            max(sum(map(mul, gone, gone)) - part * (2.0 * along - part * square), 0.0)
         )
 
 

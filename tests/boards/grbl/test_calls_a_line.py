@@ -19,7 +19,7 @@ FAST = {110: 2e4, 111: 2e4, 112: 2e4, 120: 5e3, 121: 5e3, 122: 5e3}
 
 @pytest.mark.parametrize(
     ("lines", "check_only", "most"),
-    [(LONG, True, 10.0), (MOVES, False, 15.0)],
+    [(LONG, True, 9.0), (MOVES, False, 10.5)],
     ids=["check", "moves"],
 )
 def test_calls_a_line(lines: list[str], check_only: bool, most: float) -> None:
