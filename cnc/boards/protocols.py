@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine, PulseChunk
+from cnc.model.packed_lines import PackedLines
+from cnc.model.streams import LinesSent, PulseChunk
 
 Action = Literal[
     "spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"
@@ -44,7 +45,7 @@ class Capabilities:
         max_step_rate: Highest step rate of one axis, steps/s.
         tick_ns: Resolution of its pulse times, ns.
         pulses: Whether it takes :class:`PulseChunk`.
-        lines: Whether it takes :class:`GcodeLine`.
+        lines: Whether it takes lines of G-code.
         senses: Whether it answers probes and inputs, and follows the rotation of the spindle.
         probes: Whether it answers probes, even if it has no other sensors.
         slice_s: Length of the motion slices that it should be sent, s. Short slices make holds
@@ -337,12 +338,12 @@ class LineSink(Board, Protocol):
         """Number of lines sent that the board has not carried out yet, as far as known."""
 
     @property
-    def rapid_override(self) -> int:
-        """Override of traverses, per cent, as last reported."""
+    def lines_sent(self) -> LinesSent:
+        """The lines sent since :meth:`start`."""
 
     @property
-    def rested_at(self) -> float:
-        """Time of the report that last showed the machine at rest with nothing to do, s."""
+    def rapid_override(self) -> int:
+        """Override of traverses, per cent, as last reported."""
 
     def now(self) -> float:
         """Return the time of the board's clock, s."""
@@ -355,8 +356,8 @@ class LineSink(Board, Protocol):
             on_report: Function that is called after each report of the board.
         """
 
-    def send_line(self, line: GcodeLine) -> None:
-        """Accept a line; returns when it has been sent, or when the operator stops the run."""
+    def send_lines(self, lines: PackedLines) -> None:
+        """Accept lines; returns when they have been sent, or when the operator stops the run."""
 
 
 class FeasibilityCheck(Protocol):

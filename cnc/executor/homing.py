@@ -35,6 +35,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Polyline, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.planner.joints import Joints
@@ -342,7 +343,7 @@ def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> Non
         )
     board.connect_operator(control, lambda: None)
     board.start(np.zeros(board.capabilities.axes, np.int64))
-    board.send_line(GcodeLine(HOME, HOME_LINE))
+    board.send_lines(PackedLines.of([GcodeLine(HOME, HOME_LINE)]))
     if control.stopped:
         board.stop()
         raise HomingStopped

@@ -21,12 +21,11 @@ import numpy as np
 
 from cnc.boards.errors import board_error
 from cnc.boards.protocols import LineSink, ReportsState
-from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
-from cnc.model.line_effects import LineKind
 from cnc.model.operator_control import Control
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
 
@@ -131,19 +130,15 @@ class _Stream:
         board: LineSink,
         control: Control,
         on_progress: Callable[[Progress], None] | None,
-        on_line: Callable[[GcodeLine], None] | None,
         pause_text: Callable[[Block], str] | None,
     ) -> None:
         self.board = board
         self.reporting = board if isinstance(board, ReportsState) else None
         self.control = control
         self.on_progress = on_progress
-        self.on_line = on_line
         self.pause_text = pause_text
         self.pause: Block | None = None
         self.text: tuple[Block | None, str] = (None, "")
-        self.sent = 0
-        self.began: float | None = None
         self.ended: float | None = None
         self.file = ""
         self.wanted: Mapping[str, float] | None = None
@@ -159,7 +154,7 @@ class _Stream:
             now = Progress(
                 0.0,
                 line,
-                self.sent,
+                board.lines_sent.number,
                 self.control.held,
                 board.position,
                 board.buffered,
@@ -195,17 +190,10 @@ class _Stream:
         elif isinstance(block, BoardCommand):
             self.compare()
 
-    def send(self, lines: Iterable[GcodeLine]) -> None:
+    def send(self, lines: PackedLines) -> None:
         """Send lines until the operator stops the run."""
-        for line in lines:
-            if self.control.stopped:
-                return
-            self.board.send_line(line)
-            self.sent += 1
-            if self.began is None and not _only_modes(line):
-                self.began = self.board.now()
-            if self.on_line is not None:
-                self.on_line(line)
+        if not self.control.stopped:
+            self.board.send_lines(lines)
 
     def compare(self) -> None:
         """Compare the position of the board, which is at rest, with that of the lines.
@@ -244,12 +232,9 @@ class _Stream:
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
         line = board.moving_line or board.confirmed_line
-        ended = board.rested_at if self.ended is None else self.ended
-        return LineOutcome(board.position, self.sent, line if stopped else None, self.began, ended)
-
-
-def _only_modes(line: GcodeLine) -> bool:
-    return line.effect is not None and line.effect.kind is LineKind.MODES
+        number, began, rested_at = board.lines_sent
+        ended = rested_at if self.ended is None else self.ended
+        return LineOutcome(board.position, number, line if stopped else None, began, ended)
 
 
 def stream(
@@ -258,7 +243,6 @@ def stream(
     *,
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    on_line: Callable[[GcodeLine], None] | None = None,
     afterwards: Callable[[], Iterable[GcodeLine]] | None = None,
     pause_text: Callable[[Block], str] | None = None,
 ) -> LineOutcome:
@@ -272,7 +256,6 @@ def stream(
         board: The board.
         control: Requests of the operator.
         on_progress: Called after each report of the board.
-        on_line: Called with each line sent.
         afterwards: Gives lines to send after the program, when the position has been checked.
         pause_text: Gives the text for the operator at a pause of the program.
 
@@ -284,7 +267,7 @@ def stream(
             that of the fault, else the last one that the board has accepted.
     """
     control = control or Control()
-    run = _Stream(board, control, on_progress, on_line, pause_text)
+    run = _Stream(board, control, on_progress, pause_text)
     try:
         board.connect_operator(control, run.report)
         board.start(np.zeros(board.capabilities.axes, np.int64))
@@ -294,9 +277,10 @@ def stream(
                 break
         if not control.stopped:
             board.execute(END, 0)
-            run.ended = board.rested_at
+            run.ended = board.lines_sent.rested_at
             run.compare()
-            run.send(() if afterwards is None or board.check_only else afterwards())
+            if afterwards is not None and not board.check_only:
+                run.send(PackedLines.of(list(afterwards())))
             board.finish()
             run.report()
         # A stop request may have come during the last motion.

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 from functools import partial
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -123,12 +122,7 @@ new_effect: Callable[[tuple[object, ...]], LineEffect] = partial(tuple.__new__, 
 
 
 def effects_of(rows: NDArray[np.void]) -> Iterator[tuple[int, LineEffect | None]]:
-    """Return an iterator over source line and effect of rows."""
-    return chain.from_iterable(zip(*columns, strict=True) for columns in effect_columns(rows))
-
-
-def effect_columns(rows: NDArray[np.void]) -> Iterator[tuple[list[int], list[LineEffect | None]]]:
-    """Yield the source lines and the effects of some rows at a time."""
+    """Yield source line and effect of rows."""
     for first in range(0, len(rows), TOGETHER):
         some = rows[first : first + TOGETHER]
         line, kind, plane, target, feed, center, seconds = (
@@ -138,4 +132,5 @@ def effect_columns(rows: NDArray[np.void]) -> Iterator[tuple[list[int], list[Lin
         wholes = zip(
             kinds, map(tuple, target), feed, plane, map(tuple, center), seconds, strict=True
         )
-        yield line, [None if each[0] is None else new_effect(each) for each in wholes]
+        for number, whole in zip(line, wholes, strict=True):
+            yield number, None if whole[0] is None else new_effect(whole)

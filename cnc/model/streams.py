@@ -56,6 +56,20 @@ class SampleChunk:
     line: NDArray[np.int32]
 
 
+class LinesSent(NamedTuple):
+    """The lines of a run that a board has been sent. Times are those of its clock, s.
+
+    Attributes:
+        number: Number of lines.
+        began: Time of the first line that does more than change modes; None without one.
+        rested_at: Time of the report that last showed the machine at rest with nothing to do.
+    """
+
+    number: int = 0
+    began: float | None = None
+    rested_at: float = 0.0
+
+
 class GcodeLine(NamedTuple):
     """A line of G-code for a board that plans its own motion.
 

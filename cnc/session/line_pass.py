@@ -13,13 +13,13 @@ from dataclasses import replace
 
 from cnc.boards.protocols import LineSink
 from cnc.executor.lines import Step, steps, stream
-from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.lowered_feeds import LoweredFeeds
 from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.model.blocks import Block, Tool
 from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -104,7 +104,6 @@ class LinePass:
                 board,
                 control=control,
                 on_progress=on_progress,
-                on_line=present.sent,
                 afterwards=changed_offsets,
                 pause_text=lambda block: pause_text(block, context.reader),
             )

@@ -8,11 +8,13 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from cnc.executor.lines import Step
 from cnc.executor.run import Progress
 from cnc.model.blocks import Tool
 from cnc.model.line_effects import MOTIONS, LineKind
-from cnc.model.streams import GcodeLine
+from cnc.model.packed_lines import PackedLines
 from cnc.model.units import per_minute
 
 KEPT_LINES = 1024
@@ -27,22 +29,20 @@ class PresentLine:
     Args:
         program: The file of the program.
         name: Its name in progress reports.
-
-    Attributes:
-        sent: Notes a line that is sent. It is called for each, so it is no function of Python.
     """
 
     def __init__(self, program: Path, name: str) -> None:
         self._program, self._name = program, name
         self._rest: Iterator[str] = iter(())
         self._number, self._text = 0, ""
-        self._sent: deque[GcodeLine] = deque(maxlen=KEPT_LINES)
+        self._steps: deque[PackedLines] = deque()
+        self._before = 0
         self._tool: int | None = None
-        self.sent = self._sent.append
 
     def steps(self, steps: Iterable[Step]) -> Iterator[Step]:
-        """Yield steps, and note the tool of each that has been carried out."""
+        """Yield steps; note the lines of each, and the tool when it has been carried out."""
         for step in steps:
+            self._begin(step.lines)
             yield step
             if isinstance(step.block, Tool) and step.block.change:
                 self._tool = step.block.number
@@ -52,8 +52,7 @@ class PresentLine:
     ) -> Progress:
         """Return the progress with text, feed and tool of its line, and with its times and axes."""
         line = progress.at or progress.line
-        effects = (sent.effect for sent in reversed(self._sent) if sent.line == line)
-        feed = next((effect.feed for effect in effects if effect and effect.kind in FEEDS), None)
+        feed = self._feed_of(line, progress.rows - self._before)
         return replace(
             progress,
             time=time,
@@ -63,6 +62,30 @@ class PresentLine:
             feed=None if feed is None else per_minute(feed),
             tool=self._tool,
         )
+
+    def _begin(self, lines: PackedLines) -> None:
+        """Note the lines of a step that begins; forget steps that are over."""
+        earlier = sum(map(len, self._steps))
+        while self._steps and earlier - len(self._steps[0]) > KEPT_LINES:
+            earlier -= len(self._steps.popleft())
+        self._before += len(self._steps[-1]) if self._steps else 0
+        self._steps.append(lines)
+
+    def _feed_of(self, line: int, sent: int | None) -> float | None:
+        """Return the feed of the motion that was last sent for a line, mm/s; None without one.
+
+        Args:
+            line: The source line.
+            sent: Number of lines of the present step that were sent.
+        """
+        for lines in reversed(self._steps):
+            rows = lines.rows[:sent][-KEPT_LINES:]
+            for found in np.flatnonzero(rows["line"] == line)[::-1]:
+                if rows["kind"][found] in FEEDS:
+                    return float(rows["feed"][found])
+            # All lines of the steps before were sent.
+            sent = None
+        return None
 
     def _text_of(self, line: int) -> str:
         """Return the text of a line. Lines mostly follow each other, so the file is read on."""

@@ -14,7 +14,6 @@ from cnc.api import parse, start_position
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.executor.packed_lines import PackedLines
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.countdown import Countdown
 from cnc.grbl_lines.exact_path import exact_path
@@ -22,6 +21,7 @@ from cnc.grbl_lines.grbl_timing import SHORT_LINE_TIME, BoardTime
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.model.packed_lines import PackedLines
 from tests.support.boards.line_reader import lines_with_effects
 from tests.support.paths import PROGRAMS
 from tests.support.programs.random_programs import random_program

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from cnc.api import start_position
-from cnc.executor.packed_lines import PackedLines
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.board_limits import BoardLimits
@@ -24,7 +23,8 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
-from cnc.model.line_effects import ARCS, MOTIONS, LineKind
+from cnc.model.line_effects import ARCS, MOTIONS, LineKind, effects_of
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
@@ -326,7 +326,8 @@ def test_packed_lines_are_the_same_lines():
     lines.append(GcodeLine("$X", 9))
     packed = PackedLines.of(lines)
     assert len(packed) == len(lines)
-    assert str(list(packed)) == str(lines)
+    assert packed.text == "".join(line.text + "\n" for line in lines)
+    assert str(list(effects_of(packed.rows))) == str([(line.line, line.effect) for line in lines])
 
 
 def test_axes_without_a_known_position_are_not_named_before_an_arc():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
 from cnc.boards.grbl.faults import laser_mode_off, offset_differs
-from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
+from cnc.boards.grbl.line_groups import groups_of
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.setting_comparison import differences
@@ -24,7 +24,8 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
+from cnc.model.packed_lines import PackedLines
+from cnc.model.streams import LinesSent
 
 SAME_POSITION = 0.002
 """mm: rounding of a reported position or offset, with three decimals, of inches even."""
@@ -265,9 +266,10 @@ class GrblBoard:
         return (self.status.overrides or full)[1]
 
     @property
-    def rested_at(self) -> float:
-        """Time of the report that last showed the machine at rest with nothing to do, s."""
-        return self.stream.rested_at
+    def lines_sent(self) -> LinesSent:
+        """The lines sent since :meth:`start`."""
+        stream = self.stream
+        return LinesSent(stream.sent, stream.began, stream.rested_at)
 
     def now(self) -> float:
         """Return the time by the clock of the link, s."""
@@ -303,24 +305,21 @@ class GrblBoard:
             link.refresh()
         stream.begin(self.info.g54_offset(len(self.stream.position)), moves=not self.check_only)
 
-    def send_line(self, line: GcodeLine) -> None:
-        """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
-        stream, text = self.stream, line.text
-        if stream.state != "running":
-            self._refuse_unless_running()
-        if len(text) > MOST_CHARACTERS:
-            message = f"a line has {len(text)} characters; the board accepts {MOST_CHARACTERS}"
-            raise stream.stopped_by(board_error("line-too-long", message, line=line.line))
-        kind = kind_of_line(line)
-        if not stream.send(line, kind):
-            return
-        if kind == "system":
-            # The command may change lock and position.
-            stream.settle()
-            stream.refuse_if_locked(line, unless=stream.stopping)
-        elif self._offset_unchecked and kind != "writer":
-            self._offset_unchecked = False
-            self._check_offset(line.line)
+    def send_lines(self, lines: PackedLines) -> None:
+        """Send lines as soon as there is space; those after a stop of the operator stay unsent."""
+        stream = self.stream
+        self._refuse_unless_running()
+        for group in groups_of(lines):
+            line = group.lines[0]
+            if not stream.send(group):
+                return
+            if group.kind == "system":
+                # The command may change lock and position.
+                stream.settle()
+                stream.refuse_if_locked(line, unless=stream.stopping)
+            elif self._offset_unchecked and group.kind != "writer":
+                self._offset_unchecked = False
+                self._check_offset(line)
 
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Wait until the lines sent so far have been carried out.

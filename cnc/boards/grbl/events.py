@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 from cnc.boards.grbl.line_kinds import Kind
@@ -18,38 +16,20 @@ class SentLine(NamedTuple):
     Attributes:
         text: The line.
         line: Its source line.
-        size: Bytes with the line end.
         kind: Its kind.
         seconds: Longest time that it takes without motion.
-        mark: Whether it is a mark.
-        expected: Feed and speed at the mark, by the lines before it.
     """
 
     text: str
     line: int
-    size: int
     kind: Kind
     seconds: float = 0.0
-    mark: bool = False
-    expected: Mapping[str, float] | None = None
-
-
-new_sent_line: Callable[
-    [tuple[str, int, int, Kind, float, bool, Mapping[str, float] | None]], SentLine
-] = partial(tuple.__new__, SentLine)
-"""Make a sent line of all its fields. A call of the type would take a function of Python."""
 
 
 @dataclass(slots=True)
 class Confirmed:
-    """The board accepted lines.
+    """The board accepted ``count`` lines: answers that came together are one event."""
 
-    Attributes:
-        sent: The last of them.
-        count: Their number: answers that came together are one event.
-    """
-
-    sent: SentLine
     count: int = 1
 
 

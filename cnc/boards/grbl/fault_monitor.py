@@ -24,6 +24,7 @@ from cnc.boards.grbl.events import (
     Started,
     UnexpectedReply,
 )
+from cnc.boards.grbl.line_groups import LineGroup
 from cnc.boards.grbl.liveness import LivenessMonitor
 from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
@@ -32,7 +33,6 @@ from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS,
 from cnc.boards.grbl.status import Status
 from cnc.boards.grbl.tracked_moves import AxisLimits
 from cnc.model.diagnostics import BoardError
-from cnc.model.streams import GcodeLine
 from cnc.model.units import per_second
 
 MOST_BLOCKS = 128
@@ -110,30 +110,25 @@ class FaultMonitor:
         self._without_alarm = self.doubtful = False
         self._busy_at = now
 
-    def sending(self, line: GcodeLine, now: float) -> None:
-        """Note a line that has been sent just now."""
-        if self._protocol.waiting == 1:
-            self.liveness.begin(now)
+    def prepare(self, group: LineGroup) -> None:
+        """Note lines that will be sent next."""
         if self.moves:
-            self.tracker.send(line)
+            self.tracker.prepare(group.rows)
 
-    def far_ahead(self, status: Status | None) -> bool:
-        """Return whether the board has enough motion ahead for now."""
-        if not self.moves or status is None:
-            return False
+    def near(self, most: int, status: Status | None) -> int:
+        """Return how many of the next lines the board may have: some motion ahead is enough.
+
+        Args:
+            most: Number of lines for which there is space.
+            status: The last report.
+        """
+        if status is None:
+            return most
         feed, rapid, _ = status.overrides or (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
-        return self.tracker.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
-
-    def confirmed(self, count: int, now: float) -> None:
-        """Note lines that the board has accepted, ``count`` answers read together."""
-        self._busy_at = now
-        self.liveness.answered(now, count)
+        return self.tracker.within(self._ahead, most, max(feed, 1), max(rapid, 1))
 
     def fault_in(self, event: Event, now: float) -> BoardError | None:
-        """Return the fault that an event shows; None without one.
-
-        Lines that the board has accepted are noted by :meth:`confirmed`.
-        """
+        """Return the fault that an event other than Confirmed shows; None without one."""
         line = self._protocol.confirmed_line
         match event:
             case Reported(status):
@@ -175,7 +170,7 @@ class FaultMonitor:
         off = self.tracker.off(status.position, waiting)
         if status.state != "Idle" or waiting:
             self._busy_at = now
-        elif not off and now - self._busy_at > AT_REST:
+        elif not off and now - max(self._busy_at, self.liveness.answered_at) > AT_REST:
             off = self.tracker.arrived(status.position)
         if off and self.doubtful:
             return faults.off_path(status.position, off, self.tracker.line or line)

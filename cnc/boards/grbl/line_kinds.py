@@ -8,14 +8,13 @@ from __future__ import annotations
 import re
 from typing import Literal
 
-from cnc.model.line_effects import MOTIONS, LineKind
-from cnc.model.streams import GcodeLine
-
-Kind = Literal["plain", "writer", "system", "pause", "dwell", "spindle", "probe"]
+Kind = Literal["plain", "writer", "system", "pause", "dwell", "spindle", "probe", "mark"]
 
 MOST_CHARACTERS = 79
 """Characters of a line without its end: GRBL 1.1 keeps 80 with the final zero."""
 
+ALONE = ("writer", "system")
+"""Kinds of lines beside which no other line may be unanswered."""
 HOMING_TIME = 300.0
 RESTORING_TIME = 5.0
 """Longest time to home the machine, and to write the whole EEPROM, s."""
@@ -34,20 +33,13 @@ def bare(text: str) -> str:
     return _REMARK.sub("", text).upper()
 
 
-def kind_of_line(line: GcodeLine) -> Kind:
-    """Return the kind of a line; its motion is known where the line carries it."""
-    if line.effect is not None and line.effect.kind in MOTIONS:
-        return "probe" if line.effect.kind is LineKind.PROBE else "plain"
-    return kind_of(line.text)
-
-
 def kind_of(text: str) -> Kind:
     """Return the kind of a line.
 
     A *writer* writes to EEPROM, when the board loses bytes. A *system* command mostly needs a board
     at rest. No other line may be unanswered at the same time as one of these. During a *dwell*, a
     *spindle* or coolant command and a *probe* nothing is answered for a time, during a *pause*
-    until the operator resumes.
+    until the operator resumes. (A *mark* is the protocol's own.)
     """
     line = bare(text)
     if line.startswith("$"):

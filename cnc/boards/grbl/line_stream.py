@@ -10,9 +10,11 @@ from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
+from cnc.boards.grbl.answer_gathering import AnswerGathering
 from cnc.boards.grbl.events import Confirmed, Event, Reported, Started
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
-from cnc.boards.grbl.line_kinds import Kind, bare
+from cnc.boards.grbl.line_groups import LineGroup
+from cnc.boards.grbl.line_kinds import ALONE, MOST_CHARACTERS, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
@@ -21,37 +23,11 @@ from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
 
 WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
 POLL_AT_REST = 0.05
 """Seconds between two ``?`` while the machine comes to rest."""
-GATHERING = 0.5
-"""Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
-of the answers to this computer, and its late wake-ups. One line may wait for space.
-"""
-SLOWER_THAN_WIRE = 1.3
-"""Time between answers, in times of a line on the wire, above which the board takes longer for a
-line than the wire. Answers gather only there.
-"""
-FEW_ARRIVED = 2.5
-"""Unanswered lines that have arrived at such a board. Fewer are not enough to let answers gather.
-"""
-LONGEST_GATHERING = 0.02
-"""Limit on that time, s."""
-SHORTEST_GATHERING = 0.002
-"""Time below which waiting is not worth its while, s."""
-SPARE = 0.0015
-"""Time before the wire is idle at which waiting ends, s; the mean lateness of wake-ups is added.
-A single late wake-up, which a busy computer has now and then, says nothing about the next.
-"""
-LATE_WEIGHT = 0.3
-"""Weight of the last wake-up in that mean."""
-BEHIND_REPORT = 0.8
-"""Share of the gathering while answers may wait behind a report or the answer to a mark."""
-REPORT = 40
-"""Fewest bytes of these."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
@@ -68,6 +44,8 @@ class LineStream:
         link: The link to the board.
         monitor: Finds faults in what the board reports.
         state: ``idle``, ``running`` or ``stopped``.
+        sent: Lines sent since :meth:`begin`.
+        began: Time of the first of them that does more than change modes, s; None without one.
         probed: Contact position of the last probe in mm, and 1 or 0 for contact or none.
         rested_at: Time of the report that last showed the machine at rest, s.
         wait: Longest wait for the board, s, until the operator's requests are served.
@@ -77,14 +55,15 @@ class LineStream:
         self.link = link
         self.monitor = FaultMonitor(link.protocol)
         self.state = "idle"
+        self.sent = 0
+        self.began: float | None = None
         self.probed: tuple[float, ...] | None = None
         self.rested_at = 0.0
         self._control = Control()
         self._requests: OperatorRequests | None = None
         self._on_report: OnReport | None = None
         self._marked_at = 0.0
-        self._asked = False
-        self._late = 0.0
+        self._gathering = AnswerGathering(link.wire)
         self.wait = WAIT
 
     @property
@@ -121,87 +100,93 @@ class LineStream:
             offset: Work offset that the board adds to the numbers of a line, mm.
             moves: Whether lines move the machine.
         """
+        self.sent, self.began = 0, None
         self.link.protocol.begin_program()
         self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
         self._set_first_override()
 
-    def send(self, line: GcodeLine, kind: Kind) -> bool:
-        """Send a line as soon as there is space for it.
+    def send(self, group: LineGroup) -> bool:
+        """Send the lines of a group, each as soon as there is space for it.
 
         Returns:
-            Whether it was sent; not when the operator stops the run.
+            Whether all were sent; not when the operator stops the run.
 
         Raises:
-            BoardError: ``board-locked``, or any fault that is found meanwhile.
+            BoardError: ``line-too-long``, ``board-locked``, or any fault that is found meanwhile.
         """
-        link, monitor, text = self.link, self.monitor, line.text
-        protocol, liveness = link.protocol, monitor.liveness
-        if kind in ("writer", "system"):
+        if len(group) == 1 and len(group.text) > MOST_CHARACTERS + 1:
+            length = len(group.text) - 1
+            message = f"a line has {length} characters; the board accepts {MOST_CHARACTERS}"
+            raise self.stopped_by(board_error("line-too-long", message, line=group.lines[0]))
+        if group.kind in ALONE:
             self.rest()
         if self.stopping:
             return False
-        if link.status is not None and link.status.state == "Alarm":
-            self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
-        while (
-            protocol.waiting >= liveness.max_waiting
-            or (monitor.moves and monitor.far_ahead(link.status))
-            or not (data := protocol.offer(text, line.line, kind))
-        ):
-            self._await_answers()
-            if self.stopping:
-                return False
-        if kind == "probe":
+        status = self.link.status
+        if status is not None and status.state == "Alarm":
+            unlocks = bare(group.text)[:2] in ("$H", "$X")
+            self.refuse_if_locked(group.lines[0], unless=unlocks)
+        if group.kind == "probe":
             self.probed = None
-        now = link.now()
-        monitor.sending(line, now)
-        link.queue(data)
-        if (
-            protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
-        ) and protocol.mark_fits():
-            self._mark()
-        if now >= link.poll_at:
-            self.serve(0.0)
-        return True
+        return self._send_as_space_comes(group)
+
+    def _send_as_space_comes(self, group: LineGroup) -> bool:
+        """Send the lines of a group; return whether all were sent."""
+        link, monitor, protocol = self.link, self.monitor, self.link.protocol
+        monitor.prepare(group)
+        done, count, control = 0, len(group), self._control
+        while True:
+            most = protocol.room(group, done, monitor.liveness.max_waiting)
+            if most and monitor.moves:
+                most = monitor.near(most, link.status)
+            if most:
+                now = link.now()
+                if not protocol.unanswered.count:
+                    monitor.liveness.begin(now)
+                if self.began is None and group.acts:
+                    self.began = now
+                link.queued += protocol.send(group, done, done + most)
+                if monitor.moves:
+                    monitor.tracker.send(most)
+                self.sent += most
+                done += most
+                if (
+                    protocol.unmarked >= MARK_LINES or now - self._marked_at > MARK_TIME
+                ) and protocol.mark_fits():
+                    self._mark()
+                if now >= link.poll_at:
+                    self.serve(0.0)
+                if done == count:
+                    return True
+            self._await_answers()
+            if control.stopped:
+                return False
 
     def _await_answers(self) -> None:
-        """Receive; where answers come fast, let some gather, which saves most of the CPU time.
-
-        The board meanwhile reads the lines that wait in its buffer. A wire that brings lines more
-        slowly than the board reads them is not left idle: no answers gather, and the first answer
-        after a long move is served at once. A report makes answers late: behind it, more lines are
-        answered than is known.
-        """
-        link, interval = self.link, self.monitor.liveness.interval
-        protocol, wire = link.protocol, link.wire
+        """Receive; where answers come fast, let some gather, which saves most of the CPU time."""
+        link, protocol = self.link, self.link.protocol
         try:
-            link.write_queued()
+            if link.queued:
+                link.write(b"")
         except PortLost as error:
             raise self._port_lost(error) from error
-        waiting, now = protocol.waiting, link.now()
-        busy = wire.busy(now)
-        on_one_line = wire.time_of(protocol.used) / max(waiting, 1)
-        behind = self._asked
-        self._asked = link.asked or protocol.marked
-        behind = behind or self._asked
-        # As long as the wire is busy, lines that are sent now would only wait for it.
-        pause = busy - SPARE - self._late
-        slow = interval > SLOWER_THAN_WIRE * on_one_line
-        if slow and busy <= (waiting - FEW_ARRIVED) * on_one_line:
-            part = BEHIND_REPORT * GATHERING if behind else GATHERING
-            pause = max(pause, part * (waiting - 1) * interval)
-        if behind and protocol.partial[:1] in (b"<", b"["):
-            # No answer comes before the end of the message.
-            pause = max(pause, wire.time_of(REPORT - len(protocol.partial)))
-        if pause >= SHORTEST_GATHERING and interval < LONGEST_GATHERING:
-            pause = min(pause, LONGEST_GATHERING)
+        now = link.now()
+        pause = self._gathering.pause(
+            protocol.unanswered,
+            self.monitor.liveness.interval,
+            protocol.messages.partial,
+            now,
+            asked=link.asked_at is not None or protocol.marked,
+        )
+        if pause:
             link.clock.sleep(pause)
-            self._late += LATE_WEIGHT * (link.now() - now - pause - self._late)
+            self._gathering.woken(link.now() - now - pause)
         self.serve(self.wait)
 
-    def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
+    def refuse_if_locked(self, line: int, *, unless: bool = False) -> None:
         """Raise BoardError ``board-locked`` while the board is in alarm."""
         if self.status.state == "Alarm" and not unless:
-            raise self.stopped_by(faults.locked(line.line))
+            raise self.stopped_by(faults.locked(line))
 
     def drain(self) -> None:
         """Wait until every line has been answered, or the operator stops the run."""
@@ -268,20 +253,19 @@ class LineStream:
         now = link.now()
         confirmed = 0
         for event in events:
-            # At the wire's full rate nearly all are answers, which cost least together.
             if type(event) is Confirmed:
                 confirmed += event.count
-                continue
-            if confirmed:
-                self.monitor.confirmed(confirmed, now)
-                confirmed = 0
-            self.receive(event, now)
-        if confirmed:
-            # A board that answers is alive.
-            self.monitor.confirmed(confirmed, now)
-        else:
+                self.monitor.liveness.answered(now, event.count)
+            else:
+                self.receive(event, now)
+        # A board that answers is alive.
+        if not confirmed:
             self._check_liveness(now)
-        self._serve_operator()
+        requests = self._requests
+        if requests is not None and not self._control.stopped and self.state == "running":
+            data = requests.commands(self.status, link.status_at, now)
+            if data:
+                self.write(data)
 
     def receive(self, event: Event, now: float) -> None:
         """Take in an event of the board other than Confirmed; BoardError for a fault.
@@ -345,14 +329,6 @@ class LineStream:
         if fault is not None:
             raise self.stopped_by(fault)
 
-    def _serve_operator(self) -> None:
-        """Turn the operator's requests into real-time commands."""
-        requests, link = self._requests, self.link
-        if requests is not None and not self.stopping and self.state == "running":
-            data = requests.commands(self.status, link.status_at, link.now())
-            if data:
-                self.write(data)
-
     def _set_first_override(self) -> None:
         """Set the operator's first overrides before anything moves; a board begins with 100."""
         requests, link = self._requests, self.link
@@ -373,7 +349,7 @@ class LineStream:
     def _mark(self) -> None:
         self._marked_at = self.link.now()
         self.monitor.liveness.marked(self._marked_at)
-        self.link.queue(self.link.protocol.mark())
+        self.link.queued += self.link.protocol.mark()
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
         """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""

@@ -18,10 +18,10 @@ from cnc.boards.grbl.events import (
     Event,
     Rejected,
     Reported,
-    SentLine,
     Started,
     UnexpectedReply,
 )
+from cnc.boards.grbl.line_groups import LineGroup, single
 from cnc.boards.grbl.messages import Feedback, Firmware, Other, Setting, Welcome
 from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
@@ -68,6 +68,9 @@ class GrblLink:
     Attributes:
         now: Returns the present time, s.
         poll_at: Time of the next ``?``, s.
+        asked_at: Time of the oldest unanswered ``?``, s, or of an answer to a line since; None
+            without one.
+        queued: Bytes to write with the next ones, or before the next :meth:`pump`.
         info: Firmware, settings and offsets of the board.
         status: The last status report.
         status_at: Time of that report, s.
@@ -87,32 +90,27 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.position_lost = self._moved = self.greeted_unasked = False
-        self._queued = b""
-        self._port = LoggedPort(port, name, log, text=True)
+        self.queued = b""
+        self._logged = LoggedPort(port, name, log, text=True)
+        self._port: Port = self._logged if self._logged.logs else port
         self.poll_at = 0.0
-        self._unanswered_since: float | None = None
+        self.asked_at: float | None = None
         self._alarms: list[int] = []
-        self._writer: SentLine | None = None
+        self._writer: LineGroup | None = None
         self._writing_until = 0.0
 
     def listen_to_lines(self, on_line: Callable[[str, str], None] | None) -> None:
         """Call a function with direction (``->``, ``<-``) and text of each line; None ends it."""
-        self._port.on_line = on_line
-
-    def queue(self, data: bytes) -> None:
-        """Write with the next bytes, or before the next :meth:`pump`."""
-        self._queued += data
+        self._logged.on_line = on_line
+        self._port = self._logged if self._logged.logs else self._logged.port
 
     def write(self, data: bytes) -> None:
         """Write at once, behind what is queued; PortLost."""
-        data, self._queued = self._queued + data, b""
-        self.wire.written(len(data), self.clock.now())
-        self._port.write(data.translate(ABOVE_ASCII) if self.info.commands_above_ascii else data)
-
-    def write_queued(self) -> None:
-        """Write what is queued; PortLost."""
-        if self._queued:
-            self.write(b"")
+        if data and self.info.commands_above_ascii:
+            data = data.translate(ABOVE_ASCII)
+        data, self.queued = self.queued + data, b""
+        self.wire.written(len(data), self.now())
+        self._port.write(data)
 
     def send_realtime(self, command: RealTime) -> None:
         """Send a real-time command, which overtakes all lines."""
@@ -140,13 +138,19 @@ class GrblLink:
         if now >= self.poll_at and not self._writing(now):
             self.write(b"?")
             self.poll_at = now + poll
-            if self._unanswered_since is None:
-                self._unanswered_since = now
-        elif self._queued:
+            if self.asked_at is None:
+                self.asked_at = now
+        elif self.queued:
             self.write(b"")
         data = self._port.read(timeout)
-        events = self._received(data) if data else []
-        asked = self._unanswered_since
+        events = self.protocol.receive(data) if data else []
+        for event in events:
+            if type(event) is not Confirmed:
+                self._note(event)
+            elif self.asked_at is not None:
+                # The board is alive; it does not listen while it homes.
+                self.asked_at = self.now()
+        asked = self.asked_at
         # Noise does not count as an answer.
         if (
             asked is not None
@@ -156,18 +160,13 @@ class GrblLink:
             raise faults.silent(self.name)
         return events
 
-    @property
-    def asked(self) -> bool:
-        """Whether a ``?`` is unanswered."""
-        return self._unanswered_since is not None
-
     def raise_lines(self) -> bool:
         """Raise DTR, which resets some boards; return whether it was down."""
         return self._port.raise_lines()
 
     def listen(self, timeout: float) -> list[Event]:
         """Receive as :meth:`pump` does. Silence is no fault here."""
-        self._unanswered_since = None
+        self.asked_at = None
         return self.pump(timeout)
 
     def poll_now(self) -> None:
@@ -181,7 +180,7 @@ class GrblLink:
         """
         deadline = self.clock.now() + timeout
         while (left := deadline - self.clock.now()) > 0:
-            self._unanswered_since = None
+            self.asked_at = None
             for event in self.pump(min(left, POLL_FAST)):
                 if done(event):
                     return True
@@ -213,7 +212,7 @@ class GrblLink:
 
         if self.protocol.state is not State.READY:
             raise _ReconnectError(faults.restarted(0).diagnostic)
-        self.write(self.protocol.send(command, 0))
+        self.write(self.protocol.send(single(command, 0)))
         if not self.until(done, patience):
             hint = (
                 "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 "
@@ -304,7 +303,7 @@ class GrblLink:
             A fault that occurs meanwhile: an alarm, or no confirmation of the stop.
         """
         self._alarms.clear()
-        self._queued = b""
+        self.queued = b""
         try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
@@ -322,7 +321,7 @@ class GrblLink:
 
     def drop(self) -> None:
         """Send hold and reset to a board that no longer answers, until it greets or time is up."""
-        self._queued = b""
+        self.queued = b""
         with contextlib.suppress(BoardError):
             for _ in range(DROP_ATTEMPTS):
                 self.send_realtime(RealTime.HOLD)
@@ -330,38 +329,34 @@ class GrblLink:
                 if self.until(lambda event: isinstance(event, Started), POLL_FAST):
                     return
 
-    def _received(self, data: bytes) -> list[Event]:
-        for event in (events := self.protocol.receive(data)):
-            if isinstance(event, Reported):
-                # An alarm whose message was lost may be any.
-                self.position_lost |= self._moved and event.status.locked
-                self._moved = not event.status.at_rest
-                self.status, self.status_at = event.status, self.clock.now()
-                self._unanswered_since = None
-            elif isinstance(event, Confirmed) and self._unanswered_since is not None:
-                # The board is alive; it does not listen while it homes.
-                self._unanswered_since = self.clock.now()
-            elif isinstance(event, Alarmed):
-                log.warning("%s: alarm %d", self.name, event.code)
-                self.alarm, self._moved = event.code, False
-                self.position_lost |= loses_position(event.code, self.info.kind)
-                self._alarms.append(event.code)
-            elif isinstance(event, Started):
-                log.info("%s: the board has started", self.name)
-                self.alarm = None
-                self._unanswered_since = None
-        return events
+    def _note(self, event: Event) -> None:
+        """Note what an event tells about the board."""
+        if isinstance(event, Reported):
+            # An alarm whose message was lost may be any.
+            self.position_lost |= self._moved and event.status.locked
+            self._moved = not event.status.at_rest
+            self.status, self.status_at = event.status, self.now()
+            self.asked_at = None
+        elif isinstance(event, Alarmed):
+            log.warning("%s: alarm %d", self.name, event.code)
+            self.alarm, self._moved = event.code, False
+            self.position_lost |= loses_position(event.code, self.info.kind)
+            self._alarms.append(event.code)
+        elif isinstance(event, Started):
+            log.info("%s: the board has started", self.name)
+            self.alarm = None
+            self.asked_at = None
 
     def _writing(self, now: float) -> bool:
         """Return whether the board may be writing to its EEPROM, when it loses bytes.
 
         A single line is unanswered then.
         """
-        oldest = self.protocol.oldest
-        if oldest is None or oldest.kind != "writer":
+        writer = self.protocol.writer
+        if writer is None:
             return False
-        if oldest is not self._writer:
-            self._writer, self._writing_until = oldest, now + WRITING + oldest.seconds
+        if writer is not self._writer:
+            self._writer, self._writing_until = writer, now + WRITING + writer.seconds
         return now < self._writing_until
 
     def _patience(self) -> float:
@@ -382,7 +377,7 @@ class GrblLink:
                 # A byte may be lost while the board writes to its EEPROM.
                 self.send_realtime(RealTime.HOLD)
                 again = now + 0.3
-            self._unanswered_since = None
+            self.asked_at = None
             for event in self.pump(POLL_FAST, POLL_FAST):
                 if isinstance(event, Alarmed):
                     return

@@ -55,6 +55,7 @@ class LivenessMonitor:
         max_waiting: Lines that may be unanswered: as many as were answered lately in AHEAD s. A
             board with a full planner answers one line for each move. So long moves leave few lines
             in its receive buffer, and short moves as many as fit.
+        answered_at: Time of the last answer, s.
         interval: Average time between two answers, s: lately, or over a longer time if that is
             less. A long move does not raise it by much.
     """
@@ -63,7 +64,7 @@ class LivenessMonitor:
         self.max_waiting = FEWEST_WAITING
         self.interval = self._interval = self._lasting = 0.0
         self._gap, self._read, self._before = 0.0, 0, (0.0, 0.0)
-        self._answered_at = self._marked_at = 0.0
+        self.answered_at = self._marked_at = 0.0
         self._quiet_since = 0.0
         self._moved_at = 0.0
         self._reported_at = 0.0
@@ -73,13 +74,13 @@ class LivenessMonitor:
     def begin(self, now: float) -> None:
         """Note that a line is sent after a time without lines."""
         self._gap, self._read = 0.0, 0
-        self._answered_at = self._quiet_since = self._moved_at = now
+        self.answered_at = self._quiet_since = self._moved_at = now
 
     def answered(self, now: float, count: int = 1) -> None:
         """Note ``count`` answers; those that were read together have the same time."""
-        if now > self._answered_at or not self._read:
+        if now > self.answered_at or not self._read:
             self._before = self._interval, self._lasting
-            self._gap, self._read = min(now - self._answered_at, AHEAD), 0
+            self._gap, self._read = min(now - self.answered_at, AHEAD), 0
         self._read += count
         each, (short, long) = self._gap / self._read, self._before
         self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
@@ -87,7 +88,7 @@ class LivenessMonitor:
         self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read
         self.interval = min(self._interval, self._lasting)
         self.max_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._interval, 1e-6)))
-        self._answered_at = self._quiet_since = self._moved_at = now
+        self.answered_at = self._quiet_since = self._moved_at = now
 
     def reported(self, status: Status, now: float) -> None:
         """Note a status report."""
@@ -107,7 +108,7 @@ class LivenessMonitor:
 
     def answer_due(self, now: float) -> bool:
         """Return whether a mark should ask for an answer; a busy board is not harmed by it."""
-        return now - self._answered_at > MARK_PAUSE
+        return now - self.answered_at > MARK_PAUSE
 
     def fault(self, oldest: SentLine | None, line: int, now: float) -> BoardError | None:
         """Return the fault that missing answers show; None without one.
@@ -120,7 +121,10 @@ class LivenessMonitor:
         seconds = 0.0
         if oldest is not None:
             line, seconds = oldest.line, oldest.seconds
-            if oldest.mark and now - max(self._marked_at, self._answered_at) > MARK_PATIENCE:
+            if (
+                oldest.kind == "mark"
+                and now - max(self._marked_at, self.answered_at) > MARK_PATIENCE
+            ):
                 return faults.question_lost(line)
             # GRBL reports nothing while it homes: a report means that it does not home.
             patience = (

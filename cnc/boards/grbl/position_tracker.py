@@ -28,18 +28,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from operator import sub
 
-from cnc.boards.grbl.tracked_moves import (
-    FULL_TURN,
-    ArcMove,
-    AxisLimits,
-    Move,
-    Point,
-    StraightMove,
-)
-from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind
-from cnc.model.streams import GcodeLine
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.grbl.group_moves import GroupMoves, moves_of
+from cnc.boards.grbl.tracked_moves import AxisLimits, Move, Point
+from cnc.model.line_effects import KINDS, MOTIONS, LineKind
 
 TOLERANCE = 0.03
 """mm that a reported position may be off by decimals and rounding. The board's steps and its chords
@@ -47,8 +42,6 @@ of arcs are added.
 """
 SPARE_MOVES = 4
 """Moves that are kept beside those that planner and receive buffer can hold."""
-PLANES = ((0, 1), (2, 0), (1, 2))
-"""Columns of the two axes of each plane: XY, ZX, YZ."""
 
 
 class PositionTracker:
@@ -81,7 +74,10 @@ class PositionTracker:
         self._seconds = 0.0
         self._reported = (0, 0.0)
         self._at: Point | None = None
-        self._direction: Sequence[float] | None = None
+        self._direction: tuple[float, ...] | None = None
+        self._kind: LineKind | None = None
+        self._prepared: GroupMoves | None = None
+        self._next = 0
         self._may_end_early = self._unknown = False
 
     def begin(self, position: Sequence[float]) -> None:
@@ -91,7 +87,7 @@ class PositionTracker:
         self._traverses.clear()
         self._passed = self._seconds = self._traversing = 0.0
         self._reported = (0, 0.0)
-        self._direction = None
+        self._direction = self._prepared = None
         self._may_end_early = self._unknown = False
         self._at = tuple(position)
 
@@ -120,20 +116,61 @@ class PositionTracker:
         """Source line of the present move; 0 where it is not known."""
         return self._moves[0].line if self._moves else 0
 
-    def send(self, line: GcodeLine) -> None:
-        """Note a line that was sent."""
-        self._sent += 1
+    def prepare(self, rows: NDArray[np.void]) -> None:
+        """Note lines that will be sent next: motions, or a single line of another kind.
+
+        Args:
+            rows: Source line and effect of each, see :func:`cnc.model.line_effects.row_type`.
+        """
+        self._kind, self._next, self._prepared = KINDS[rows["kind"][0]], 0, None
+        if self._at is not None and not self._unknown and self._kind in MOTIONS:
+            self._prepared = moves_of(rows, self._at, self._direction, self._offset, self._limits)
+            self._direction = self._prepared.direction
+
+    def within(self, limit: float, most: int, feed: float, rapid: float) -> int:
+        """Return how many of the prepared lines may be sent, until the motion ahead is enough.
+
+        Args:
+            limit: Motion ahead that is enough, s.
+            most: Most lines that may be sent.
+            feed: Override of feeds, per cent.
+            rapid: Override of traverses, per cent.
+        """
+        ahead = self.seconds_at(feed, rapid)
+        group = self._prepared
+        for number in range(most):
+            if ahead > limit:
+                return number
+            if group is not None:
+                line = self._next + number
+                for move in range(group.before[line], group.before[line + 1]):
+                    traverse = group.traverses[move]
+                    ahead += (group.seconds[move] - traverse) * 100.0 / feed
+                    ahead += traverse * 100.0 / rapid
+        return most
+
+    def send(self, count: int) -> None:
+        """Note that the next ``count`` of the prepared lines were sent."""
+        group, first = self._prepared, self._next
+        sent, self._sent = self._sent, self._sent + count
         if self._at is None or self._unknown:
             return
-        effect = line.effect
-        if effect is None:
-            self._unknown = True
-        elif effect.kind in MOTIONS:
-            self._may_end_early = effect.kind is LineKind.PROBE
-            self._add(line.line, effect)
-        else:
+        if group is None:
+            self._unknown = self._kind is None
             # The board comes to rest before most lines without motion.
             self._direction = None
+            return
+        self._next = end = first + count
+        self._may_end_early = self._kind is LineKind.PROBE
+        self._at = group.ends[end - 1]
+        some = slice(group.before[first], group.before[end])
+        if not self._moves:
+            self._seconds = self._traversing = 0.0
+        self._seconds += sum(group.seconds[some])
+        self._traversing += sum(group.traverses[some])
+        self._moves.extend(group.moves[some])
+        self._traverses.extend(group.traverses[some])
+        self._numbers.extend([sent + line - first for line in group.lines[some]])
 
     def off(self, position: Sequence[float], waiting: int) -> float:
         """Return how far a reported position is from the moves ahead.
@@ -148,14 +185,14 @@ class PositionTracker:
         if self._at is None or len(position) != len(self._at):
             return 0.0
         # Twice, because moves of length 0 take no place in the planner.
-        while len(self._moves) > 2 * self._planner + waiting + SPARE_MOVES:
-            self._drop_first()
+        kept = 2 * self._planner + waiting + SPARE_MOVES
+        if len(self._moves) > kept:
+            self._drop(len(self._moves) - kept)
         point = tuple(position)
         found, closest = self._find(point, self._reported)
         if found is not None:
             over, self._reported = self._reported, found
-            for _ in range(over[0]):
-                self._drop_first()
+            self._drop(over[0])
             self._passed = over[1]
             return 0.0
         # The report before may have been wrong.
@@ -193,8 +230,7 @@ class PositionTracker:
         distance = math.dist(position, self._at)
         if distance > self._tolerance:
             return distance
-        while self._moves:
-            self._drop_first()
+        self._drop(len(self._moves))
         return 0.0
 
     def _find(
@@ -220,63 +256,14 @@ class PositionTracker:
             closest, distance
         )
 
-    def _drop_first(self) -> None:
-        """Forget the first move, which is over."""
-        self._seconds -= self._moves.popleft().seconds
-        self._traversing -= self._traverses.popleft()
-        self._numbers.popleft()
+    def _drop(self, count: int) -> None:
+        """Forget the first ``count`` moves, which are over."""
+        if not count:
+            return
+        for _ in range(count):
+            self._seconds -= self._moves.popleft().seconds
+            self._traversing -= self._traverses.popleft()
+            self._numbers.popleft()
         self._passed = 0.0
         number, part = self._reported
-        self._reported = (number - 1, part) if number else (0, 0.0)
-
-    def _add(self, line: int, effect: LineEffect) -> None:
-        assert self._at is not None
-        start, target = self._at, effect.target
-        # NaN, an axis that the line does not name, differs from itself.
-        named = [
-            wanted + offset if wanted == wanted else place
-            for wanted, offset, place in zip(target, self._offset, start, strict=False)
-        ]
-        end = self._at = (*named, *start[len(named) :])
-        move: Move
-        if effect.kind in ARCS:
-            move = self._arc(line, start, end, effect)
-            self._direction = None
-        else:
-            length = math.dist(start, end)
-            if not length:
-                return
-            inverse = 1.0 / length
-            direction = [change * inverse for change in map(sub, end, start)]
-            feed = math.inf if effect.kind is LineKind.RAPID else effect.feed
-            seconds = self._limits.time(length, direction, feed, self._direction)
-            move = StraightMove(line, start, end, length, seconds)
-            self._direction = direction
-        traverse = move.seconds if effect.kind is LineKind.RAPID else 0.0
-        self._seconds = self._seconds + move.seconds if self._moves else move.seconds
-        self._traversing = self._traversing + traverse if self._moves else traverse
-        self._traverses.append(traverse)
-        self._moves.append(move)
-        self._numbers.append(self._sent - 1)
-
-    def _arc(self, line: int, start: Point, end: Point, effect: LineEffect) -> ArcMove:
-        i, j = PLANES[effect.plane]
-        center = start[i] + effect.center[0], start[j] + effect.center[1]
-        counterclockwise = effect.kind is LineKind.COUNTERCLOCKWISE
-        radius = math.dist((start[i], start[j]), center)
-        first = math.atan2(start[j] - center[1], start[i] - center[0])
-        turn = (math.atan2(end[j] - center[1], end[i] - center[0]) - first) % math.tau
-        if not counterclockwise:
-            turn -= math.tau
-        if abs(turn) < FULL_TURN:
-            turn += math.tau if counterclockwise else -math.tau
-        rates = self._limits.rates
-        speed = min(effect.feed, rates[i], rates[j]) if max(i, j) < len(rates) else effect.feed
-        across = [
-            b - a
-            for column, (a, b) in enumerate(zip(start, end, strict=True))
-            if column not in (i, j)
-        ]
-        length = math.hypot(radius * turn, *across)
-        seconds = length / speed if speed else 0.0
-        return ArcMove(line, start, end, seconds, (i, j), center, radius, first, turn)
+        self._reported = (number - count, part) if number >= count else (0, 0.0)

@@ -35,7 +35,8 @@ empty one. The reset ends both, so answers before it are ignored.
 from __future__ import annotations
 
 import re
-from collections import deque
+import sys
+from bisect import bisect_right
 from collections.abc import Mapping
 from enum import Enum
 
@@ -50,9 +51,9 @@ from cnc.boards.grbl.events import (
     SentLine,
     Started,
     UnexpectedReply,
-    new_sent_line,
 )
-from cnc.boards.grbl.line_kinds import Kind, bare, kind_of, seconds_of
+from cnc.boards.grbl.line_groups import LineGroup
+from cnc.boards.grbl.line_kinds import ALONE, bare
 from cnc.boards.grbl.messages import (
     OK,
     Alarm,
@@ -66,13 +67,12 @@ from cnc.boards.grbl.messages import (
     Welcome,
 )
 from cnc.boards.grbl.status import StatusReader
+from cnc.boards.grbl.unanswered import UnansweredLines
 
 RX_BYTES = 128
 """Receive buffer of GRBL 1.1 on an AVR; every board has that much."""
-ANSWER = b"ok\r\n"
-MARK = "$G"
-MARK_BYTES = len(MARK) + 1
-
+MARK = "$G\n"
+MARK_BYTES = len(MARK)
 
 ROUNDED = 1.0
 """mm/min, rev/min: the board reports feed and speed as whole numbers."""
@@ -138,10 +138,12 @@ class GrblProtocol:
     that order.
 
     Attributes:
+        messages: Assembles the messages of the board.
+        unanswered: The lines that are not answered.
         firmware: The firmware: by its welcome, or by its answers if it is grblHAL that greets as
             GRBL.
-        used: Bytes of the unanswered lines.
         unmarked: Number of lines since the last mark.
+        marked: Whether a mark is unanswered.
     """
 
     def __init__(self) -> None:
@@ -149,10 +151,10 @@ class GrblProtocol:
         self.rx_bytes = RX_BYTES
         self.status_reader = StatusReader()
         self.confirmed_line = 0
-        self._messages = Messages()
-        self.used = self.unmarked = 0
-        self._unanswered: deque[SentLine] = deque()
-        self._marked = self._mark_seen = False
+        self.messages = Messages()
+        self.unmarked = 0
+        self.unanswered = UnansweredLines()
+        self.marked = self._mark_seen = False
         self._verified_line = 0
         self._expected_modes: dict[str, float] = {}
         self.firmware = Firmware.GRBL
@@ -165,130 +167,124 @@ class GrblProtocol:
     @property
     def waiting(self) -> int:
         """Number of unanswered lines."""
-        return len(self._unanswered)
+        return self.unanswered.count
+
+    @property
+    def used(self) -> int:
+        """Bytes of the unanswered lines."""
+        return self.unanswered.bytes
 
     @property
     def oldest(self) -> SentLine | None:
         """The line that is answered next."""
-        return self._unanswered[0] if self._unanswered else None
+        return self.unanswered.oldest
 
     @property
-    def marked(self) -> bool:
-        """Whether a mark is unanswered."""
-        return self._marked
+    def writer(self) -> LineGroup | None:
+        """The line that the board may be writing to its EEPROM now."""
+        oldest = self.unanswered.oldest_group
+        return oldest if oldest is not None and oldest.kind == "writer" else None
 
-    @property
-    def partial(self) -> bytes:
-        """The bytes of a message that has not ended yet."""
-        return self._messages.partial
+    def room(self, group: LineGroup, first: int = 0, most: int = sys.maxsize) -> int:
+        """Return how many lines of a group may be sent now.
 
-    def fits(self, text: str, kind: Kind | None = None) -> bool:
-        """Return whether a line may be sent now.
-
-        Space for a mark is kept free, and one byte of a ring buffer is never filled.
+        Space for a mark is kept free, and one byte of a ring buffer is never filled. A line of any
+        size may be sent where none is unanswered.
 
         Args:
-            text: The line.
-            kind: Its kind, where it is known.
+            group: The group.
+            first: Number of its first line that is to be sent.
+            most: Limit on the unanswered lines.
         """
-        if self.state is not State.READY:
-            return False
-        unanswered = self._unanswered
-        if not unanswered:
-            return True
-        # A writer or a system command is unanswered alone, so it is the oldest line.
-        if unanswered[0].kind in ("writer", "system") and not unanswered[0].mark:
-            return False
-        if (kind or kind_of(text)) in ("writer", "system"):
-            return False
-        return self.used + len(text) + 1 + MARK_BYTES < self.rx_bytes
+        unanswered, ends = self.unanswered, group.ends
+        count = unanswered.count
+        if self.state is not State.READY or unanswered.alone:
+            return 0
+        if count and (count >= most or group.kind in ALONE):
+            return 0
+        free = self.rx_bytes - 1 - MARK_BYTES - unanswered.bytes
+        fit = bisect_right(ends, ends[first] + free, first + 1) - 1 - first
+        return min(fit, most - count) if fit or count else 1
 
-    def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
-        """Return the bytes of a line that :meth:`fits`."""
-        data = self.offer(text, line, kind or kind_of(text))
-        if not data:
-            raise RuntimeError(f"The line {text!r} does not fit in state {self.state.name}.")
-        return data
-
-    def offer(self, text: str, line: int, kind: Kind) -> bytes:
-        """Return the bytes of a line, empty if it does not fit now."""
-        if not self.fits(text, kind):
-            return b""
+    def send(self, group: LineGroup, first: int = 0, end: int = 1) -> bytes:
+        """Return the bytes of lines of a group for which there is :meth:`room`."""
+        ends, unanswered = group.ends, self.unanswered
+        used = unanswered.bytes + ends[end] - ends[first] + MARK_BYTES
+        full = used >= self.rx_bytes or unanswered.alone or group.kind in ALONE
+        if self.state is not State.READY or (full and unanswered.count):
+            raise RuntimeError(f"{group.part(first, end)!r} does not fit in {self.state.name}.")
+        text = group.text[ends[first] : ends[end]]
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
-        seconds = seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0
-        return self._enter(new_sent_line((text, line, len(text) + 1, kind, seconds, False, None)))
+        unanswered.append(group, first, end)
+        self.unmarked += end - first
+        return text.encode("ascii")
 
     def mark_fits(self) -> bool:
         """Return whether a mark may be sent: one at a time, without writers or system lines."""
-        if (
-            self.state is not State.READY
-            or self._marked
-            or (self._unanswered and self._unanswered[-1].kind in ("writer", "system"))
-        ):
+        if self.state is not State.READY or self.marked or self.unanswered.alone:
             return False
-        return self.used + MARK_BYTES < self.rx_bytes
+        return self.unanswered.bytes + MARK_BYTES < self.rx_bytes
 
     def mark(self) -> bytes:
         """Return the bytes of a mark that fits."""
         if not self.mark_fits():
             raise RuntimeError(f"A mark does not fit in state {self.state.name}.")
-        self._marked, self._mark_seen = True, False
-        line = self._unanswered[-1].line if self._unanswered else self.confirmed_line
-        return self._enter(
-            SentLine(
-                MARK, line, MARK_BYTES, "system", mark=True, expected=dict(self._expected_modes)
-            )
-        )
+        self.marked, self._mark_seen = True, False
+        line = self.unanswered.newest_line or self.confirmed_line
+        mark = LineGroup("mark", MARK, [0, MARK_BYTES], [line])
+        self.unanswered.append(mark, 0, 1, dict(self._expected_modes))
+        self.unmarked = 0
+        return MARK.encode("ascii")
 
     def reset(self) -> bytes:
         """Return the soft reset; both sides drop the lines that are not carried out."""
         self.state = State.RESETTING
-        self._unanswered.clear()
-        self.used = self.unmarked = 0
-        self._marked = False
+        self.unanswered.clear()
+        self.unmarked = 0
+        self.marked = False
         self._expected_modes.clear()
         self.status_reader.forget()
         return RealTime.RESET.value
 
     def receive(self, data: bytes) -> list[Event]:
         """Return the events in bytes from the board."""
-        count = self._accepted(data)
-        if count:
-            return [self._confirmed(count)]
-        events = [self._event(message) for message in self._messages.receive(data)]
-        return [event for event in events if event is not None]
+        events: list[Event] = []
+        accepted = 0
+        for message in self.messages.receive(data):
+            if message is OK:
+                accepted += 1
+                continue
+            if accepted:
+                events += self._accepted(accepted)
+                accepted = 0
+            event = self._event(message)
+            if event is not None:
+                events.append(event)
+        return events + self._accepted(accepted) if accepted else events
 
-    def _enter(self, sent: SentLine) -> bytes:
-        self._unanswered.append(sent)
-        self.used += sent.size
-        self.unmarked = 0 if sent.mark else self.unmarked + 1
-        return sent.text.encode("ascii") + b"\n"
-
-    def _accepted(self, data: bytes) -> int:
-        """Return the number of lines that bytes accept; 0 if they may hold anything else.
-
-        At the full rate of the wire nearly all bytes are such answers. Those to the lines before a
-        mark are, too.
-        """
-        count = len(data) // len(ANSWER)
-        most = len(self._unanswered)
-        if self._marked:
-            most -= self.unmarked + 1
-        plain = self.state is State.READY and not self._messages.partial
-        return count if plain and count <= most and data == ANSWER * count else 0
-
-    def _confirmed(self, count: int) -> Confirmed:
-        """Return the event of ``count`` accepted lines, none of which is a mark."""
-        self._starting = False
-        for _ in range(count):
-            sent = self._unanswered.popleft()
-            self.used -= sent.size
-            self.confirmed_line = sent.line or self.confirmed_line
-        return Confirmed(sent, count)
+    def _accepted(self, count: int) -> list[Event]:
+        """Return the events of ``count`` answers that follow each other, without an error."""
+        events: list[Event] = []
+        unanswered = self.unanswered
+        while count and self.state is State.READY:
+            # The answer to a mark is checked.
+            plain = unanswered.count - (self.unmarked + 1 if self.marked else 0)
+            if plain > 0:
+                some = min(count, plain)
+                self._starting = False
+                self.confirmed_line = unanswered.drop(some) or self.confirmed_line
+                events.append(Confirmed(some))
+                count -= some
+            else:
+                event = self._answered(OK)
+                count -= 1
+                if event is not None:
+                    events.append(event)
+        return events
 
     def _event(self, message: Message) -> Event | None:
-        if message is OK or isinstance(message, Reply):
+        if isinstance(message, Reply):
             return self._answered(message) if self.state is State.READY else None
         if isinstance(message, Report):
             status = self.status_reader.read(message.text)
@@ -305,29 +301,28 @@ class GrblProtocol:
             expected = self.state is not State.READY
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
-        if isinstance(message, Feedback) and message.kind == "GC" and self._marked:
+        if isinstance(message, Feedback) and message.kind == "GC" and self.marked:
             return self._mark_answered(message.text)
         return message
 
     def _answered(self, reply: Reply) -> Event | None:
         """Return the event of a reply to the oldest line."""
         self._starting = False
-        if not self._unanswered:
+        if not self.unanswered.count:
             self.state = State.FAILED
             return UnexpectedReply(reply.error)
-        sent = self._unanswered.popleft()
-        self.used -= sent.size
-        self._marked = self._marked and not sent.mark
+        sent = self.unanswered.pop()
+        self.marked = self.marked and sent.kind != "mark"
         if reply.error:
             self.state = State.FAILED
             return Rejected(sent, reply)
-        if sent.mark:
+        if sent.kind == "mark":
             if not self._mark_seen:
                 return self._lost(sent.line)
             self._verified_line = sent.line
             return None
         self.confirmed_line = sent.line or self.confirmed_line
-        return Confirmed(sent)
+        return Confirmed()
 
     def _mark_answered(self, modes: str) -> Event | None:
         """Return the event of an answer to a mark.
@@ -336,18 +331,15 @@ class GrblProtocol:
         Otherwise bytes were lost. grblHAL and FluidNC may also report changed modes unasked, at
         any time; there a lost line shows when the mark is confirmed without an answer.
         """
-        oldest = self._unanswered[0]
-        if oldest.mark:
+        expected = self.unanswered.expected
+        if expected is not None:
             self._mark_seen = True
-            reported = dict(_MODE.findall(modes))
-            return (
-                None
-                if self._as_expected(oldest.expected or {}, reported)
-                else self._lost(oldest.line)
-            )
+            if self._as_expected(expected, dict(_MODE.findall(modes))):
+                return None
+            return self._lost(self.unanswered.marked_line)
         if self.firmware is not Firmware.GRBL:
             return None
-        return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
+        return self._lost(self.unanswered.marked_line)
 
     def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
         """Return whether feed and speed are as sent; the feed may be in inches, not on FluidNC."""

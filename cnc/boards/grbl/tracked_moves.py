@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import mul
+from operator import mul, sub
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 SHARP_TURN = 0.9
 """Cosine of the turn between two moves below which the board nearly stops between them."""
@@ -16,6 +19,7 @@ ARC_ANGULAR_TRAVEL_EPSILON).
 """
 
 Point = tuple[float, ...]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,37 +34,30 @@ class AxisLimits:
     rates: Sequence[float] = ()
     accelerations: Sequence[float] = ()
 
-    def time(
-        self,
-        length: float,
-        direction: Sequence[float],
-        feed: float,
-        before: Sequence[float] | None,
-    ) -> float:
-        """Return the seconds of a straight move, with the stop before it at a sharp turn.
+    def times(self, length: Floats, direction: Floats, feed: Floats, turn: Floats) -> Floats:
+        """Return the seconds of straight moves, with the stop before each at a sharp turn.
 
         Args:
-            length: mm.
-            direction: Unit vector.
-            feed: mm/s; infinite for a traverse.
-            before: Unit vector of the move before; None where the board rests before this one.
+            length: (n,), mm.
+            direction: Unit vectors (n, axes).
+            feed: (n,), mm/s; infinite for a traverse.
+            turn: Cosine of the turn before each (n,); -1 for a start from rest.
         """
-        speed, acceleration = feed, math.inf
-        for part, rate, most in zip(direction, self.rates, self.accelerations, strict=False):
-            size = abs(part)
-            if rate < speed * size:
-                speed = rate / size
-            if most < acceleration * size:
-                acceleration = most / size
-        if not 0.0 < speed < math.inf:
-            return 0.0
-        if before is not None and sum(map(mul, before, direction)) > SHARP_TURN:
-            return length / speed
-        return (
-            length / speed + speed / acceleration
-            if length * acceleration > speed * speed
-            else 2.0 * math.sqrt(length / acceleration)
-        )
+        size = np.abs(direction)
+        speed, acceleration = feed, np.full(len(length), math.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            limited = min(len(self.rates), len(self.accelerations), size.shape[1])
+            for column in range(limited):
+                speed = np.fmin(speed, self.rates[column] / size[:, column])
+                acceleration = np.fmin(acceleration, self.accelerations[column] / size[:, column])
+            seconds = length / speed
+            from_rest = np.where(
+                length * acceleration > speed * speed,
+                seconds + speed / acceleration,
+                2.0 * np.sqrt(length / acceleration),
+            )
+            seconds = np.where(turn > SHARP_TURN, seconds, from_rest)
+        return np.where((speed > 0.0) & (speed < math.inf), seconds, 0.0)
 
 
 class StraightMove(NamedTuple):
@@ -91,12 +88,13 @@ class StraightMove(NamedTuple):
         Returns:
             The part of the move, and the distance there in mm.
         """
-        along = sum(
-            (b - a) * (p - a) for a, b, p in zip(self.start, self.end, point, strict=True)
-        ) / (self.length * self.length)
-        part = min(max(along, after), 1.0)
-        return part, math.dist(
-            point, [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        # A move is looked at for each report, so without a function of Python for each axis.
+        gone = list(map(sub, point, self.start))
+        along = sum(map(mul, gone, map(sub, self.end, self.start)))
+        square = self.length * self.length
+        part = min(max(along / square, after), 1.0)
+        return part, math.sqrt(
+            max(sum(map(mul, gone, gone)) - part * (2.0 * along - part * square), 0.0)
         )
 
 

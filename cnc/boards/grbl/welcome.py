@@ -97,9 +97,9 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
                     reset = True
             elif isinstance(event, Other):
                 received.append(_text_of(event, link.name))
-        if received or link.protocol.partial:
+        if received or link.protocol.messages.partial:
             foreign_since = min(foreign_since, link.clock.now())
-    rest = link.protocol.partial.decode("latin-1")
+    rest = link.protocol.messages.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
 
 

@@ -15,20 +15,16 @@ class WireTime:
 
     Args:
         baud: Speed of the wire, bit/s.
+
+    Attributes:
+        byte_time: Time of a byte, s.
+        idle_from: Time from which on the wire is idle, s.
     """
 
     def __init__(self, baud: int = USUAL_BAUD) -> None:
-        self._byte_time = BITS_PER_BYTE / baud
-        self._idle_from = 0.0
+        self.byte_time = BITS_PER_BYTE / baud
+        self.idle_from = 0.0
 
     def written(self, count: int, now: float) -> None:
         """Note that ``count`` bytes were written at a time, s."""
-        self._idle_from = max(self._idle_from, now) + count * self._byte_time
-
-    def time_of(self, count: float) -> float:
-        """Return the time of ``count`` bytes, s."""
-        return count * self._byte_time
-
-    def busy(self, now: float) -> float:
-        """Return the time for which the wire is busy from a time on, s."""
-        return max(self._idle_from - now, 0.0)
+        self.idle_from = max(self.idle_from, now) + count * self.byte_time

@@ -15,6 +15,7 @@ from cnc.boards.protocols import LineSink
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, LineBoardConformance, feed
@@ -70,7 +71,7 @@ def test_real_time_bursts_do_not_overflow_the_ring() -> None:
     board = started(simulator)
     rng = random.Random(5)
     for line in lines_with_effects(mixed(share(10_000, 380), 5)):
-        board.send_line(line)
+        board.send_lines(PackedLines.of([line]))
         if rng.random() < 0.02:
             board.link.write(b"?" * 200)
     board.finish()
@@ -92,7 +93,7 @@ def test_check_mode_reaches_the_rate_of_the_wire() -> None:
     began = simulator.now
     for k in range(count):
         text = f"G1X{k % 10:.3f}Y{k % 7:.3f}F1000Z1.00000"[:25].ljust(25, "0")
-        board.send_line(GcodeLine(text, k + 2))
+        board.send_lines(PackedLines.of([GcodeLine(text, k + 2)]))
     board.stream.drain()
     rate = count / (simulator.now - began)
     assert rate >= 0.95 * 115200 / 10 / 26

@@ -17,6 +17,7 @@ from cnc.boards.grbl.events import (
     Started,
     UnexpectedReply,
 )
+from cnc.boards.grbl.line_groups import single
 from cnc.boards.grbl.line_kinds import kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     UNNUMBERED,
@@ -86,8 +87,8 @@ def test_messages_come_in_any_pieces(said: list[tuple[str, Message]], seed: int)
 def test_noise_does_not_break_the_protocol(noise: list[bytes], data: st.DataObject) -> None:
     protocol = ready()
     for piece in noise:
-        if protocol.fits("G1X1"):
-            protocol.send("G1X1", 1)
+        if protocol.room(single("G1X1", 0)):
+            protocol.send(single("G1X1", 1))
         if data.draw(st.booleans()) and protocol.mark_fits():
             protocol.mark()
         protocol.receive(piece)
@@ -116,15 +117,15 @@ def test_the_buffer_never_overflows_and_all_lines_arrive(
     sent = answered = 0
     lines = ["G1" + "X" * max(min(length, rx - 6) - 2, 0) for length in lengths]
     while answered < len(lines):
-        if sent < len(lines) and protocol.fits(lines[sent]):
-            ring.append(len(protocol.send(lines[sent], sent + 1)))
+        if sent < len(lines) and protocol.room(single(lines[sent], 0)):
+            ring.append(len(protocol.send(single(lines[sent], sent + 1))))
             sent += 1
         elif ring:
             ring.popleft()
             (event,) = protocol.receive(b"ok\r\n")
             assert isinstance(event, Confirmed)
             answered += 1
-            assert event.sent.line == answered
+            assert protocol.confirmed_line == answered
         assert sum(ring) <= rx - 1
         assert protocol.used == sum(ring)
         if ring and order.random() < 0.5:
@@ -138,8 +139,8 @@ def test_the_buffer_never_overflows_and_all_lines_arrive(
 def test_the_buffer_of_grbl_is_used_completely() -> None:
     protocol = ready()
     count = 0
-    while protocol.fits("G1X10.000Y10.000F1000Z1.0"):
-        protocol.send("G1X10.000Y10.000F1000Z1.0", count)
+    while protocol.room(single("G1X10.000Y10.000F1000Z1.0", 0)):
+        protocol.send(single("G1X10.000Y10.000F1000Z1.0", count))
         count += 1
     # 128 bytes: four lines of 26 with their ends, and a mark
     assert (count, protocol.used) == (4, 104)
@@ -148,21 +149,21 @@ def test_the_buffer_of_grbl_is_used_completely() -> None:
 
 def test_a_line_for_which_there_is_no_space_is_not_sent() -> None:
     protocol = ready()
-    while protocol.fits("G1 X1", "motion"):
-        protocol.send("G1 X1", 1)
+    while protocol.room(single("G1 X1", 0)):
+        protocol.send(single("G1 X1", 1))
     used = protocol.used
     for text in ("G1 X1", "$X"):
         with pytest.raises(RuntimeError):
-            protocol.send(text, 2)
+            protocol.send(single(text, 2))
     assert protocol.used == used
 
 
 def test_a_line_longer_than_the_buffer_is_sent_alone() -> None:
     protocol = ready()
     protocol.rx_bytes = 32
-    assert protocol.fits("X" * 70)
-    protocol.send("X" * 70, 1)
-    assert not protocol.fits("X")
+    assert protocol.room(single("X" * 70, 0))
+    protocol.send(single("X" * 70, 1))
+    assert not protocol.room(single("X", 0))
 
 
 @pytest.mark.parametrize(
@@ -218,10 +219,10 @@ def test_seconds_of_a_dwell() -> None:
 def test_writers_and_system_commands_are_sent_alone(lines: list[str]) -> None:
     protocol, under_way = ready(), deque()
     for text in lines:
-        while not protocol.fits(text):
+        while not protocol.room(single(text, 0)):
             under_way.popleft()
             protocol.receive(b"ok\r\n")
-        protocol.send(text, 1)
+        protocol.send(single(text, 1))
         under_way.append(text)
         assert len(under_way) == 1 or all(kind_of(each) == "plain" for each in under_way)
 
@@ -229,20 +230,19 @@ def test_writers_and_system_commands_are_sent_alone(lines: list[str]) -> None:
 def test_an_error_belongs_to_the_oldest_line() -> None:
     protocol = ready()
     for line in (7, 8, 9):
-        protocol.send("G1X1", line)
+        protocol.send(single("G1X1", line))
     events = protocol.receive(b"ok\r\nerror:20\r\nok\r\nerror:20\r\n")
     assert isinstance(events[0], Confirmed)
-    assert events[0].sent.line == 7
     assert isinstance(events[1], Rejected)
     assert (events[1].sent.line, events[1].reply) == (8, Reply(20))
     assert len(events) == 2
-    assert not protocol.fits("G1X1")
+    assert not protocol.room(single("G1X1", 0))
     assert protocol.confirmed_line == 7
 
 
 def test_a_late_ok_after_the_reset_is_not_counted() -> None:
     protocol = ready()
-    protocol.send("G1X1", 1)
+    protocol.send(single("G1X1", 1))
     protocol.reset()
     assert protocol.receive(b"ok\r\n") == []
     assert [type(event) for event in protocol.receive(b"ALARM:3\r\n" + WELCOME)] == [
@@ -250,7 +250,7 @@ def test_a_late_ok_after_the_reset_is_not_counted() -> None:
         Started,
     ]
     assert (protocol.waiting, protocol.used) == (0, 0)
-    assert protocol.fits("G1X1")
+    assert protocol.room(single("G1X1", 0))
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_a_lost_answer_is_found_by_the_next_mark(count: int, lost: int, every: i
     protocol.rx_bytes = 4096
     found = None
     for line in range(1, count + 1):
-        protocol.send("G1X1", line)
+        protocol.send(single("G1X1", line))
         events = protocol.receive(b"" if line == lost + 1 else b"ok\r\n")
         if (line % every == 0 or line == count) and protocol.mark_fits():
             protocol.mark()
@@ -307,9 +307,9 @@ def test_a_lost_answer_is_found_by_the_next_mark(count: int, lost: int, every: i
 
 def test_a_mark_that_is_answered_in_order_shows_no_fault() -> None:
     protocol = ready()
-    protocol.send("G1 X1 F1500", 1)
+    protocol.send(single("G1 X1 F1500", 1))
     protocol.mark()
-    protocol.send("G1 X2", 2)
+    protocol.send(single("G1 X2", 2))
     assert [
         type(event) for event in protocol.receive(b"ok\r\n[GC:G1 G54 F1500 S0]\r\nok\r\nok\r\n")
     ] == [Confirmed, Confirmed]
@@ -323,7 +323,7 @@ def test_a_mark_that_is_answered_in_order_shows_no_fault() -> None:
 )
 def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
     protocol = ready()
-    protocol.send("G1 X1 F1500.4", 1)
+    protocol.send(single("G1 X1 F1500.4", 1))
     protocol.mark()
     events = protocol.receive(f"ok\r\n[GC:G1 G54 {told}]\r\nok\r\n".encode())
     assert any(isinstance(event, Lost) for event in events) is not fine
@@ -333,7 +333,7 @@ def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
 def test_a_refused_mark_is_removed(behind: bytes) -> None:
     """Half a line before it made one line of both, and the board continues."""
     protocol = ready()
-    protocol.send("G1X1", 1)
+    protocol.send(single("G1X1", 1))
     protocol.mark()
     events = protocol.receive(b"ok\r\nerror:3\r\n" + behind)
     rejected = [event for event in events if isinstance(event, Rejected)]

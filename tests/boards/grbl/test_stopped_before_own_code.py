@@ -9,6 +9,7 @@ import pytest
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.blocks import BoardCommand
 from cnc.model.operator_control import Control
+from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import GcodeLine
 from tests.boards.grbl.test_stopped_line import FIRST, PROMPT, STEP
 from tests.support.boards.grbl_rig import connected
@@ -35,7 +36,7 @@ def test_the_stopped_line_is_not_that_of_the_code(after: float) -> None:
     feed(board, PREAMBLE, *(f"G1 X{STEP * k:.2f} F200" for k in range(1, MOVES + 1)))
     # Only the board knows what the code does, so its line carries no effect.
     code = FIRST + MOVES
-    board.send_line(GcodeLine("M8", code))
+    board.send_lines(PackedLines.of([GcodeLine("M8", code)]))
     board.execute(BoardCommand("", code, text="M8"), 0)
     board.stop()
     rest = simulator.position[0]

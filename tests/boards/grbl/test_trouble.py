@@ -292,7 +292,7 @@ def test_dwells_and_spindle_starts_get_more_time() -> None:
     ):
         liveness = LivenessMonitor()
         liveness.begin(0.0)
-        sent = SentLine("", 3, 1, kind, seconds)  # type: ignore[arg-type]
+        sent = SentLine("", 3, kind, seconds)  # type: ignore[arg-type]
         for k in range(100):
             now = 0.25 * k
             liveness.reported(Status("Idle"), now)

@@ -10,6 +10,7 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
+from cnc.model.packed_lines import PackedLines
 from tests.support.boards.grbl_rig import MACHINE
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.boards.line_reader import lines_with_effects
@@ -86,7 +87,7 @@ def life(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
         board.connect_operator(control, operate)
         board.start(ORIGIN)
         for line in lines_with_effects(lines):
-            board.send_line(line)
+            board.send_lines(PackedLines.of([line]))
             if line.text.startswith("G38"):
                 board.execute(Dwell("p.nc", line.line, 0.0), 0)
         board.finish()

@@ -15,6 +15,7 @@ from cnc.boards.protocols import Capabilities, LineSink
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
+from cnc.model.packed_lines import PackedLines
 from tests.support.boards.line_reader import LineReader
 
 AXES = 3
@@ -27,8 +28,8 @@ READERS: WeakKeyDictionary[LineSink, LineReader] = WeakKeyDictionary()
 def feed(board: LineSink, *texts: str, first: int = 1) -> None:
     """Send lines with their effects, as their writer knows them."""
     reader = READERS.setdefault(board, LineReader())
-    for line, text in enumerate(texts, start=first):
-        board.send_line(reader.read(text, line))
+    lines = [reader.read(text, line) for line, text in enumerate(texts, start=first)]
+    board.send_lines(PackedLines.of(lines))
 
 
 class LineBoardConformance:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import effect_columns, rows_of
-from cnc.model.streams import GcodeLine, new_line
+from cnc.model.line_effects import rows_of
+from cnc.model.streams import GcodeLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +45,3 @@ class PackedLines:
 
     def __len__(self) -> int:
         return len(self.rows)
-
-    def __iter__(self) -> Iterator[GcodeLine]:
-        texts = iter(self.text.split("\n"))
-        # Without a function of Python for each line.
-        return chain.from_iterable(
-            map(new_line, zip(islice(texts, len(lines)), lines, effects, strict=True))
-            for lines, effects in effect_columns(self.rows)
-        )
