@@ -26,7 +26,7 @@ def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Jun
 
 
 def _junction(before: PathChunk, m: int, after: PathChunk, k: int, limits: Limits) -> Junction:
-    """Return the junction behind piece ``m`` of a chunk, with piece ``k`` of the next or its own."""
+    """Return the junction of piece ``m`` of a chunk with piece ``k`` of the same or the next."""
     if before.stop_after[m]:
         return STANDSTILL
     return piece_junction(

@@ -235,8 +235,8 @@ def chunk_intervals(
         out: space for the intervals.
 
     Returns:
-        The number of pieces that were cut, and of their intervals. ``out`` has no space for those of
-        the next piece.
+        The number of pieces that were cut, and of their intervals. Where these are not all pieces,
+        ``out`` has no space for the intervals of the next.
     """
     data = pieces.data
     sampling = empty_sampling(len(limits.axis_velocity))
