@@ -191,7 +191,7 @@ def blocks_of(case: Case) -> list[Block]:
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
     path = build(
-        blocks_of(case), axes=AXES, start=np.zeros(3), passes=Joints(case.machine).passes_corners
+        blocks_of(case), axes=AXES, start=np.zeros(3), short_legs=Joints(case.machine).short_legs
     )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]

@@ -68,7 +68,7 @@ def test_the_ends_of_rows_that_cannot_be_passed_faster_are_not_sought():
             PathMode("t.nc", 1, "blend", finishing.TOLERANCE),
             lines(points[1:], finishing.FEED),
         ]
-        path = build(blocks, axes=finishing.AXES, start=points[0], passes=True)
+        path = build(blocks, axes=finishing.AXES, start=points[0], short_legs=4)
         chunks = [item for item in ahead.plan(path) if isinstance(item, PlanChunk)]
         return int(ahead._corners._known.next[0]), chunks[-1].t0 + chunks[-1].duration
 
