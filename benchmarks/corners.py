@@ -6,8 +6,8 @@ Random polygons are made from the seed: turns of 5 to 175 degrees, legs of 0.5 t
 of 0.005 to 0.5 mm, two and three axes. The machines have limits of each axis, equal or not, limits
 along the path, or both. Each is planned under G64 P, and the duration is divided by that of the
 motion that :mod:`benchmarks.tube_optimum` finds. Where the path is limited and the polygon lies in
-the plane of x and y, :mod:`benchmarks.heading_optimum` seeks it too, and the shorter one counts.
-The solvers begin from our motion.
+the plane of x and y, :mod:`benchmarks.heading_optimum` seeks it instead. The solvers begin from our
+motion.
 
 The deviation is that of the planned motion from the polygon, relative to the tolerance. Two more
 ratios tell where time is lost:
@@ -191,7 +191,7 @@ def blocks_of(case: Case) -> list[Block]:
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
     path = build(
-        blocks_of(case), axes=AXES, start=np.zeros(3), passes=Joints(case.machine).passes_corners
+        blocks_of(case), axes=AXES, start=np.zeros(3), short_legs=Joints(case.machine).short_legs
     )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]
@@ -280,21 +280,18 @@ def run(case: Case) -> Result:
     used = np.flatnonzero(np.ptp(case.points, axis=0) > 0.0)
     guess = guess._replace(r=guess.r[:, used], v=guess.v[:, used], a=guess.a[:, used])
     tube = Tube(case.points, case.tolerance, case.feed, Limits.of(case.machine)).of_axes(used)
-    best, motion = optimum(tube, guess)
-    heading = math.inf
-    if case.family in ("path", "both") and used.tolist() == [0, 1] and len(case.points) > 2:
-        passed = np.array(times_passed(case, fine, r))
-        heading = heading_optimum.optimum(tube, fine[::2], r[::2, :2], passed)
+    planar = used.tolist() == [0, 1] and len(case.points) > 2
     along_best = math.nan
-    if best < UNKNOWN * ours:
-        route = np.zeros((len(motion.h) * len(SHARES), 3))
-        route[:, used] = states(motion, tube.points[0], SHARES)[0].reshape(-1, len(used))
-        along_best = duration_along(case, np.vstack((route, case.points[-1])))
-        best = min(best, ours, heading)
-    elif heading < UNKNOWN * ours:
-        best = min(heading, ours)
+    if case.family in ("path", "both") and planar:
+        passed = np.array(times_passed(case, fine, r))
+        best = heading_optimum.optimum(tube, fine[::2], r[::2, :2], passed)
     else:
-        best = math.nan
+        best, motion = optimum(tube, guess)
+        if best < UNKNOWN * ours:
+            route = np.zeros((len(motion.h) * len(SHARES), 3))
+            route[:, used] = states(motion, tube.points[0], SHARES)[0].reshape(-1, len(used))
+            along_best = duration_along(case, np.vstack((route, case.points[-1])))
+    best = min(best, ours) if best < UNKNOWN * ours else math.nan
     along = times_of(blocks_of(case), AXES, case.machine).t3
     return Result(case, ours, best, along, along_best, off / case.tolerance)
 

@@ -31,11 +31,29 @@ from benchmarks.tube_optimum import Tube
 
 Floats = NDArray[np.float64]
 
-STEPS = (14, 8, 14)
+COARSE, STEPS = (8, 6, 8), (18, 8, 18)
 """Steps of each leg: behind a corner, in the middle, before the next corner."""
 
-SIDE = 0.3
-"""Part of a leg's time that the outer groups take at first."""
+GROUPS = 3
+
+PARTS = 2
+"""Parts of a step that are integrated one after the other. The tube is observed at the middle and
+the end of each.
+"""
+
+TURN = 0.6
+"""Largest change of the heading in a step."""
+
+SHORTEST = 1e-3
+"""Least duration of a group, as a part of the mean of the guess."""
+
+TRIES = 3
+"""Solutions on the finer steps, each in a narrower tube."""
+
+SIDE, NEAR = 0.3, 4.0
+"""Part of a leg's time that the outer groups take at first; but no more than the ramp to the feed,
+and so many times the time by which the largest jerk moves by the tolerance.
+"""
 
 SLOWED = 1.05
 """The solver begins with the guess slowed by this."""
@@ -55,7 +73,8 @@ FINE = 8
 SLOWEST = 1e-3
 """Least speed between the ends, as a part of the feed."""
 
-ITERATIONS = 600
+ITERATIONS, LONGEST = 600, 60.0
+"""Bounds on the iterations of a solution, and on its CPU time, s."""
 CLOSE = 0.03
 """The heading is not read where the guess is slower than this part of its largest speed."""
 
@@ -81,17 +100,43 @@ class Units(NamedTuple):
     time: float
 
 
-def steps_of(passed: Floats) -> Steps:
-    """Return the steps for a guess that passes start, corners and end at these times."""
+class Solution(NamedTuple):
+    """A motion on given steps, in units of :class:`Units`.
+
+    Attributes:
+        state: (6, m + 1): x, y, heading, speed, acceleration along the path and curvature.
+        rate: (2, m): the changes of the last two.
+        span: (groups,): durations of the groups.
+    """
+
+    state: Floats
+    rate: Floats
+    span: Floats
+
+
+def time_beside_corner(tube: Tube) -> float:
+    """Return the time in which a motion turns at a corner and comes to its feed, about, s."""
+    limits = tube.limits
+    jerk = min(limits.tangential_jerk, float(limits.axis_jerk.min()))
+    pull = min(limits.tangential_acceleration, float(limits.axis_acceleration.min()))
+    ramp = tube.feed / pull + pull / jerk
+    return float(NEAR * (6.0 * tube.tolerance / jerk) ** (1.0 / 3.0) + ramp)
+
+
+def steps_of(passed: Floats, counts: tuple[int, ...], near: float) -> Steps:
+    """Return the steps for a guess that passes start, corners and end at these times.
+
+    ``counts``: steps of each group of a leg. ``near``: bound on the time of the outer groups, s.
+    """
     leg: list[int] = []
     group: list[int] = []
     t = [0.0]
     for k, (begin, end) in enumerate(pairwise(passed)):
-        side = SIDE * (end - begin)
+        side = min(SIDE * (end - begin), near)
         shares = (side, end - begin - 2.0 * side, side)
-        for g, (count, duration) in enumerate(zip(STEPS, shares, strict=True)):
+        for g, (count, duration) in enumerate(zip(counts, shares, strict=True)):
             leg += [k] * count
-            group += [3 * k + g] * count
+            group += [GROUPS * k + g] * count
             t += (t[-1] + duration * np.arange(1, count + 1) / count).tolist()
     return Steps(np.array(leg), np.array(group), np.array(t))
 
@@ -100,6 +145,15 @@ def change(x: casadi.MX, u: casadi.MX) -> casadi.MX:
     """Return the derivative of a state (x, y, heading, v, a, k) for u = (a', k')."""
     v, a, k = x[3], x[4], x[5]
     return casadi.vertcat(v * casadi.cos(x[2]), v * casadi.sin(x[2]), v * k, a, u[0], u[1])
+
+
+def advanced(x: casadi.MX, u: casadi.MX, h: casadi.MX) -> tuple[casadi.MX, casadi.MX]:
+    """Return the states in the middle and at the end of a step, by Runge and Kutta's method."""
+    first = change(x, u)
+    second = change(x + h / 2 * first, u)
+    third = change(x + h / 2 * second, u)
+    fourth = change(x + h * third, u)
+    return x + h / 2 * second, x + h / 6 * (first + 2 * second + 2 * third + fourth)
 
 
 def used(tube: Tube, unit: Units, x: casadi.MX, u: casadi.MX) -> list[tuple[casadi.MX, float, int]]:
@@ -129,7 +183,10 @@ def used(tube: Tube, unit: Units, x: casadi.MX, u: casadi.MX) -> list[tuple[casa
 
 
 def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
-    """Return the least duration that is found, s; infinity where the result does not count.
+    """Return the least duration that is found, s; infinity where no result counts.
+
+    The first solution has few steps. It is the guess for one with more. Where that leaves the tube
+    between its places, the next one is sought in a narrower tube.
 
     Args:
         tube: the constraints, of two axes.
@@ -137,30 +194,51 @@ def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
         r: (n, 2): its positions, mm.
         passed: times at which it passes start, corners and end, s.
     """
-    steps = steps_of(passed)
+    near = time_beside_corner(tube)
+    time = min(near, float(passed[-1]) / (GROUPS * (len(passed) - 1)))
+    unit = Units(max(0.3 * tube.feed * time, 3.0 * tube.tolerance), time)
+    steps = steps_of(passed, COARSE, near)
+    spans = SLOWED * np.bincount(steps.group, np.diff(steps.t)) / time
+    state = _guess(steps, t, r, unit)
+    rate = np.diff(state[4:], axis=1) / (SLOWED * np.diff(steps.t) / time)
+    guess = Solution(state, rate, spans.astype(np.float64))
+    narrow, best = INSIDE * tube.tolerance, math.inf
+    for fine in (False, *[True] * TRIES):
+        if fine:
+            guess, steps = _refined(guess, steps, steps_of(passed, STEPS, near))
+        guess = solved(tube._replace(tolerance=narrow), unit, steps, guess)
+        off, duration = checked(tube, unit, steps, guess)
+        if off <= OFF and duration < best:
+            best = duration
+        if fine and (off <= OFF or not off < math.inf):
+            break
+        if fine:
+            narrow *= INSIDE / min(off, 1.2)
+    return best
+
+
+def solved(tube: Tube, unit: Units, steps: Steps, guess: Solution) -> Solution:
+    """Return the solution of IPOPT, or its last iterate."""
     m, groups = len(steps.leg), int(steps.group[-1]) + 1
     counts = np.bincount(steps.group)
-    whole = float(passed[-1])
-    time = whole / groups
-    unit = Units(max(0.3 * tube.feed * time, 3.0 * tube.tolerance), time)
-    points, eps = tube.points / unit.length, INSIDE * tube.tolerance / unit.length
+    points, eps = tube.points / unit.length, tube.tolerance / unit.length
     opti = casadi.Opti()
     state, rate = opti.variable(6, m + 1), opti.variable(2, m)
     span = opti.variable(groups)
     opti.minimize(casadi.sum1(span))
-    opti.subject_to(span >= 1e-4)
+    opti.subject_to(span >= SHORTEST)
     for k in range(m):
         g, leg = int(steps.group[k]), int(steps.leg[k])
-        h, x, u = span[g] / counts[g], state[:, k], rate[:, k]
-        first = change(x, u)
-        second = change(x + h / 2 * first, u)
-        third = change(x + h / 2 * second, u)
-        fourth = change(x + h * third, u)
-        opti.subject_to(state[:, k + 1] == x + h / 6 * (first + 2 * second + 2 * third + fourth))
-        for place in (x, x + h / 2 * second, state[:, k + 1]):
-            for value, bound, _ in used(tube, unit, place, u):
-                opti.subject_to(opti.bounded(-bound, value, bound))
-            _hold_to_leg(opti, place, points[leg : leg + 2], eps, g % 3 == 1)
+        h, x, u = span[g] / counts[g] / PARTS, state[:, k], rate[:, k]
+        for part in range(PARTS):
+            middle, end = advanced(x, u, h)
+            for place in (middle, end) if part or k else (x, middle, end):
+                for value, bound, _ in used(tube, unit, place, u):
+                    opti.subject_to(opti.bounded(-bound, value, bound))
+                _hold_to_leg(opti, place, points[leg : leg + 2], eps, g % GROUPS == 1)
+            x = end
+        opti.subject_to(state[:, k + 1] == x)
+        opti.subject_to(opti.bounded(-TURN, state[2, k + 1] - state[2, k], TURN))
         if k:
             opti.subject_to(state[3, k] >= SLOWEST * tube.feed * unit.time / unit.length)
         if k + 1 < m and steps.leg[k + 1] > leg:
@@ -168,12 +246,14 @@ def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
     for at, end in ((0, points[0]), (m, points[-1])):
         opti.subject_to(state[:2, at] == end)
         opti.subject_to(state[3:5, at] == 0.0)
-    opti.set_initial(state, _guess(steps, t, r, unit))
-    opti.set_initial(span, SLOWED * np.bincount(steps.group, np.diff(steps.t)) / unit.time)
+    opti.set_initial(state, guess.state)
+    opti.set_initial(rate, guess.rate)
+    opti.set_initial(span, guess.span)
     settings: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
         "max_iter": ITERATIONS,
+        "max_cpu_time": LONGEST,
         "tol": 1e-5,
         "mu_init": 1e-2,
     }
@@ -181,9 +261,23 @@ def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
     opti.solver("ipopt", {"print_time": False, "expand": True}, settings)
     with suppress(RuntimeError):
         opti.solve()
-    read = opti.debug.value
-    h = np.asarray(read(span))[steps.group] / counts[steps.group]
-    return _checked(tube, unit, steps, (np.asarray(read(state)), np.asarray(read(rate)), h))
+    found = [np.array(opti.debug.value(each), np.float64) for each in (state, rate, span)]
+    return Solution(*found)
+
+
+def _refined(guess: Solution, coarse: Steps, fine: Steps) -> tuple[Solution, Steps]:
+    """Return a solution on other steps of the same groups."""
+    begin, end = _places(coarse), _places(fine)
+    state = np.array([np.interp(end, begin, row) for row in guess.state])
+    middle = 0.5 * (end[1:] + end[:-1])
+    at = np.clip(np.searchsorted(begin, middle) - 1, 0, len(coarse.leg) - 1)
+    return Solution(state, guess.rate[:, at], guess.span), fine
+
+
+def _places(steps: Steps) -> Floats:
+    """Return the ends of the steps, counted in groups (m + 1,)."""
+    counts = np.bincount(steps.group)
+    return np.concatenate(([0.0], np.cumsum(1.0 / counts[steps.group])))
 
 
 def _hold_to_leg(
@@ -236,38 +330,32 @@ def _guess(steps: Steps, t: Floats, r: Floats, unit: Units) -> Floats:
     )
 
 
-def _checked(tube: Tube, unit: Units, steps: Steps, found: tuple[Floats, Floats, Floats]) -> float:
-    """Return the duration at which all limits hold, s; infinity where the motion leaves the tube.
+def checked(tube: Tube, unit: Units, steps: Steps, found: Solution) -> tuple[float, float]:
+    """Return the largest deviation, in tolerances, and the duration at which all limits hold, s.
 
-    ``found``: states (6, m + 1), rates (2, m) and durations (m,).
+    The deviation is infinite where the integration of the solver is not accurate.
     """
-    state, rate, h = found
+    counts = np.bincount(steps.group)
+    h = found.span[steps.group] / counts[steps.group]
     x, u = casadi.MX.sym("x", 6), casadi.MX.sym("u", 2)
     size = casadi.MX.sym("h")
-    first = change(x, u)
-    second = change(x + size / 2 * first, u)
-    third = change(x + size / 2 * second, u)
-    fourth = change(x + size * third, u)
-    ahead = x + size / 6 * (first + 2 * second + 2 * third + fourth)
     parts = used(tube, unit, x, u)
-    go = casadi.Function("go", [x, u, size], [ahead])
+    go = casadi.Function("go", [x, u, size], [advanced(x, u, size)[1]])
     look = casadi.Function("look", [x, u], [casadi.vertcat(*(v / bound for v, bound, _ in parts))])
     power = 1.0 / np.array([order for *_, order in parts])
-    clock, points = 1.0, tube.points / unit.length
+    clock, points, most = 1.0, tube.points / unit.length, 0.0
     for k in range(len(h)):
-        place = state[:, k]
+        place, rate = found.state[:, k], found.rate[:, k]
         start, end = points[steps.leg[k]], points[steps.leg[k] + 1]
         along = end - start
         for part in range(FINE + 1):
-            taken = np.abs(np.asarray(look(place, rate[:, k])).ravel()) ** power
+            taken = np.abs(np.asarray(look(place, rate)).ravel()) ** power
             clock = max(clock, float(taken.max()))
             on = min(max(float((place[:2] - start) @ along / (along @ along)), 0.0), 1.0)
-            off = float(np.linalg.norm(place[:2] - start - on * along)) * unit.length
-            if not off <= OFF * tube.tolerance:
-                return math.inf
+            most = max(most, float(np.linalg.norm(place[:2] - start - on * along)))
             if part < FINE:
-                place = np.asarray(go(place, rate[:, k], h[k] / FINE)).ravel()
-        missed = float(np.abs(place[:2] - state[:2, k + 1]).max()) * unit.length
+                place = np.asarray(go(place, rate, h[k] / FINE)).ravel()
+        missed = float(np.abs(place[:2] - found.state[:2, k + 1]).max()) * unit.length
         if not missed <= MISSED * tube.tolerance:
-            return math.inf
-    return float(h.sum()) * unit.time * clock
+            return math.inf, math.inf
+    return most * unit.length / tube.tolerance, float(h.sum()) * unit.time * clock

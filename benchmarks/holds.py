@@ -98,7 +98,7 @@ def motion(program: Program, control: Control | None = None) -> Iterator[PlanChu
     machine = program.machine
     axes, start = optimum_cases.AXES, np.zeros(3)
     joints = Joints(machine)
-    path = build(program.blocks, axes=axes, start=start, passes=joints.passes_corners)
+    path = build(program.blocks, axes=axes, start=start, short_legs=joints.short_legs)
     yield from LookAhead(machine, control).plan(joints.path(path, start))
 
 

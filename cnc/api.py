@@ -113,7 +113,7 @@ def plan(
         axes=known.axis_names,
         start=start_position(known),
         tolerance=known.path.tolerance,
-        passes=joints.passes_corners,
+        short_legs=joints.short_legs,
         duration=motion_time(known),
     )
     yield from LookAhead(known).plan(joints.path(path, start_position(known)))

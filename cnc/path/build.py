@@ -61,7 +61,7 @@ def build(
     accuracy: float = 1e-12,
     tolerance: float = 0.0,
     due_times: DueTimes | None = None,
-    passes: bool = False,
+    short_legs: int | None = None,
     duration: Duration | None = None,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
@@ -73,15 +73,15 @@ def build(
         accuracy: largest error of arc length and its inverse, mm.
         tolerance: that of G64 without P, mm.
         due_times: receives the times of the blocks under G93; None for no record.
-        passes: whether the planner passes corners between straight moves within the tolerance
-            (:class:`cnc.planner.joints.Joints`). Then they stay straight.
+        short_legs: polygons under a tolerance stay straight, with up to so many vertices with short
+            legs in a row (:class:`cnc.planner.joints.Joints`); None where they become splines.
         duration: times a motion (:func:`cnc.planner.motion_time.motion_time`) where the fit chooses
             between spline and corners; None for the spline.
 
     Raises:
         GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    builder = _Builder(axes, start, accuracy, tolerance, due_times, passes, duration)
+    builder = _Builder(axes, start, accuracy, tolerance, due_times, short_legs, duration)
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
@@ -97,10 +97,10 @@ class _Builder:
         accuracy: float,
         tolerance: float,
         due_times: DueTimes | None,
-        passes: bool,
+        short_legs: int | None,
         duration: Duration | None,
     ) -> None:
-        self._passes, self._duration = passes, duration
+        self._short_legs, self._duration = short_legs, duration
         self._frame = Frame(axes, axis_classes(axes), accuracy)
         self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
@@ -188,7 +188,7 @@ class _Builder:
                 self._allowed,
                 here,
                 curved=self._curved,
-                passes=self._passes,
+                short_legs=self._short_legs,
                 duration=self._duration,
             )
         fitter = self._fitter

@@ -56,7 +56,8 @@ class Fitter:
         position: (n,): start of the first move, mm.
         curved: whether chords stand for curves: the spline leaves them a part of the tolerance. A
             curve sets it.
-        passes: whether the motion passes corners within the tolerance.
+        short_legs: polygons stay straight, with up to so many vertices with short legs in a row;
+            None where they become splines.
         duration: times a motion where spline or corners may be faster; None for the spline.
     """
 
@@ -67,10 +68,10 @@ class Fitter:
         position: Floats,
         *,
         curved: bool = False,
-        passes: bool = False,
+        short_legs: int | None = None,
         duration: Duration | None = None,
     ) -> None:
-        self._passes = passes
+        self._short_legs = short_legs
         self._choice = None if duration is None else Choice(frame, tolerance, duration)
         self._frame = frame
         self._classes = frame.classes
@@ -237,8 +238,8 @@ class Fitter:
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
         find_corners(x, chain.metric, CORNER_COSINE, tolerance, corner)
-        if self._passes and not self.curved:
-            find_polygons(x, chain.metric, tolerance, corner)
+        if self._short_legs is not None and not self.curved:
+            find_polygons(x, chain.metric, tolerance, self._short_legs, corner)
         corner[0] = self._at_corner
         if self._choice is not None and not self.curved:
             whole = math.isnan(self._state[0, 0]), not open_end and end is None

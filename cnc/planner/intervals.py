@@ -22,16 +22,21 @@ REFINED = 2.0
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:
     """Return the junction of two chunks that follow each other."""
-    if before.stop_after[-1]:
+    return _junction(before, len(before) - 1, after, 0, limits)
+
+
+def _junction(before: PathChunk, m: int, after: PathChunk, k: int, limits: Limits) -> Junction:
+    """Return the junction of piece ``m`` of a chunk with piece ``k`` of the same or the next."""
+    if before.stop_after[m]:
         return STANDSTILL
     return piece_junction(
         Pieces(before.kind, before.at, before.data),
-        len(before) - 1,
-        limits.feeds(before)[-1],
+        m,
+        limits.feeds(before)[m],
         Pieces(after.kind, after.at, after.data),
-        0,
-        limits.feeds(after)[0],
-        min(before.length[-1], after.length[0]),
+        k,
+        limits.feeds(after)[k],
+        min(before.length[m], after.length[k]),
         limits.arrays,
         np.zeros((2, 4, len(before.axes))),
     )
@@ -52,35 +57,47 @@ def intervals_of(
     with the path itself.
     """
     # Six intervals of a move from stop to stop are usual. Space that is not used costs nothing.
-    space = 8 * len(path) + 1024
+    found = _space(8 * len(path) + 1024, len(path.axes))
+    done = count = 0
     while True:
-        found = Intervals(
-            end=np.empty(space),
-            speed=np.empty(space),
-            top=np.empty(space),
-            accel=np.empty((space, LEVELS)),
-            jerk=np.empty((space, LEVELS)),
-            flat=np.empty(space, np.bool_),
-            share=np.empty(space),
-            reliable=np.empty(space),
-            sampled=np.empty((space, 2)),
-            samples=np.empty((space, SAMPLES, 3, len(path.axes))),
-        )
-        count = chunk_intervals(
-            Pieces(path.kind, path.at, path.data),
-            path.length,
-            limits.feeds(path),
-            path.stop_after,
+        cut, more = chunk_intervals(
+            Pieces(path.kind[done:], path.at[done:], path.data),
+            path.length[done:],
+            limits.feeds(path)[done:],
+            path.stop_after[done:],
             before,
             after,
             limits.arrays,
             refined,
             begin,
-            found,
+            Intervals._make(array[count:] for array in found),
         )
-        if count >= 0:
+        done, count = done + cut, count + more
+        if done == len(path):
             return Intervals._make(array[:count] for array in found)
-        space *= 4
+        larger = _space(4 * len(found.end), len(path.axes))
+        for array, old in zip(larger, found, strict=True):
+            array[:count] = old[:count]
+        found = larger
+        if done > 0:
+            before = _junction(path, done - 1, path, done, limits)
+            begin = float(found.end[count - 1])
+
+
+def _space(intervals: int, axes: int) -> Intervals:
+    """Return space for so many intervals."""
+    return Intervals(
+        end=np.empty(intervals),
+        speed=np.empty(intervals),
+        top=np.empty(intervals),
+        accel=np.empty((intervals, LEVELS)),
+        jerk=np.empty((intervals, LEVELS)),
+        flat=np.empty(intervals, np.bool_),
+        share=np.empty(intervals),
+        reliable=np.empty(intervals),
+        sampled=np.empty((intervals, 2)),
+        samples=np.empty((intervals, SAMPLES, 3, axes)),
+    )
 
 
 def between(known: Intervals, start: float, stop: float) -> Intervals:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+SHORT_LEGS = 4
+"""So many vertices in a row are no curve, however short their legs are."""
+
 
 class Joints:
     """The joints of a machine.
@@ -38,8 +41,10 @@ class Joints:
             where the axes are the joints.
         tip_axes: Letters of the axes, which are the columns of a tip.
         linear: Whether the joints are a linear function of the tip.
-        passes_corners: Whether the motion passes all corners under a tolerance: the ramps beside a
-            stop are straight, and the jerk of an axis is limited. Else blends count too.
+        short_legs: Most vertices in a row with short legs in a polygon whose legs stay straight;
+            None where the ramps beside a stop are not straight. Where the jerk of an axis is
+            limited, one motion passes several corners, so it is SHORT_LEGS; else blends need longer
+            legs.
         angular: Whether each joint turns: its unit is the degree.
     """
 
@@ -54,10 +59,10 @@ class Joints:
             self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
-        self.passes_corners = self.linear and (
-            machine.path.max_jerk is None
-            or any(axis.max_jerk is not None for axis in machine.axes.values())
-        )
+        self.short_legs: int | None = None
+        if self.linear:
+            by_axis = any(axis.max_jerk is not None for axis in machine.axes.values())
+            self.short_legs = SHORT_LEGS if by_axis or machine.path.max_jerk is None else 0
         self.angular = tuple(letter in ROTARY_LETTERS for letter in self.tip_axes)
         if self._map is not None:
             self.angular = self._map.angular

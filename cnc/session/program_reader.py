@@ -229,7 +229,7 @@ class ProgramReader:
             start=self.start,
             tolerance=self.machine.path.tolerance,
             due_times=self.due_times,
-            passes=joints.passes_corners,
+            short_legs=joints.short_legs,
             duration=motion_time(self.machine),
         )
         return joints.path(path, self.start)

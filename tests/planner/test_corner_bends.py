@@ -13,7 +13,7 @@ from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from tests.support.planner.corners import assert_legal, distances, duration, planned
-from tests.support.planner.motions import lines, machine, sampled
+from tests.support.planner.motions import AXES, lines, machine, sampled
 from tests.support.soak import share
 
 NORMAL, EPS = 1000.0, 0.1
@@ -113,3 +113,19 @@ def test_corners_beside_a_leg_without_room_are_passed_together():
         for tolerance in ([0.0, 0.0, 0.0], [EPS, EPS, 0.0])
     )
     assert duration(passed) < 0.7 * duration(stops)
+
+
+def test_a_corner_of_a_short_leg_beside_a_curve_has_a_blend():
+    # The ramp to a stop would begin on the curve, so no motion past the stop is possible.
+    mill = machine(tangential=3900.0, normal=2900.0, jerk=220_000.0)
+    legs = np.array([30.0, 2.5, 30.0]) * EPS
+    heading = np.radians([0.0, 90.0, 102.0])
+    steps = legs[:, None] * np.stack((np.cos(heading), np.sin(heading), 0.0 * heading), axis=1)
+    path = build(
+        [PathMode("", 1, "blend", EPS), lines(np.cumsum(steps, axis=0), 100.0)],
+        axes=AXES,
+        start=np.zeros(3),
+        short_legs=0,
+    )
+    chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
+    assert min(chunk.phase_v[1:-1].min() for chunk in chunks) > 5.0

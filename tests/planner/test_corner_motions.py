@@ -267,7 +267,7 @@ def test_corners_of_legs_without_common_directions_are_passed_one_by_one():
     def time(tolerance):
         mode = [PathMode("t.nc", 1, "blend", tolerance)] if tolerance else []
         path = build(
-            [*mode, lines(points, 60.0)], axes=mill.axis_names, start=np.zeros(4), passes=True
+            [*mode, lines(points, 60.0)], axes=mill.axis_names, start=np.zeros(4), short_legs=4
         )
         ahead = LookAhead(mill)
         chunks = list(ahead.plan(path))

@@ -40,7 +40,7 @@ def planning(points, tolerance=0.05, slice_s=SLICE, feed=60.0):
     control = Control()
     ahead = LookAhead(PER_AXIS, control, slice_s=slice_s)
     blocks = [PathMode("t.nc", 1, "blend", tolerance), lines(points, feed)]
-    path = build(blocks, axes=AXES, start=np.zeros(3), passes=True)
+    path = build(blocks, axes=AXES, start=np.zeros(3), short_legs=4)
     return ahead, ahead.plan(path), control
 
 
@@ -73,7 +73,7 @@ def test_the_last_slice_ends_at_rest_exactly(seed):
 def test_slices_are_the_motion_without_an_operator():
     sliced = list(planning(ZIGZAG)[1])
     blocks = [PathMode("t.nc", 1, "blend", 0.05), lines(ZIGZAG, 60.0)]
-    path = build(blocks, axes=AXES, start=np.zeros(3), passes=True)
+    path = build(blocks, axes=AXES, start=np.zeros(3), short_legs=4)
     whole = list(LookAhead(PER_AXIS).plan(path))
     assert duration(sliced) == pytest.approx(duration(whole), abs=1e-9)
     # States at the ends of a motion are rounded, and the plan is cut at other times.
@@ -166,7 +166,7 @@ def test_commands_of_legs_take_effect_once():
     control, done, held = Control(), [], False
     sender = CommandsInMotion(lambda block, _: done.append(block.value))
     blocks = [PathMode("t.nc", 1, "blend", 0.05), many]
-    path = build(blocks, axes=AXES, start=np.zeros(3), passes=True)
+    path = build(blocks, axes=AXES, start=np.zeros(3), short_legs=4)
     for item in LookAhead(PER_AXIS, control, slice_s=SLICE).plan(path):
         if isinstance(item, Held):
             control.resume()

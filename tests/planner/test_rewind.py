@@ -32,7 +32,7 @@ def planning(points, slice_s):
         [PathMode("t.nc", 1, "blend", 0.05), lines(points, 60.0)],
         axes=AXES,
         start=np.zeros(3),
-        passes=True,
+        short_legs=4,
     )
     return ahead, ahead.plan(path), control
 

@@ -11,6 +11,7 @@ from cnc.kernels.planner.refine import sum_limits
 from cnc.kernels.planner.stretches import Stretch
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
+from cnc.planner import intervals as intervals_module
 from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
@@ -58,3 +59,32 @@ def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeyp
     # Only motions of the last step are examined, the last of them with success.
     assert len(used) == weights.count(fastest.LAST_WEIGHT)
     assert used[-1] <= 1.0 + TOUCH
+
+
+@pytest.mark.parametrize("stop", [None, 20])
+def test_pieces_are_cut_once_where_their_intervals_need_more_space(stop, monkeypatch):
+    """Tight bends have many intervals. The result is the same in space that was large enough."""
+    path, limits = bends(3), Limits.of(machine(axis=(1000.0, 50_000.0)))
+    if stop is not None:
+        path.stop_after[stop] = True
+    done = []
+    cut, space = intervals_module.chunk_intervals, intervals_module._space
+
+    def counted(*arguments):
+        done.append(cut(*arguments))
+        return done[-1]
+
+    monkeypatch.setattr(intervals_module, "chunk_intervals", counted)
+    monkeypatch.setattr(intervals_module, "_space", lambda count, axes: space(100 * count, axes))
+    whole = intervals_of(path, limits, STANDSTILL, STANDSTILL, begin=1.0)
+    assert done == [(len(path), len(whole.end))]
+    done.clear()
+    small = len(whole.end) // 10
+    sizes = iter([small, 3 * small, 20 * small])
+    monkeypatch.setattr(intervals_module, "_space", lambda count, axes: space(next(sizes), axes))
+    found = intervals_of(path, limits, STANDSTILL, STANDSTILL, begin=1.0)
+    assert len(done) == 3
+    assert min(pieces for pieces, _ in done) > 0
+    assert np.sum(done, axis=0).tolist() == [len(path), len(whole.end)]
+    for array, expected in zip(found, whole, strict=True):
+        assert np.array_equal(array, expected)

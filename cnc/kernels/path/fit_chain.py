@@ -50,8 +50,6 @@ STRAIGHT = math.cos(math.radians(0.05))
 """Cosines of turns: a corner that the motion passes turns by more than the first, a vertex on a
 straight line by no more than the second.
 """
-FEW = 4
-"""So many vertices in a row are no curve, however short their legs are."""
 FAR = 256
 """Most vertices that are searched on either side of a corner."""
 LEAST = 0.5
@@ -189,26 +187,27 @@ def _kind_of(x: Floats, metric: Ints, i: int, tolerance: float) -> int:
 
 
 @njit
-def find_polygons(x: Floats, metric: Ints, tolerance: float, corner: Flags) -> None:
+def find_polygons(x: Floats, metric: Ints, tolerance: float, few: int, corner: Flags) -> None:
     """Mark the vertices of polygons, for motion that passes corners within the tolerance.
 
     A polygon is a part of the chain from one corner or end to another, without a curve. Its legs
-    stay straight. Up to FEW vertices with short legs in a row belong to it.
+    stay straight. Up to ``few`` vertices with short legs in a row belong to it.
 
     Args:
         x: (m, n): vertices, mm.
         metric: columns of the metric axes.
         tolerance: mm.
+        few: most vertices with short legs in a row.
         corner: (m,): the marks of find_corners, to which those of polygons are added.
     """
     m = x.shape[0]
     first = 0
     curved = False
-    few = 0
+    short = 0
     for i in range(1, m):
         kind = 3 if i == m - 1 else _kind_of(x, metric, i, tolerance)
-        few = few + 1 if kind == 2 else (few if kind == 0 else 0)
-        curved = curved or kind == 1 or few > FEW
+        short = short + 1 if kind == 2 else (short if kind == 0 else 0)
+        curved = curved or kind == 1 or short > few
         if i < m - 1 and not corner[i]:
             continue
         if not curved:
@@ -216,7 +215,7 @@ def find_polygons(x: Floats, metric: Ints, tolerance: float, corner: Flags) -> N
                 corner[k] = _turns(x, metric, k, SLIGHT)
         first = i
         curved = False
-        few = 0
+        short = 0
 
 
 @njit

@@ -46,7 +46,7 @@ from cnc.kernels.planner.corner_places import (
     state_at,
 )
 from cnc.kernels.planner.corner_rows import Rows, new_rows
-from cnc.kernels.planner.corner_search import Motion, find_motion
+from cnc.kernels.planner.corner_search import Motion, find_motion, goes_on, times_of_motion
 from cnc.kernels.planner.legs import write_line
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.path_arrays import PathArrays
@@ -84,12 +84,17 @@ def _motion_from(
 ) -> tuple[Chain, Motion]:
     """Return the chain that begins behind piece ``b``, and the motion past it.
 
-    Where no motion past all its corners is found, it is the first half of them, and so on.
+    A chain ends before a corner at which the motion has to rest. Where no motion past all its
+    corners is found, it is the first half of them, and so on.
     """
     most = MOST_CORNERS
     while True:
         chain = chain_from(path, plan, b, shared, bound, limits, most)
-        motion = find_motion(path, plan, chain, shared, bound, limits, travel, known, rows)
+        times = times_of_motion(path, plan, chain, shared, bound)
+        if chain.last > b and not goes_on(times, plan, limits)[1]:
+            most = chain.last - b
+            continue
+        motion = find_motion(path, plan, chain, times, bound, limits, travel, known, rows)
         most = (chain.last - b + 1) // 2
         if motion.saved > 0.0 or most == 0:
             return chain, motion

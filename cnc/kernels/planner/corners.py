@@ -121,6 +121,16 @@ def only_along(limits: LimitArrays) -> bool:
 
 
 @njit
+def beside_others(path: PathArrays, k: int) -> bool:
+    """Return whether the shorter leg of the corner behind line ``k`` has a line at its other end.
+
+    Beside a curve the ramp to a stop would end outside of the leg.
+    """
+    other = k - 1 if path.length[k] <= path.length[k + 1] else k + 2
+    return not 0 <= other < len(path.length) or bool(path.pieces.kind[other] == LINE)
+
+
+@njit
 def choose(
     path: PathArrays,
     k: int,
@@ -188,7 +198,7 @@ def choose(
             feed = min(feed, largest_speed(scratch.plane, limits))
             bend = bend_of(scratch.plane, eps, max(line1.a, line2.a), limits)
             blend = fastest_blend(turn.sine, eps, feed, sides, bend)
-            if passes and blend.inside < TIGHT * eps:
+            if passes and blend.inside < TIGHT * eps and beside_others(path, k):
                 # The legs are too short for the tolerance: corners are passed together.
                 return passed
             best = side_time(straight, sides[0].length, sides[0])

@@ -92,6 +92,23 @@ def sample(pieces: Pieces, k: int, start: float, end: float, q: Floats) -> None:
 
 
 @njit
+def sample_first_half(pieces: Pieces, k: int, start: float, end: float, q: Floats) -> None:
+    """Replace the samples of an interval by those of its first half [start, end], on a curve.
+
+    Three of them are known.
+    """
+    kind, data, at = pieces.kind[k], pieces.data, pieces.at[k]
+    for m in range(SAMPLES - 1, 0, -1):
+        if m % 2 == 0:
+            for order in range(4):
+                for i in range(q.shape[2]):
+                    q[m, order, i] = q[m // 2, order, i]
+    for m in range(1, SAMPLES, 2):
+        s = start + (end - start) * m / (SAMPLES - 1)
+        curve_eval_s(kind, data, at, curve_inv_arclen(kind, data, at, s), q[m])
+
+
+@njit
 def sampled_speed(sampling: Sampling, spacing: float, limits: LimitArrays) -> float:
     """Return the speed up to which an interval is short enough for constant bounds, mm/s.
 

@@ -31,6 +31,7 @@ from cnc.kernels.planner.sampling import (
     bound_derivatives,
     lowest_between,
     sample,
+    sample_first_half,
     sampled_speed,
     tangential_bounds,
 )
@@ -217,7 +218,7 @@ def chunk_intervals(
     refined: float,
     begin: float,
     out: Intervals,
-) -> int:
+) -> tuple[int, int]:
     """Cut the pieces of a chunk of path into intervals with constant bounds.
 
     Args:
@@ -234,12 +235,13 @@ def chunk_intervals(
         out: space for the intervals.
 
     Returns:
-        The number of intervals, or -1 if ``out`` has no space for them.
+        The number of pieces that were cut, and of their intervals. Where these are not all pieces,
+        ``out`` has no space for the intervals of the next.
     """
     data = pieces.data
     sampling = empty_sampling(len(limits.axis_velocity))
     q = sampling.q
-    count = 0
+    count = complete = 0
     base = begin
     entry = before
     for k in range(len(length)):
@@ -263,7 +265,7 @@ def chunk_intervals(
         step = whole
         while start < whole:
             if count + 2 > len(out.end):
-                return -1
+                return k, complete
             # Stretches of constant speed are cut like the others; those that touch have one speed.
             flat, share, limit = False, 1.0, beside_to
             if start < beside_from:
@@ -273,11 +275,11 @@ def chunk_intervals(
             end = min(start + step, limit)
             if limit - end < 1e-9 * whole:
                 end = limit
+            if not (sampled and end == whole):
+                sample(pieces, k, start, end, q)
+            sampled = False
             reliable = math.inf
             while True:
-                if not (sampled and start == 0.0 and end == whole):
-                    sample(pieces, k, start, end, q)
-                sampled = False
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
                 if line or end - start <= SHORTEST:
                     break
@@ -286,6 +288,7 @@ def chunk_intervals(
                     break
                 reliable = math.inf
                 end = start + 0.5 * (end - start)
+                sample_first_half(pieces, k, start, end, q)
             if end - start <= SHORTEST and (
                 (entry.speed == 0.0 and start == 0.0 and is_sharp(data, at, q[0]))
                 or (leave.speed == 0.0 and end == whole and is_sharp(data, at, q[SAMPLES - 1]))
@@ -302,8 +305,7 @@ def chunk_intervals(
             start = end
         base += whole
         if leave.flat and leave.speed == 0.0:
-            if count + 1 > len(out.end):
-                return -1
             count = write_stop(base, sampling, limits, out, count)
+        complete = count
         entry = leave
-    return count
+    return len(length), complete

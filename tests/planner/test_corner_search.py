@@ -1,0 +1,95 @@
+"""Which motions past corners are sought at all: the cost of searches that would gain nothing."""
+
+import numpy as np
+import pytest
+
+from benchmarks import finishing
+from cnc.kernels.planner.corner_search import OPEN, goes_on
+from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.model.blocks import PathMode
+from cnc.path.build import build
+from cnc.planner.limits import Limits
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from tests.support.planner.corners import planned
+from tests.support.planner.motions import lines, machine, sampled
+
+ACCELERATION, JERK = 1000.0, 50_000.0
+
+
+def ramp(speed: float) -> PlanArrays:
+    """Return the ramp from a speed to rest and back: the textbook phases of both limits."""
+    jerk = np.array([-JERK, 0.0, JERK, JERK, 0.0, -JERK])
+    part = ACCELERATION / JERK
+    time = np.array([part, speed / ACCELERATION - part, part])
+    time = np.concatenate((time, time[::-1]))
+    t, s, v, a = (np.zeros(7) for _ in range(4))
+    v[0] = speed
+    for k, (dt, j) in enumerate(zip(time, jerk, strict=True)):
+        t[k + 1] = t[k] + dt
+        s[k + 1] = s[k] + dt * (v[k] + dt * (a[k] / 2.0 + dt * j / 6.0))
+        v[k + 1] = v[k] + dt * (a[k] + dt * j / 2.0)
+        a[k + 1] = a[k] + dt * j
+    v[3] = a[3] = 0.0
+    return PlanArrays(s[[0, 3, 6]].copy(), t, s, v, a, jerk)
+
+
+@pytest.mark.parametrize("speed", [30.0, 60.0])
+def test_the_motion_goes_on_only_where_the_jerk_lets_it(speed):
+    """By the lowest speed that the largest jerk along the path leaves, on a fine grid."""
+    both = Limits.of(machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)).arrays
+    axes = Limits.of(machine(axis=(ACCELERATION, JERK), tangential=None, jerk=None)).arrays
+    plan = ramp(speed)
+    seen = set()
+    for part in np.linspace(0.02, 0.98, 49):
+        before, behind = part * plan.t[3], plan.t[6] - part * plan.t[3]
+        k = int(np.searchsorted(plan.t, before, side="right")) - 1
+        dt = before - plan.t[k]
+        v = plan.v[k] + dt * (plan.a[k] + dt * plan.j[k] / 2.0)
+        a = plan.a[k] + dt * plan.j[k]
+        later = np.linspace(0.0, 2.0 * ACCELERATION / JERK, 20_001)
+        lowest = (v + a * later + JERK * later**2 / 2.0).min() / v
+        if abs(lowest - OPEN) > 1e-3:
+            expected = bool(lowest > OPEN)
+            assert goes_on((before, behind), plan, both) == (expected, expected)
+            seen.add(expected)
+        assert goes_on((before, behind), plan, axes) == (True, True)
+    assert seen == {True, False}
+
+
+def test_the_ends_of_rows_that_cannot_be_passed_faster_are_not_sought():
+    """Their legs lie inside the last part of the ramp to rest; beside them the path is curved."""
+    points = finishing.points(6 * finishing.MOVES_IN_ROW)
+    points = points[np.arange(len(points)) % finishing.MOVES_IN_ROW < 40]
+
+    def planned_rows(mill):
+        ahead = LookAhead(mill)
+        blocks = [
+            PathMode("t.nc", 1, "blend", finishing.TOLERANCE),
+            lines(points[1:], finishing.FEED),
+        ]
+        path = build(blocks, axes=finishing.AXES, start=points[0], short_legs=4)
+        chunks = [item for item in ahead.plan(path) if isinstance(item, PlanChunk)]
+        return int(ahead._corners._known.next[0]), chunks[-1].t0 + chunks[-1].duration
+
+    sought, time = planned_rows(finishing.machine(tangential=False, per_axis=True))
+    assert sought > 0
+    few, slower = planned_rows(finishing.machine(tangential=True, per_axis=True))
+    # Five ends of rows, with two corners each and up to three searches: one of them is near OPEN.
+    assert few <= 1
+    assert slower > time
+
+
+def test_the_corners_before_one_that_stays_a_stop_are_passed():
+    """The last leg is a short line that a curve of short moves follows."""
+    mill = machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)
+    turn = 0.003 * np.arange(1, 30)
+    curve = np.stack((1.0 - np.cos(turn), np.sin(turn), 0.0 * turn), axis=1) * 80.0
+    points = np.concatenate((np.array([(2, 0, 0), (2, 2, 0), (4, 2, 0)]), (4, 2, 0) + curve))
+    passed, ahead = planned(points, 0.01, mill, 30.0)
+    positions = sampled(passed, 1e-4)
+    near = [np.linalg.norm(positions - corner, axis=1).min() for corner in points[:3]]
+    assert near[2] < 1e-6
+    assert 1e-3 < min(near[:2]) < max(near[:2]) <= 0.01
+    # Both are passed by one motion, which is sought at once.
+    assert int(ahead._corners._known.next[0]) == 1
