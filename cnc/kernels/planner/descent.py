@@ -245,7 +245,7 @@ def newton_step(first: int, last: int, cells: Cells, damping: float, system: New
 
 @njit
 def centre(
-    first: int, last: int, cells: Cells, limits: SumLimits, weight: float, even: bool = False
+    first: int, last: int, cells: Cells, limits: SumLimits, weight: float, even: bool
 ) -> float:
     """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
 

@@ -294,7 +294,7 @@ def search(
     most = OUTSIDE
     while reached < LAST_WEIGHT and tries <= most:
         copy_motion(kept.v, kept.a, cells.v, cells.a)
-        legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
+        legal = centre(0, len(cells.length), cells, limits, weight, False) <= 1.0
         used = 0.0
         examined = weight == LAST_WEIGHT or (tries >= DOUBTFUL and weight >= CHECKED_WEIGHT)
         if examined:
