@@ -43,7 +43,7 @@ def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeyp
     weights, used = [], []
 
     def counted(*arguments):
-        weights.append(arguments[-1])
+        weights.append(arguments[4])
         return centre(*arguments)
 
     def examined(*arguments):
