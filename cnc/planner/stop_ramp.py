@@ -33,6 +33,11 @@ MORE = 0.01
 SHORT = 1e-12
 """s; shorter phases are left out."""
 
+LATER = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""Parts of the time of a ramp with constant bounds for which the plan is followed before, where its
+clock can't be slowed at once.
+"""
+
 CLOCKS = ((150, 0.97), (300, 0.97), (300, 0.9), (300, 0.8), (300, 0.6))
 """Ways to slow the clock that are tried in turn: steps in the time of a ramp with constant bounds,
 and the share of the limits that a slow motion may use. A smaller share leaves more for mistakes.
@@ -148,10 +153,13 @@ def ramp_by_clock(
     if firm is None:
         return None
     time = float(firm["duration"].sum())
-    for steps, use in CLOCKS:
-        legal, phases, rest = slowed_clock(plan, known, machine, time / steps, use)
-        if legal:
-            return phases, rest
+    begun = np.cumsum(plan["duration"])[:-1]
+    rows = np.unique(np.searchsorted(begun, time * np.array(LATER), side="right") + 1)
+    for row in [0, *rows[rows < len(plan)].tolist()]:
+        for steps, use in CLOCKS:
+            legal, phases, rest = slowed_clock(plan[row:], known, machine, time / steps, use)
+            if legal:
+                return np.concatenate((plan[:row], phases)), rest
     return None
 
 
