@@ -78,7 +78,7 @@ def test_it_rests_before_a_place():
     ],
 )
 def test_a_hold_on_a_curve_is_hardly_later_than_the_axes_permit(seed, family, number, moment, most):
-    """These holds rested 0.065, 0.063, 0.738 and 0.150 s later than a slice and 1.1 times that bound.
+    """These rested 0.065, 0.063, 0.738 and 0.150 s beyond a slice and 1.1 times that bound.
 
     Each was at a state from which the motion can only just slow.
     """
