@@ -1,11 +1,4 @@
-r"""Cells of a ramp to rest, for the search of :mod:`cnc.kernels.planner.stopping`.
-
-      v |--+--+__
-        |        `+_                  cuts at fixed places
-        |           `+_
-        |              \_             last cell
-        +---------------`--_---- s
-                            rest
+"""Cells of a ramp to rest, for the search of :mod:`cnc.kernels.planner.stopping`.
 
 Phases that are long are cut evenly, and at knots of the path. Short ones make one cell where the
 motion through it is legal: so a legal ramp stays the same motion, or a legal one. The last cell is
