@@ -170,8 +170,9 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
     if not len(here.end):
         return None
-    flat = np.flatnonzero(near.flat)
-    before = float(near.end[flat[0] - 1]) if len(flat) and flat[0] else s if len(flat) else end
+    # The motion rests before the first stretch of constant speed.
+    starts = np.concatenate(([s], near.end[:-1]))[near.flat]
+    before = float(starts[0]) if len(starts) else end
 
     def searched(ramp: Ramp, part: float) -> list[Ramp]:
         """Return the shortest ramp that a search finds from another one, if there is any."""

@@ -1,4 +1,4 @@
-r"""Ramps to rest: the shortest one on a straight path, and the first ones of a search elsewhere.
+r"""Ramps to rest: the shortest one on a straight path, and those with which a search begins.
 
       a |\ a0
         |  \          t
@@ -8,7 +8,8 @@ r"""Ramps to rest: the shortest one on a straight path, and the first ones of a 
 
 From any acceleration, the jerk -J leads to the largest deceleration, and J from there to rest. That
 is the fastest motion to rest under one bound on acceleration and one on jerk. Where the path bends,
-the search of :mod:`cnc.kernels.planner.stopping` begins with such ramps, and with the plan itself.
+the search of :mod:`cnc.kernels.planner.stopping` begins with such a ramp, and with the plan under a
+clock that slows.
 """
 
 from __future__ import annotations

@@ -55,16 +55,16 @@ def take_idle(words: LineWords, state: ModalState, here: SourceLocation) -> bool
     if words.rest.keys() <= {"D", "H"}:
         if "T" not in words.users or any(word.number != state.tool for word in words.rest.values()):
             return False
-        word = words.first()
-        message = f"{word.written} has no effect without {_USERS[word.letter]}"
-        here.report_warning("word-idle", message, word, "remove it, or give the code")
-        words.rest.clear()
-        return True
-    if state.motion != G.G0 or not words.rest.keys() <= _CENTRE:
+        use, hint = (
+            f"no effect without {_USERS[words.first().letter]}",
+            "remove it, or give the code",
+        )
+    elif state.motion == G.G0 and words.rest.keys() <= _CENTRE:
+        use, hint = "no use in a traverse (G0) and is ignored", "remove it, or give G2 or G3"
+    else:
         return False
     word = words.first()
-    message = f"{word.written} has no use in a traverse (G0) and is ignored"
-    here.report_warning("word-idle", message, word, "remove it, or give G2 or G3")
+    here.report_warning("word-idle", f"{word.written} has {use}", word, hint)
     words.rest.clear()
     return True
 

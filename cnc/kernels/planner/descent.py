@@ -8,8 +8,8 @@ neighbours only. The descent minimises
 
 by Newton's method with the Gauss-Newton part of the barrier's Hessian. That is block tridiagonal
 with blocks of 2 x 2, so that a step costs O(n). The speeds change along v^2, in which the
-constraints are nearly linear. Where the first motion is at or beyond a limit, the limits of that
-cell are raised at first, and lowered again as the motion leaves them.
+constraints are nearly linear. Where the first motion is at or beyond a limit, limits are raised at
+first, and lowered again as the motion leaves them (:mod:`cnc.kernels.planner.lifts`).
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import random
 
 import pytest
 
+from cnc.boards.grbl.events import Rejected
 from cnc.boards.grbl.line_groups import MOST_LINES, LineGroup, groups_of, single
 from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of
 from cnc.model.packed_lines import PackedLines
@@ -73,5 +74,6 @@ def test_a_refused_line_of_a_group_is_named(answers: bytes) -> None:
     group = LineGroup("plain", "X1\nX2\nX3\nX4\n", [0, 3, 6, 9, 12], [5, 6, 6, 9])
     protocol.send(group, 0, 4)
     *_, rejected = protocol.receive(answers + b"error:2\r\n")
-    assert (rejected.sent.text, rejected.sent.line) == ("X3", 6)  # type: ignore[union-attr]
+    assert isinstance(rejected, Rejected)
+    assert (rejected.sent.text, rejected.sent.line) == ("X3", 6)
     assert protocol.confirmed_line == 6

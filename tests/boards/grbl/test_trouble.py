@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from cnc.boards.grbl.events import SentLine
+from cnc.boards.grbl.line_kinds import Kind
 from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
 from cnc.boards.grbl.protocol import State
 from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Unplug
@@ -285,14 +286,15 @@ def test_a_board_in_state_run_without_motion_is_stuck() -> None:
 
 
 def test_dwells_and_spindle_starts_get_more_time() -> None:
-    for kind, seconds, patience in (
+    cases: tuple[tuple[Kind, float, float], ...] = (
         ("plain", 0.0, 2.0),
         ("dwell", 9.0, 11.0),
         ("spindle", 0.0, 22.0),
-    ):
+    )
+    for kind, seconds, patience in cases:
         liveness = LivenessMonitor()
         liveness.begin(0.0)
-        sent = SentLine("", 3, kind, seconds)  # type: ignore[arg-type]
+        sent = SentLine("", 3, kind, seconds)
         for k in range(100):
             now = 0.25 * k
             liveness.reported(Status("Idle"), now)
