@@ -8,6 +8,7 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import chdir
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -91,8 +92,7 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
     library = Library(order.library)
     library.path(order.name)
     # Findings name the job, not the folder of this computer.
-    os.chdir(library.folder)
-    with tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
+    with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
         machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
         warp = None if order.height_map is None else str(library.height_map_file(order.height_map))
         options = RunOptions(outputs=Outputs(picture=str(drawn)), height_map=warp)
@@ -113,8 +113,7 @@ def sketch_job(order: CheckOrder) -> bool:
     from cnc.view.sketch import Sketch
 
     library = Library(order.library)
-    os.chdir(library.folder)
-    with tempfile.TemporaryDirectory(prefix="cnc-sketch-") as folder:
+    with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-sketch-") as folder:
         machine = order.machine_in(Path(folder))
         session = Session(library.path(order.name), machine, RunOptions(tool_lengths="zero"))
         sketch = Sketch(machine, order.name, start_position(machine))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import tempfile
 import zlib
 from collections.abc import Mapping
+from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,9 +65,8 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
 
     library, name = Library(order.check.library), order.check.name
     library.path(name)
-    os.chdir(library.folder)
     materials: list[Material] = []
-    with tempfile.TemporaryDirectory(prefix="cnc-cut-") as folder:
+    with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-cut-") as folder:
         machine = order.check.machine_in(Path(folder))
         if order.stock:
             machine = with_stock(machine, order.stock, order.zero)

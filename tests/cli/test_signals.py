@@ -207,5 +207,5 @@ def test_an_interruption_after_motion_does_not_claim_that_nothing_has_moved(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cnc.cli.commands.show", interrupted)
-    assert exit_code(["programs/trident.nc", "--quiet"]) == 130
+    assert exit_code([str(ROOT / "programs/trident.nc"), "--quiet"]) == 130
     assert capsys.readouterr().err.splitlines()[-1] == "stopped by the operator"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from pathlib import Path
 
 import pytest
 
@@ -162,7 +163,9 @@ def test_a_check_finds_errors_at_their_lines(client, console, library):
     client("PUT", "/api/jobs/wrong.nc", {"text": "G21 G90\nG0 X5\nG1 X9999 F600\n"})
     client("PUT", "/api/jobs/good.nc", {"text": PROGRAM})
     order = CheckOrder("wrong.nc", library.folder, console.session.limited_machine, {})
+    folder = Path.cwd()
     found = check_job(order)["errors"]
+    assert Path.cwd() == folder, "the check leaves the process in another folder"
     assert [(each["code"], each["file"], each["line"]) for each in found] == [
         ("soft-limit", "wrong.nc", 3)
     ]
@@ -202,9 +205,7 @@ def test_the_document_describes_every_request(client):
     paths = client("GET", "/api/openapi.json").json()["paths"]
     assert "/api/jog/start" in paths
     assert paths["/api/jobs/{name}"]["put"]["requestBody"]["required"]
-    reference = (
-        __import__("pathlib").Path(__file__).parents[2] / "docs/reference/server.md"
-    ).read_text()
+    reference = (Path(__file__).parents[2] / "docs/reference/server.md").read_text()
     for path in paths:
         short = path.removeprefix("/api")
         assert short in reference, path
