@@ -9,7 +9,8 @@ from __future__ import annotations
 import pytest
 
 from cnc.gcode import dialects
-from tests.support.gcode.gcode_cases import block_summaries, error_of
+from cnc.gcode.state.reading_policy import ReadingPolicy
+from tests.support.gcode.gcode_cases import block_summaries, error_of, points, warnings
 
 NOTED = [
     ("auto", "G40.1 G13.1"), ("auto", "M47"), ("mach3", "M47"),
@@ -35,3 +36,23 @@ def test_a_recognised_program_may_have_a_builders_code_with_the_number(dialect: 
 @pytest.mark.parametrize(("dialect", "line"), [("linuxcnc", "G13.1"), ("siemens", "G25 X1")])
 def test_other_controllers_lack_it(dialect: str, line: str) -> None:
     assert error_of(f"{line}\nM30", dialect=dialect).code == "code-not-supported"
+
+
+ENGRAVING = (
+    "O12345\nG20 G90\nG0 X1. Y2. Z1.\nG47 P0 E7.5 F15. I45. J.5 R.05 Z-.005 (TEXT)\nG0 X3.\nM30"
+)
+
+
+@pytest.mark.parametrize("lenient", [False, True])
+def test_a_check_continues_without_the_letters_of_haas(*, lenient: bool) -> None:
+    """Haas, "Mill Operator's Manual", G47: the control draws the letters."""
+    check = ReadingPolicy(missing_programs="warn")
+    ends = points(ENGRAVING, "haas", lenient=lenient, policy=check)
+    assert ends == [pytest.approx((25.4, 50.8, 25.4)), pytest.approx((76.2, 50.8, 25.4))]
+    found = warnings(ENGRAVING, "haas", lenient=lenient, policy=check)
+    assert [(each.code, each.line) for each in found] == [("moves-not-checked", 4)]
+
+
+def test_a_run_refuses_the_letters_of_haas() -> None:
+    found = error_of(ENGRAVING, dialect="haas")
+    assert (found.code, found.line) == ("code-not-supported", 4)

@@ -86,6 +86,8 @@ class BuilderCodes:
         if is_m and (action := self._policy.codes.get(int(word.number))) is not None:
             return ExtraCode(word, action, None) if word.number.is_integer() else None
         note = self._dialect.noted.get((word.letter, word.number))
+        if note is not None and note.unchecked and self._policy.missing_programs == "error":
+            note = None
         if note is not None and note.applies(words):
             return ExtraCode(word, None, note)
         if is_m and self._policy.unknown_codes == "warn" and word.whole not in self._dialect.m:
@@ -148,7 +150,11 @@ class BuilderCodes:
         if not self._is_new(word):
             return
         message = f"{word.written} ({note.name}) has no effect here"
-        if word.letter == "G":
+        if note.unchecked:
+            message = f"{word.written} ({note.name}): the moves of the control are not checked"
+            hint = "a run needs them as moves: let the CAM system write them"
+            self._here.report_warning("moves-not-checked", message, word, hint)
+        elif word.letter == "G":
             self._here.report_note("code-not-needed", message, word)
         else:
             self._here.report_warning("code-without-effect", message, word)

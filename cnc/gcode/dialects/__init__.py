@@ -282,7 +282,8 @@ def _noted(table: dict[str, Any]) -> Iterator[tuple[tuple[str, float], NotedCode
     """Yield the codes of ``[noted]``: letter and number, and the note."""
     for code, each in table.items():
         words = each.get("words", "PQ" if code[0] == "M" else "")
-        note = NotedCode(each["name"], words, each.get("needs", ""))
+        unchecked = each.get("unchecked", False)
+        note = NotedCode(each["name"], words, each.get("needs", ""), unchecked)
         yield (code[0], float(code[1:])), note
 
 

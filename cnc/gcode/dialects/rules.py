@@ -76,11 +76,14 @@ class NotedCode(NamedTuple):
         words: Letters of the words that belong to it.
         needs: Letters of which one must stand in the line; empty for a code that needs none. Such
             a code is distinguished by its words from one with the same number.
+        unchecked: Whether the control makes moves of its own, such as the letters of a text. A
+            check goes on without them, and a run refuses the code.
     """
 
     name: str
     words: str
     needs: str
+    unchecked: bool
 
     def applies(self, words: LineWords) -> bool:
         """Return whether a line with this code has the words that it needs."""
