@@ -1,7 +1,8 @@
 """Codes that have no effect here, by the manuals of their controllers.
 
-Source: FANUC Series 30i, "Operator's Manual", lists of G-codes; Haas, "Mill Operator's Manual",
-G-codes and M-codes; "Using Mach3Mill", M-codes.
+Source: FANUC Series 30i, list of G-codes (G13.1, G25, G26, G40.1, G50.2); the posts of CAM systems
+for Haas (G255, G269); Mach3, list of M-codes (M47). The names of Haas' accessories (M70, M71, M131,
+M160 to M163) have no section that was read.
 """
 
 from __future__ import annotations
@@ -56,3 +57,25 @@ def test_a_check_continues_without_the_letters_of_haas(*, lenient: bool) -> None
 def test_a_run_refuses_the_letters_of_haas() -> None:
     found = error_of(ENGRAVING, dialect="haas")
     assert (found.code, found.line) == ("code-not-supported", 4)
+
+
+@pytest.mark.parametrize("code", ["M21", "M25", "M51", "M53", "M59 P1134", "M69 P2"])
+def test_a_check_continues_without_the_relays_of_haas(code: str) -> None:
+    """Haas, "Mill Operator's Manual", M-codes: relays and outputs, which may move something."""
+    program = f"O12345\nG21\n{code}\nG0 X3.\nM30"
+    check = ReadingPolicy(missing_programs="warn")
+    assert points(program, "haas", lenient=True, policy=check) == [(3, 0, 0)]
+    found = warnings(program, "haas", lenient=True, policy=check)
+    assert [each.code for each in found] == ["moves-not-checked"]
+    refused = error_of(program, dialect=dialects.load("haas", lenient=True))
+    assert (refused.code, refused.line) == ("code-not-supported", 3)
+
+
+@pytest.mark.parametrize("code", ["M50", "M51", "M52", "M53", "M70", "M71", "M72", "M73", "M429"])
+@pytest.mark.parametrize("dialect", ["fanuc", "siemens"])
+def test_linuxcncs_codes_are_a_builders_on_other_controls(dialect: str, code: str) -> None:
+    """FANUC's own are M0 to M2, M30, M98, M99. SINUMERIK's M70 makes a spindle an axis."""
+    rules = dialects.load(dialect, lenient=True)
+    found = error_of(f"G21\n{code}\nG0 X1.\nM30", dialect=rules)
+    assert found.code in ("code-unknown", "code-not-in-dialect", "code-not-supported")
+    assert f'[program.codes] {code} = ".."' in found.hint

@@ -151,8 +151,8 @@ class BuilderCodes:
             return
         message = f"{word.written} ({note.name}) has no effect here"
         if note.unchecked:
-            message = f"{word.written} ({note.name}): the moves of the control are not checked"
-            hint = "a run needs them as moves: let the CAM system write them"
+            message = f"{word.written} ({note.name}): the control's part of it is not checked"
+            hint = "a run refuses it"
             self._here.report_warning("moves-not-checked", message, word, hint)
         elif word.letter == "G":
             self._here.report_note("code-not-needed", message, word)

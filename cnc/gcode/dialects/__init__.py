@@ -197,8 +197,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     table = _read(name)
     if lenient and name != "auto":
         auto = _read("auto")
+        builders = _BUILDERS if table["flavour"] in ("macro-b", "siemens") else ()
         table["g"] += " " + auto["g"]
-        table["m"] += " " + auto["m"]
+        table["m"] += " " + " ".join(code for code in auto["m"].split() if code not in builders)
         table["nurbs"] = sorted({*table["nurbs"], *auto["nurbs"]})
         table |= {key: auto[key] for key in _LENIENT}
         # Of the M-codes a builder's may have the same number.
@@ -206,6 +207,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
         table["noted"] = noted | table["noted"]
     return _dialect(name, table)
 
+
+_BUILDERS = ("50", "51", "52", "53", "70", "71", "72", "73", "428", "429", "430")
+"""M-codes of LinuxCNC without words of their own: a builder's codes on FANUC, Haas and Siemens."""
 
 _LENIENT = (
     "lenient", "axes", "arc_turns", "arc_idle_center", "home_beside_motion", "program_end",

@@ -76,8 +76,8 @@ class NotedCode(NamedTuple):
         words: Letters of the words that belong to it.
         needs: Letters of which one must stand in the line; empty for a code that needs none. Such
             a code is distinguished by its words from one with the same number.
-        unchecked: Whether the control makes moves of its own, such as the letters of a text. A
-            check goes on without them, and a run refuses the code.
+        unchecked: Whether the control does something of its own, such as the letters of a text. A
+            check goes on without it, and a run refuses the code.
     """
 
     name: str
