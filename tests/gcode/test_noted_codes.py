@@ -1,8 +1,8 @@
 """Codes that have no effect here, by the manuals of their controllers.
 
 Source: FANUC Series 30i, list of G-codes (G13.1, G25, G26, G40.1, G50.2); the posts of CAM systems
-for Haas (G255, G269); Mach3, list of M-codes (M47). The names of Haas' accessories (M70, M71, M131,
-M160 to M163) have no section that was read.
+for Haas (G255, G269); Mach3, list of M-codes (M47); SINUMERIK, gear stages (M40 to M45).
+The names of Haas' accessories (M70, M71, M131, M160 to M163) have no section that was read.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from tests.support.gcode.gcode_cases import block_summaries, error_of, points, w
 NOTED = [
     ("auto", "G40.1 G13.1"), ("auto", "M47"), ("mach3", "M47"),
     ("fanuc", "G13.1 G40.1 G50.2"), ("fanuc", "G25"), ("fanuc", "G26 P100 Q5 R10 I50"),
+    ("siemens", "M44"), ("siemens", "M45"),
     ("haas", "G255"), ("haas", "G269"), ("haas", "M70"), ("haas", "M71"), ("haas", "M131"),
     ("haas", "M160"), ("haas", "M161 P5"), ("haas", "M162"), ("haas", "M163 P2"),
 ]  # fmt: skip

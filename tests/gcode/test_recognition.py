@@ -71,6 +71,7 @@ EVIDENCE = [
     ("G0 X1\nG1 X2 F100", "auto"),
     ("T1 M6\nG43 H1 Z5.\nM30", "auto"),
     ("(O1000 in a comment)\nG0 X1", "auto"),
+    ("\0\0%\n\2O1000\nG0 X1", "fanuc"),
     ("; a text\nPART HOLDER\nX5", "auto"),
     ("; a text", "auto"),
     ("", "auto"),

@@ -28,6 +28,8 @@ DRIVEN = 3
 _LATHES = ("auto", "fanuc", "haas")
 """Languages that mean something else on a lathe; ``auto`` is no language."""
 
+_AROUND = " \t\r\n\x0c\2\x11\x12\x13\x14\x1a\x7f"
+"""Characters that mean nothing around a line. Zero bytes inside a line are a sign of UTF-16."""
 _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
@@ -209,7 +211,10 @@ def _first(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
     for number, line in enumerate(lines, start=1):
         if number > LINES:
             return
-        if text := line.strip()[:LONGEST]:
+        text = line.rstrip(_AROUND).lstrip(_AROUND + "\0")
+        if "\0" in text:
+            text = line.strip()
+        if text := text[:LONGEST]:
             yield number, text
 
 

@@ -52,8 +52,8 @@ _QUERY = re.compile(r"[ \t]*(\?)[ \t]*(?:;.*)?")
 _SWITCH = re.compile(r"([ \t]*/)[1-9](?=[ \t]*[A-Za-z(#])")
 """Block delete with the number of a switch, as FANUC and SINUMERIK have it."""
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
-_TAPE = "\0\x11\x12\x13\x14\x1a\x7f \t"
-"""Characters of paper tape and of serial links; a line of nothing else is empty."""
+_TAPE = "\0\2\3\4\x0c\x11\x12\x13\x14\x1a\x7f \t"
+"""Characters of paper tape, printers and serial links, which mean nothing around a line."""
 _PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
 _CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
 _FOREIGN = re.compile(r"\([^()]*\)|[(;].*|([\[#O])", re.DOTALL)
@@ -149,6 +149,9 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     if syntax.lenient and not text.strip(_TAPE):
         return Statement()
     if control := _CONTROL.search(text):
+        code = text.strip(_TAPE)
+        if syntax.lenient and not _CONTROL.search(code):
+            return parse_line(" " * text.index(code) + code, syntax)
         message = f"control character U+{ord(control[0]):04X}"
         raise fault(
             "control-character", message, column=control.start() + 1, hint="is this a text file?"
