@@ -25,6 +25,7 @@ MILLS = [
     "M106 S255\nG4 P900\nM106 S0",
     "M300 S30 (pen down)\nG4 P150\nM18",
     "G28 X Y\nG1 X5 F100",
+    "G28 X0\nG92 X0 Y0 Z0 E0 ; a template\nG1 X5 F100",
 ]
 
 

@@ -60,7 +60,7 @@ def test_a_run_refuses_the_letters_of_haas() -> None:
     assert (found.code, found.line) == ("code-not-supported", 4)
 
 
-@pytest.mark.parametrize("code", ["M21", "M25", "M51", "M53", "M59 P1134", "M69 P2"])
+@pytest.mark.parametrize("code", ["M21", "M25", "M51", "M58", "M59 P1134", "M61", "M68", "M69 P2"])
 def test_a_check_continues_without_the_relays_of_haas(code: str) -> None:
     """Haas, "Mill Operator's Manual", M-codes: relays and outputs, which may move something."""
     program = f"O12345\nG21\n{code}\nG0 X3.\nM30"

@@ -104,6 +104,7 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
         ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
         ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),
+        ("C6\nSA\nM3 0,0,0.15\nJ3 0.1293,0.1311,0.15", "not-gcode", "ShopBot"),
         ("IN;SP1;PU0,0;", "not-gcode", "HPGL"),
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),

@@ -197,7 +197,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     table = _read(name)
     if lenient and name != "auto":
         auto = _read("auto")
-        builders = _BUILDERS if table["flavour"] in ("macro-b", "siemens") else ()
+        builders = {code[1:] for code in table["noted"] if code[0] == "M"}
+        if table["flavour"] in ("macro-b", "siemens"):
+            builders |= _BUILDERS
         table["g"] += " " + auto["g"]
         table["m"] += " " + " ".join(code for code in auto["m"].split() if code not in builders)
         table["nurbs"] = sorted({*table["nurbs"], *auto["nurbs"]})
@@ -208,7 +210,7 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     return _dialect(name, table)
 
 
-_BUILDERS = ("50", "51", "52", "53", "70", "71", "72", "73", "428", "429", "430")
+_BUILDERS = {"50", "51", "52", "53", "70", "71", "72", "73", "428", "429", "430"}
 """M-codes of LinuxCNC without words of their own: a builder's codes on FANUC, Haas and Siemens."""
 
 _LENIENT = (
