@@ -155,7 +155,7 @@ def without_printer_text(text: str) -> str:
 
 def mend(text: str, error: Diagnostic) -> Mended | None:
     """Return a line without the slip of an error; None if the line cannot be repaired safely."""
-    if error.code == "block-delete-place":
+    if error.code in ("block-delete-place", "syntax-not-in-dialect"):
         return _slashes(text)
     if (stop := _STOP_TEXT.match(text)) and not _could_be_code(text[stop.end() :]):
         shown = re.sub("[();]", " ", text[stop.end() :])

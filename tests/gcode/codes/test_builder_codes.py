@@ -144,6 +144,13 @@ def test_slashes_before_or_behind_code_are_no_comment(source: str) -> None:
     assert error_of("// the stock", dialect="linuxcnc").code == "block-delete-place"
 
 
+@pytest.mark.parametrize("dialect", ["marlin", "grbl", "fanuc"])
+@pytest.mark.parametrize("line", ["// program of [one] part", "// if #1 is open"])
+def test_slashes_before_a_text_are_a_comment_in_every_language(dialect: str, line: str) -> None:
+    rules = dialects.load(dialect, lenient=True)
+    assert block_summaries(f"{line}\nG0 X1.", dialect=rules) == ["rapid 1 0 0"]
+
+
 @pytest.mark.parametrize(
     ("switches", "moves"),
     [(False, 3), (frozenset({1}), 2), (frozenset({2}), 2), (True, 1)],
