@@ -155,8 +155,10 @@ def without_printer_text(text: str) -> str:
 
 def mend(text: str, error: Diagnostic) -> Mended | None:
     """Return a line without the slip of an error; None if the line cannot be repaired safely."""
-    if error.code in ("block-delete-place", "syntax-not-in-dialect"):
+    if error.code == "block-delete-place":
         return _slashes(text)
+    if error.code == "syntax-not-in-dialect" and (mended := _slashes(text)):
+        return mended
     if (stop := _STOP_TEXT.match(text)) and not _could_be_code(text[stop.end() :]):
         shown = re.sub("[();]", " ", text[stop.end() :])
         what = "the text behind the stop is read as a message"
@@ -164,15 +166,15 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
         return Mended(f"{text[: stop.end() - 1]}({shown})", remark)
     if error.code not in ("comment-nested", "comment-not-closed"):
         return None
-    mended = _flat(text)
-    if mended is None or mended == text:
+    flat = _flat(text)
+    if flat is None or flat == text:
         return None
     what = (
         "a ( inside a comment: the comment is read to its own closing bracket"
         if error.code == "comment-nested"
         else "this comment is not closed: it is read to the end of the line"
     )
-    return Mended(mended, Remark(MENDED, what, error.column, error.length))
+    return Mended(flat, Remark(MENDED, what, error.column, error.length))
 
 
 def _slashes(text: str) -> Mended | None:
