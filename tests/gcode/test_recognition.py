@@ -103,6 +103,7 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("%PDF-1.4\n1 0 obj", "not-gcode", "PDF"),
         ("%FSLAX24Y24*%\nX100Y100D01*", "not-gcode", "Gerber"),
         ("M48\nMETRIC,TZ\nT1C0.8", "not-gcode", "Excellon"),
+        ("%%3000\nM47,FRONT\nX5Y5T1", "not-gcode", "circuit boards (Sieb & Meyer)"),
         ("MS,1.0,0.5\nJZ,5", "not-gcode", "ShopBot"),
         ("C6\nSA\nM3 0,0,0.15\nJ3 0.1293,0.1311,0.15", "not-gcode", "ShopBot"),
         ("IN;SP1;PU0,0;", "not-gcode", "HPGL"),

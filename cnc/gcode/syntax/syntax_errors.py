@@ -23,6 +23,7 @@ from cnc.model.diagnostics import GcodeError
 if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
+_ZERO_FOR_O = re.compile(r"[ \t]*0([0-9]{4,5})[ \t]*(?:[(;].*)?", re.DOTALL)
 _CHECKSUM = re.compile(r"\*[0-9]{1,3}")
 _COMPUTED = re.compile(r"[=#\[]")
 _SPLINE_WORDS = (
@@ -267,5 +268,7 @@ def between_words(context: ErrorContext) -> GcodeError:
             if "=" in context.text
             else "a word is a letter and a number, such as X10"
         )
+        if number := _ZERO_FOR_O.fullmatch(context.text):
+            hint = f"a program number begins with the letter O, and not with a zero: O{number[1]}"
         return context.fault("letter-missing", f"{part} without a letter before it", hint=hint)
     return context.unknown_character()

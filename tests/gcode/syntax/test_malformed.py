@@ -395,3 +395,11 @@ def test_what_tapes_and_links_put_around_a_line_means_nothing(around: str) -> No
     assert block_summaries(marked) == block_summaries(plain)
     assert_error_at("number-missing", f"{around}G0 ¦X")
     assert error_of(f"{around}G0 X1", dialect="linuxcnc").code == "control-character"
+
+
+@pytest.mark.parametrize("line", ["00001 ;", "00060 (PART 5) ;", " 00001"])
+def test_a_zero_in_place_of_the_letter_of_a_program_number_is_named(line: str) -> None:
+    found = error_of(f"%\n{line}\nG0 X1.\nM30\n%")
+    assert (found.code, found.line) == ("letter-missing", 2)
+    assert found.hint.endswith(f": O{line.strip()[1:5]}")
+    assert "letter O" not in error_of("0001\nG0 X1").hint
