@@ -39,6 +39,7 @@ EVIDENCE = [
     ("G94 G710 ; mm\nG17\nG0 X1", "siemens"),
     ("o<a> sub\no<a> endsub", "linuxcnc"),
     ("#<depth> = 5", "linuxcnc"),
+    ("(1002)\n(  vendor: Tormach)\nG90 G54 G64 G50", "linuxcnc"),
     ("O100 (PART)\n#<depth> = 5", "linuxcnc"),
     ("%\n\n(PART)\nO100 (PART)\nG0 X1", "fanuc"),
     ("PART 17 OF 20\n%\nO0017\nG0 X1", "fanuc"),
