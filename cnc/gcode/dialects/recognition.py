@@ -39,6 +39,8 @@ _LOGIC = re.compile(r"(?<![A-Z_<])(?:AND|OR|XOR)(?![A-Z_>])")
 _COMPARISON = re.compile(r"(?<![A-Z_<])(?:EQ|NE|GT|GE|LT|LE)(?![A-Z_>])")
 _QUOTED = re.compile(r'"[^"]*"')
 _WORD = re.compile(r"(?<![A-Z0-9_])[A-Z]\s*[-+.#\[0-9]|[%$#@]|^<")
+_LONG_WORD = re.compile(r"[^\W\d_]{2}")
+_ANY_WORD = re.compile(r"(?<![A-Z])[A-Z#]\s*[-+#\[<]?\s*[0-9.]")
 _PROSE = re.compile(r"[A-Z]{2}")
 
 
@@ -154,7 +156,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
         places = {"code": [code], "comment": comments, "line": [line],
                   "later" if begun else "first": [code]}  # fmt: skip
-        begun = code != "%" and (begun or code != "")
+        begun = code != "%" and (begun or (code != "" and not _is_text(code)))
         for each in tuple(left):
             for text in places.get(each.place, ()):
                 if match := each.pattern.search(text):
@@ -200,6 +202,11 @@ def differing_functions(lines: Iterable[str]) -> tuple[str, ...]:
     logic = {name for code in plain for name in _LOGIC.findall(code)}
     groups = (functions, "negative numbers"), (logic, "other numbers than 0 and 1")
     return tuple(f"{', '.join(sorted(names))} of {of}" for names, of in groups if names)
+
+
+def _is_text(code: str) -> bool:
+    """Return whether a line has words of a language, and none of G-code."""
+    return _LONG_WORD.search(code) is not None and _ANY_WORD.search(code) is None
 
 
 def _code_of(line: str) -> str:

@@ -15,6 +15,8 @@ from cnc.model.diagnostics import GcodeError
 
 _COMMENT = re.compile(r"\([^)]*\)?|;.*", re.DOTALL)
 _CODE = re.compile(r"[A-Za-z#][ \t]*[-+#\[<]?[ \t]*[0-9.]")
+_WORD = re.compile(r"(?<![A-Za-z])[A-Za-z#][ \t]*[-+#\[<]?[ \t]*[0-9.]")
+_NUMBER = re.compile(r"[ \t]*O[ \t]*[0-9]{1,8}[ \t]*(?:[(;].*)?$", re.IGNORECASE | re.DOTALL)
 
 
 LEADER = 20
@@ -22,13 +24,18 @@ LEADER = 20
 
 
 def leader(text: Text, syntax: Syntax) -> int:
-    """Return the number of lines before the first ``%`` that are no G-code; 0 for none.
+    """Return the number of lines before the program that are no G-code; 0 for none.
 
-    FANUC's and Haas' controls ignore what precedes the first ``%``: the leader of a tape. A line
-    that can be read is none: a file whose first ``%`` is missing would lose a program.
+    FANUC's and Haas' controls ignore what precedes the first ``%`` or the first end of line: the
+    leader of a tape. A line that can be read is none: a file whose first ``%`` is missing would
+    lose a program. So the one line before the number of a program must have no word of G-code.
+
+    Source: FANUC Series 16i, "Operator's Manual", file format of memory cards.
     """
-    unreadable, lines = False, text.first_lines()
+    unreadable, is_text, lines = False, False, text.first_lines()
     for count, line in enumerate(lines):
+        if count == 1 and is_text and _NUMBER.match(line.rstrip("\r\n")):
+            return count
         if line.strip() == "%":
             begins = unreadable and any(_CODE.search(_COMMENT.sub("", behind)) for behind in lines)
             return count if begins else 0
@@ -38,6 +45,7 @@ def leader(text: Text, syntax: Syntax) -> int:
             statement = parse_line(line.rstrip("\r\n"), syntax)
         except GcodeError:
             unreadable = True
+            is_text = count == 0 and not _WORD.search(_COMMENT.sub("", line))
             continue
         if statement.words or statement.computed or statement.control:
             break

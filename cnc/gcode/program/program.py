@@ -149,7 +149,7 @@ def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
     """Return the first line of the program, and report a leader before it."""
     count = leader(text, syntax)
     if count:
-        message = "text before the first % is not read: FANUC's and Haas' controls ignore it"
+        message = "text before the program is not read: FANUC's and Haas' controls ignore it"
         flow.interpreter.here.line = 1
         at = Word("", 0.0, "", 1, 1)
         flow.interpreter.here.report_warning("percent-leader", message, at, "remove it")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.gcode.dialects.recognition import recognise
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.flow_moves import xs
@@ -93,12 +94,27 @@ def test_text_before_the_first_percent_is_a_leader(head: str, dialect: str) -> N
     assert error_of(program, dialect="linuxcnc").line == 1 + head.startswith("\n")
 
 
+@pytest.mark.parametrize("dialect", ["fanuc", "haas", "auto"])
+@pytest.mark.parametrize("head", ["PART NAME 12", "it does not work, %", "Деталь №2"])
+def test_a_text_before_the_number_of_the_program_is_a_leader(head: str, dialect: str) -> None:
+    """FANUC Series 16i: what precedes the first end of line is not read."""
+    warnings: list[Diagnostic] = []
+    program = f"{head}\nO7\nG0 X1.\nM30\n"
+    assert xs(program, dialect=dialect, warn=warnings.append) == [1]
+    assert [(each.code, each.line) for each in warnings] == [("percent-leader", 1)]
+    assert error_of(program, dialect="linuxcnc").line == 1
+    assert recognise(program.split("\n")).dialect == "fanuc"
+
+
 @pytest.mark.parametrize(
     ("program", "line"),
     [
         ("G0 X1.\nnothing\n%\nO2\nG0 X2.\nM30\n%", 2),  # a program without its first %
         ("G0 X1.Y\n%\n", 1),
-        ("nothing\nO1\nG0 X1.\nM30\n", 1),
+        ("nothing G4O\nO1\nG0 X1.\nM30\n", 1),
+        ("nothing X1\nO1\nG0 X1.\nM30\n", 1),
+        ("nothing\nat all\nO1\nG0 X1.\nM30\n", 1),
+        ("nothing\nO1 X1.\nM30\n", 1),
         ("nothing\n" * 21 + "%\nO1\nG0 X1.\nM30\n%", 1),
     ],
 )
