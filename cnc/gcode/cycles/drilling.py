@@ -212,6 +212,8 @@ class DrillingCycles:
         word = self._staying(words, series, letter, name)
         if word is None:
             hint = f"give {letter} in the first line of {name}"
+            if letter == "R":
+                hint += "; a Haas control begins at the position: --dialect haas"
             raise fault("cycle-word-missing", f"{name} needs {letter}", at, hint)
         return word
 
