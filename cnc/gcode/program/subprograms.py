@@ -140,6 +140,7 @@ def define(listing: Listing, line: int, control: Control) -> Subroutine:
 
 def _line_of_endsub(listing: Listing, first: int, control: Control) -> int:
     name = f"o{control.label}"
+    missing = f"{name} endsub is missing"
     for line, other in listing.control_lines(first + 1):
         message = f"{shown(other)} inside {name} sub of line {first}"
         match other.keyword:
@@ -152,9 +153,10 @@ def _line_of_endsub(listing: Listing, first: int, control: Control) -> int:
                 hint = f"write {name} endsub"
                 raise listing.control_fault(line, other, "sub-not-open", message, hint)
             case "program":
+                missing += f" before {shown(other)} in line {line}, which begins a program"
                 break
     raise listing.control_fault(
-        first, control, "sub-not-closed", f"{name} sub is not closed", f"{name} endsub is missing"
+        first, control, "sub-not-closed", f"{name} sub is not closed", missing
     )
 
 

@@ -374,3 +374,9 @@ def test_a_folder_is_not_a_subroutine_file(tmp_path: Path) -> None:
     (tmp_path / "f.ngc").mkdir()
     assert error_of("o<f> call", folders=[tmp_path]).code == "sub-unknown"
     assert error_of(f"o<{'f' * 1000}> call", folders=[tmp_path]).code == "sub-unknown"
+
+
+def test_the_number_alone_that_ends_a_subroutine_is_named() -> None:
+    found = error_of("o<f> sub\no3 if [1]\nO3\no<f> endsub\nM2", dialect="linuxcnc")
+    assert (found.code, found.line) == ("sub-not-closed", 1)
+    assert "before O3 in line 3" in found.hint
