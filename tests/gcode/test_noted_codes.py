@@ -72,7 +72,9 @@ def test_a_check_continues_without_the_relays_of_haas(code: str) -> None:
     assert (refused.code, refused.line) == ("code-not-supported", 3)
 
 
-@pytest.mark.parametrize("code", ["M50", "M51", "M52", "M53", "M70", "M71", "M72", "M73", "M429"])
+@pytest.mark.parametrize(
+    "code", ["M50", "M51", "M52", "M53", "M61", "M64", "M68", "M70", "M71", "M72", "M73", "M429"]
+)
 @pytest.mark.parametrize("dialect", ["fanuc", "siemens"])
 def test_linuxcncs_codes_are_a_builders_on_other_controls(dialect: str, code: str) -> None:
     """FANUC's own are M0 to M2, M30, M98, M99. SINUMERIK's M70 makes a spindle an axis."""
@@ -80,3 +82,5 @@ def test_linuxcncs_codes_are_a_builders_on_other_controls(dialect: str, code: st
     found = error_of(f"G21\n{code}\nG0 X1.\nM30", dialect=rules)
     assert found.code in ("code-unknown", "code-not-in-dialect", "code-not-supported")
     assert f'[program.codes] {code} = ".."' in found.hint
+    warned = ReadingPolicy(unknown_codes="warn")
+    assert block_summaries(f"{code}\nG0 X1.", dialect=rules, policy=warned) == ["rapid 1 0 0"]

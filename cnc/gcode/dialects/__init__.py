@@ -210,8 +210,10 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     return _dialect(name, table)
 
 
-_BUILDERS = {"50", "51", "52", "53", "70", "71", "72", "73", "428", "429", "430"}
-"""M-codes of LinuxCNC without words of their own: a builder's codes on FANUC, Haas and Siemens."""
+_BUILDERS = {
+    str(code) for code in (*range(50, 54), *range(61, 69), *range(70, 74), *range(428, 431))
+}
+"""M-codes of LinuxCNC that are a builder's codes on FANUC, Haas and Siemens."""
 
 _LENIENT = (
     "lenient", "axes", "arc_turns", "arc_idle_center", "home_beside_motion", "program_end",
