@@ -5,9 +5,8 @@
 Random polygons are made from the seed: turns of 5 to 175 degrees, legs of 0.5 to 50 mm, tolerances
 of 0.005 to 0.5 mm, two and three axes. The machines have limits of each axis, equal or not, limits
 along the path, or both. Each is planned under G64 P, and the duration is divided by that of the
-motion that :mod:`benchmarks.tube_optimum` finds. Where the path is limited and the polygon lies in
-the plane of x and y, :mod:`benchmarks.heading_optimum` seeks it instead. The solvers begin from our
-motion.
+motion that :mod:`benchmarks.tube_optimum` finds. Where the path is limited and has a corner,
+:mod:`benchmarks.heading_optimum` seeks it instead. The solvers begin from our motion.
 
 The deviation is that of the planned motion from the polygon, relative to the tolerance. Two more
 ratios tell where time is lost:
@@ -280,11 +279,10 @@ def run(case: Case) -> Result:
     used = np.flatnonzero(np.ptp(case.points, axis=0) > 0.0)
     guess = guess._replace(r=guess.r[:, used], v=guess.v[:, used], a=guess.a[:, used])
     tube = Tube(case.points, case.tolerance, case.feed, Limits.of(case.machine)).of_axes(used)
-    planar = used.tolist() == [0, 1] and len(case.points) > 2
     along_best = math.nan
-    if case.family in ("path", "both") and planar:
+    if case.family in ("path", "both") and len(case.points) > 2:
         passed = np.array(times_passed(case, fine, r))
-        best = heading_optimum.optimum(tube, fine[::2], r[::2, :2], passed)
+        best = heading_optimum.optimum(tube, fine[::2], r[::2, used], passed)
     else:
         best, motion = optimum(tube, guess)
         if best < UNKNOWN * ours:
