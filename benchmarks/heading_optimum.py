@@ -1,6 +1,6 @@
 """The time-optimal motion inside the tolerance tube of a polygon, where the path is limited.
 
-Limits along the path are simple where the motion is given by its heading. In a frame of its own, the
+Limits along the path are simple where the motion is given by its heading. In its own frame, the
 unit vector T of the direction is (cos h, sin h) in a plane, and (cos e cos h, cos e sin h, sin e)
 in space. With the position r, the angles q = (h) or (h, e), their rates w, the speed v and the
 acceleration a along the path,
@@ -56,7 +56,7 @@ and so many times the time by which the largest jerk moves by the tolerance.
 """
 
 EVEN, BLUR = 0.4, 0.01
-"""Part of a group's steps that is spread evenly; the others lie where the guess turns. The turning is
+"""Part of a group's steps that is spread evenly; the others lie where the guess turns, which is
 averaged over this part of a group to both sides.
 """
 
