@@ -46,6 +46,7 @@ from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
@@ -190,7 +191,11 @@ def blocks_of(case: Case) -> list[Block]:
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
     path = build(
-        blocks_of(case), axes=AXES, start=np.zeros(3), short_legs=Joints(case.machine).short_legs
+        blocks_of(case),
+        axes=AXES,
+        start=np.zeros(3),
+        short_legs=Joints(case.machine).short_legs,
+        duration=motion_time(case.machine),
     )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]

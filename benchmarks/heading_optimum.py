@@ -304,8 +304,9 @@ def solved(tube: Tube, unit: Units, frame: Frame, steps: Steps, guess: Solution)
         h, x, end, u = span[g] * steps.share[k], state[:, k], state[:, k + 1], rate[:, k]
         middle, missed = frame.joined(x, end, u, h)
         opti.subject_to(missed == 0.0)
-        for place in (middle, end) if k else (x, middle, end):
+        for place in (x, middle, end):
             opti.subject_to(opti.bounded(-1.0, frame.used(place, u), 1.0))
+        for place in (middle, end):
             _hold_to_leg(opti, place[:n], points[leg : leg + 2], eps, g % GROUPS == GROUPS // 2)
         turned = end[n : 2 * n - 1] - x[n : 2 * n - 1]
         opti.subject_to(opti.bounded(-TURN, turned, TURN))
