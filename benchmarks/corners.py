@@ -5,9 +5,8 @@
 Random polygons are made from the seed: turns of 5 to 175 degrees, legs of 0.5 to 50 mm, tolerances
 of 0.005 to 0.5 mm, two and three axes. The machines have limits of each axis, equal or not, limits
 along the path, or both. Each is planned under G64 P, and the duration is divided by that of the
-motion that :mod:`benchmarks.tube_optimum` finds. Where the path is limited and the polygon lies in
-the plane of x and y, :mod:`benchmarks.heading_optimum` seeks it instead. The solvers begin from our
-motion.
+motion that :mod:`benchmarks.tube_optimum` finds. Where the path is limited and has a corner,
+:mod:`benchmarks.heading_optimum` seeks it instead. The solvers begin from our motion.
 
 The deviation is that of the planned motion from the polygon, relative to the tolerance. Two more
 ratios tell where time is lost:
@@ -47,6 +46,7 @@ from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
@@ -191,7 +191,11 @@ def blocks_of(case: Case) -> list[Block]:
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
     path = build(
-        blocks_of(case), axes=AXES, start=np.zeros(3), short_legs=Joints(case.machine).short_legs
+        blocks_of(case),
+        axes=AXES,
+        start=np.zeros(3),
+        short_legs=Joints(case.machine).short_legs,
+        duration=motion_time(case.machine),
     )
     items = LookAhead(case.machine).plan(path)
     return [item for item in items if isinstance(item, PlanChunk)]
@@ -280,11 +284,10 @@ def run(case: Case) -> Result:
     used = np.flatnonzero(np.ptp(case.points, axis=0) > 0.0)
     guess = guess._replace(r=guess.r[:, used], v=guess.v[:, used], a=guess.a[:, used])
     tube = Tube(case.points, case.tolerance, case.feed, Limits.of(case.machine)).of_axes(used)
-    planar = used.tolist() == [0, 1] and len(case.points) > 2
     along_best = math.nan
-    if case.family in ("path", "both") and planar:
+    if case.family in ("path", "both") and len(case.points) > 2:
         passed = np.array(times_passed(case, fine, r))
-        best = heading_optimum.optimum(tube, fine[::2], r[::2, :2], passed)
+        best = heading_optimum.optimum(tube, fine[::2], r[::2, used], passed)
     else:
         best, motion = optimum(tube, guess)
         if best < UNKNOWN * ours:

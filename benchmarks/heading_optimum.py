@@ -1,19 +1,24 @@
-"""The time-optimal motion inside the tolerance tube of a planar polygon, where the path is limited.
+"""The time-optimal motion inside the tolerance tube of a polygon, where the path is limited.
 
-Limits along the path are simple where the motion is given by its heading: with the speed v, the
-tangential acceleration a, the curvature k and the heading h,
+Limits along the path are simple where the motion is given by its heading. In its own frame, the
+unit vector T of the direction is (cos h, sin h) in a plane, and (cos e cos h, cos e sin h, sin e)
+in space. With the position r, the angles q = (h) or (h, e), their rates w, the speed v and the
+acceleration a along the path,
 
-    x' = v cos h,  y' = v sin h,  h' = k v,  v' = a,
+    r' = v T(q),  q' = w,  w' = u,  v' = a,
 
-the normal acceleration is k v^2 and the tangential jerk is a'. The jerk in the axes has the
-components a' - k^2 v^3 along the path and 3 k v a + k' v^2 across it. All are smooth for v > 0. In
-x, y and their derivatives (:mod:`benchmarks.tube_optimum`) they are not, so a solver seldom finds
-a legal motion there.
+the normal acceleration is v |T'|, and a' is the jerk along the path, v''. The acceleration of the
+axes is a T + v T', and their jerk a' T + 2 a T' + v T''. All are smooth, also for a motion that
+stops and turns there. In r and its derivatives (:mod:`benchmarks.tube_optimum`) they are not, so a
+solver seldom finds a legal motion there.
 
-a' and k' are constant in each step. IPOPT (through casadi) lowers the sum of the durations. The
-result is integrated in finer steps: it counts only where it keeps to the polygon there, and its
-clock is slowed until every limit holds. It is a local optimum, so it bounds the true one from
-above.
+A polygon in a plane has a frame in that plane. Else the axis e = 90 degrees of the frame is as far
+as possible from the directions of the polygon.
+
+a' and u are constant in each step, and a step is integrated by Simpson's rule. IPOPT (through
+casadi) lowers the sum of the durations. The result is integrated in finer steps: it counts only
+where it keeps to the polygon there, and its clock is slowed until every limit holds. It is a local
+optimum, so it bounds the true one from above.
 """
 
 from __future__ import annotations
@@ -31,18 +36,13 @@ from benchmarks.tube_optimum import Tube
 
 Floats = NDArray[np.float64]
 
-COARSE, STEPS = (8, 6, 8), (18, 8, 18)
+COARSE, STEPS = (14, 4, 14), (32, 8, 32)
 """Steps of each leg: behind a corner, in the middle, before the next corner."""
 
 GROUPS = 3
 
-PARTS = 2
-"""Parts of a step that are integrated one after the other. The tube is observed at the middle and
-the end of each.
-"""
-
-TURN = 0.6
-"""Largest change of the heading in a step."""
+TURN = 0.35
+"""Largest change of an angle in a step, rad."""
 
 SHORTEST = 1e-3
 """Least duration of a group, as a part of the mean of the guess."""
@@ -55,28 +55,34 @@ SIDE, NEAR = 0.3, 4.0
 and so many times the time by which the largest jerk moves by the tolerance.
 """
 
+EVEN, BLUR = 0.4, 0.01
+"""Part of a group's steps that is spread evenly; the others lie where the guess turns, which is
+averaged over this part of a group to both sides.
+"""
+
 SLOWED = 1.05
 """The solver begins with the guess slowed by this."""
 
 INSIDE = 0.995
 """Part of the tolerance that the solver uses."""
 
+FLAT = 1e-6
+"""Parts of a unit vector below this are none."""
+
 OFF = 1.01
 """Deviation in tolerances that counts as within it."""
 
-MISSED = 0.02
+MISSED = 0.03
 """Largest difference between the solver's integration and the finer one, in tolerances."""
 
 FINE = 8
 """Parts of a step of the finer integration."""
 
-SLOWEST = 1e-3
-"""Least speed between the ends, as a part of the feed."""
-
 ITERATIONS, LONGEST = 600, 60.0
 """Bounds on the iterations of a solution, and on its CPU time, s."""
-CLOSE = 0.03
-"""The heading is not read where the guess is slower than this part of its largest speed."""
+
+CLOSE = 0.01
+"""The direction is not read where the guess is slower than this part of its largest speed."""
 
 
 class Steps(NamedTuple):
@@ -84,12 +90,14 @@ class Steps(NamedTuple):
 
     Attributes:
         leg: (m,): the leg of each.
-        group: (m,): its group. Their durations are equal.
+        group: (m,): its group.
+        share: (m,): its part of the group's duration.
         t: (m + 1,): times of the guess, s.
     """
 
     leg: NDArray[np.int64]
     group: NDArray[np.int64]
+    share: Floats
     t: Floats
 
 
@@ -104,14 +112,106 @@ class Solution(NamedTuple):
     """A motion on given steps, in units of :class:`Units`.
 
     Attributes:
-        state: (6, m + 1): x, y, heading, speed, acceleration along the path and curvature.
-        rate: (2, m): the changes of the last two.
+        state: (3 n, m + 1), in a frame of n axes: r, q, w, v and a.
+        rate: (n, m): u and a'.
         span: (groups,): durations of the groups.
     """
 
     state: Floats
     rate: Floats
     span: Floats
+
+
+class Frame(NamedTuple):
+    """The frame of a polygon.
+
+    Attributes:
+        basis: (axes, n): its axes; n is 2 for a polygon in a plane, else 3.
+        change: derivative of a state by its rate, (3 n,).
+        used: what is limited at a state, relative to its bound, for a state and a rate.
+        order: (limits,): the order of each in 1 / time.
+    """
+
+    basis: Floats
+    change: casadi.Function
+    used: casadi.Function
+    order: Floats
+
+    def joined(
+        self, x: casadi.MX, end: casadi.MX, u: casadi.MX, h: casadi.MX
+    ) -> tuple[casadi.MX, casadi.MX]:
+        """Return the state in the middle of a step, and what its ends miss by Simpson's rule."""
+        first, last = self.change(x, u), self.change(end, u)
+        middle = (x + end) / 2 + h / 8 * (first - last)
+        return middle, end - x - h / 6 * (first + 4 * self.change(middle, u) + last)
+
+    def advanced(self, x: Floats, u: Floats, h: float) -> Floats:
+        """Return the state at the end of a step, by Runge and Kutta's method."""
+        first = self.change(x, u)
+        second = self.change(x + h / 2 * first, u)
+        third = self.change(x + h / 2 * second, u)
+        fourth = self.change(x + h * third, u)
+        step = h / 6 * (first + 2 * second + 2 * third + fourth)
+        return np.asarray(x + np.asarray(step).ravel())
+
+
+def basis_of(points: Floats) -> Floats:
+    """Return the axes of a frame for a polygon (axes, n)."""
+    legs = np.diff(points, axis=0)
+    legs /= np.linalg.norm(legs, axis=1)[:, None]
+    _, size, rows = np.linalg.svd(legs)
+    if (size > FLAT).sum() <= 2:
+        return np.asarray(rows[:2].T)
+    between = legs[1:] + legs[:-1]
+    between = between[np.linalg.norm(between, axis=1) > FLAT]
+    seen = np.vstack((legs, between / np.linalg.norm(between, axis=1)[:, None]))
+    tried = np.random.default_rng(0).normal(size=(500, 3))
+    tried /= np.linalg.norm(tried, axis=1)[:, None]
+    pole = tried[int(np.argmin(np.abs(tried @ seen.T).max(axis=1)))]
+    _, _, rows = np.linalg.svd(pole[None, :])
+    return np.stack((rows[1], rows[2], pole), axis=1)
+
+
+def frame_of(tube: Tube, unit: Units) -> Frame:
+    """Return the frame of a tube's polygon, and what is limited in it."""
+    limits, basis = tube.limits, basis_of(tube.points)
+    n = basis.shape[1]
+    x, u = casadi.SX.sym("x", 3 * n), casadi.SX.sym("u", n)
+    angles, rates, v, a = x[n : 2 * n - 1], x[2 * n - 1 : 3 * n - 2], x[3 * n - 2], x[3 * n - 1]
+    ahead = casadi.vertcat(casadi.cos(angles[0]), casadi.sin(angles[0]))
+    if n == 3:
+        ahead = casadi.vertcat(casadi.cos(angles[1]) * ahead, casadi.sin(angles[1]))
+    first = casadi.jtimes(ahead, angles, rates)
+    second = casadi.jtimes(first, angles, rates) + casadi.jtimes(ahead, angles, u[:-1])
+    change = casadi.vertcat(v * ahead, rates, u[:-1], a, u[-1])
+    found = [
+        (v, tube.feed, 1),
+        (a, limits.tangential_acceleration, 2),
+        (u[-1], limits.tangential_jerk, 3),
+    ]
+    # Its square is smooth where the path is straight.
+    bounds = [(casadi.sumsqr(v * first), tube.normal**2, 4, 2)]
+    velocity = casadi.mtimes(basis, v * ahead)
+    pull = casadi.mtimes(basis, a * ahead + v * first)
+    jerk = casadi.mtimes(basis, u[-1] * ahead + 2.0 * a * first + v * second)
+    for i in np.flatnonzero(np.abs(basis).max(axis=1) > FLAT).tolist():
+        found += [
+            (velocity[i], float(limits.axis_velocity[i]), 1),
+            (pull[i], float(limits.axis_acceleration[i]), 2),
+            (jerk[i], float(limits.axis_jerk[i]), 3),
+        ]
+    bounds += [(value, bound, order, 1) for value, bound, order in found]
+    bounds = [each for each in bounds if math.isfinite(each[1])]
+    ratios = [
+        value * (unit.length**power / (bound * unit.time**order))
+        for value, bound, order, power in bounds
+    ]
+    return Frame(
+        basis,
+        casadi.Function("change", [x, u], [change]),
+        casadi.Function("used", [x, u], [casadi.vertcat(*ratios)]),
+        np.array([float(order) for _, _, order, _ in bounds]),
+    )
 
 
 def time_beside_corner(tube: Tube) -> float:
@@ -123,63 +223,37 @@ def time_beside_corner(tube: Tube) -> float:
     return float(NEAR * (6.0 * tube.tolerance / jerk) ** (1.0 / 3.0) + ramp)
 
 
-def steps_of(passed: Floats, counts: tuple[int, ...], near: float) -> Steps:
-    """Return the steps for a guess that passes start, corners and end at these times.
+def steps_of(tube: Tube, counts: tuple[int, ...], t: Floats, r: Floats, passed: Floats) -> Steps:
+    """Return the steps of a solution: more of them where the guess turns.
 
-    ``counts``: steps of each group of a leg. ``near``: bound on the time of the outer groups, s.
+    Args:
+        tube: the constraints.
+        counts: steps of each group of a leg.
+        t: (m,): times of a guess, s.
+        r: (m, axes): its positions, mm.
+        passed: times at which it passes start, corners and end, s.
     """
+    near = time_beside_corner(tube)
+    turned = np.linalg.norm(np.diff(directions_of(t, r), axis=0), axis=1)
+    turned = np.concatenate(([0.0], np.cumsum(turned)))
     leg: list[int] = []
     group: list[int] = []
-    t = [0.0]
+    found, shares = [0.0], []
     for k, (begin, end) in enumerate(pairwise(passed)):
         side = min(SIDE * (end - begin), near)
-        shares = (side, end - begin - 2.0 * side, side)
-        for g, (count, duration) in enumerate(zip(counts, shares, strict=True)):
+        bounds = (begin, begin + side, end - side, end)
+        for g, (count, (first, last)) in enumerate(zip(counts, pairwise(bounds), strict=True)):
+            fine = np.linspace(first, last, 1001)
+            blur = np.linspace(-BLUR, BLUR, 21) * (last - first)
+            bent = np.mean([np.interp(np.clip(fine + b, first, last), t, turned) for b in blur], 0)
+            weight = EVEN * (fine - first) / (last - first)
+            weight += (1.0 - EVEN) * (bent - bent[0]) / max(bent[-1] - bent[0], TURN)
+            places = np.interp(np.linspace(0.0, weight[-1], count + 1), weight, fine)
             leg += [k] * count
             group += [GROUPS * k + g] * count
-            t += (t[-1] + duration * np.arange(1, count + 1) / count).tolist()
-    return Steps(np.array(leg), np.array(group), np.array(t))
-
-
-def change(x: casadi.MX, u: casadi.MX) -> casadi.MX:
-    """Return the derivative of a state (x, y, heading, v, a, k) for u = (a', k')."""
-    v, a, k = x[3], x[4], x[5]
-    return casadi.vertcat(v * casadi.cos(x[2]), v * casadi.sin(x[2]), v * k, a, u[0], u[1])
-
-
-def advanced(x: casadi.MX, u: casadi.MX, h: casadi.MX) -> tuple[casadi.MX, casadi.MX]:
-    """Return the states in the middle and at the end of a step, by Runge and Kutta's method."""
-    first = change(x, u)
-    second = change(x + h / 2 * first, u)
-    third = change(x + h / 2 * second, u)
-    fourth = change(x + h * third, u)
-    return x + h / 2 * second, x + h / 6 * (first + 2 * second + 2 * third + fourth)
-
-
-def used(tube: Tube, unit: Units, x: casadi.MX, u: casadi.MX) -> list[tuple[casadi.MX, float, int]]:
-    """Return what is limited at a state: the value, its bound in these units, and its order."""
-    limits = tube.limits
-    v, a, k = x[3], x[4], x[5]
-    across = k * v * v
-    along_jerk, across_jerk = u[0] - k * k * v**3, 3.0 * v * a * k + v * v * u[1]
-    cosine, sine = casadi.cos(x[2]), casadi.sin(x[2])
-    found = [
-        (v, tube.feed, 1),
-        (a, limits.tangential_acceleration, 2),
-        (across, tube.normal, 2),
-        (u[0], limits.tangential_jerk, 3),
-    ]
-    for i, (first, second) in enumerate(((cosine, -sine), (sine, cosine))):
-        found += [
-            (v * first, limits.axis_velocity[i], 1),
-            (a * first + across * second, limits.axis_acceleration[i], 2),
-            (along_jerk * first + across_jerk * second, limits.axis_jerk[i], 3),
-        ]
-    return [
-        (value, float(bound) * unit.time**order / unit.length, order)
-        for value, bound, order in found
-        if math.isfinite(bound)
-    ]
+            found += places[1:].tolist()
+            shares += (np.diff(places) / (last - first)).tolist()
+    return Steps(np.array(leg), np.array(group), np.array(shares), np.array(found))
 
 
 def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
@@ -189,25 +263,24 @@ def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
     between its places, the next one is sought in a narrower tube.
 
     Args:
-        tube: the constraints, of two axes.
-        t: (n,): times of a guess, s.
-        r: (n, 2): its positions, mm.
+        tube: the constraints.
+        t: (m,): times of a guess, s.
+        r: (m, axes): its positions, mm.
         passed: times at which it passes start, corners and end, s.
     """
-    near = time_beside_corner(tube)
-    time = min(near, float(passed[-1]) / (GROUPS * (len(passed) - 1)))
+    time = min(time_beside_corner(tube), float(passed[-1]) / (GROUPS * (len(passed) - 1)))
     unit = Units(max(0.3 * tube.feed * time, 3.0 * tube.tolerance), time)
-    steps = steps_of(passed, COARSE, near)
-    spans = SLOWED * np.bincount(steps.group, np.diff(steps.t)) / time
-    state = _guess(steps, t, r, unit)
-    rate = np.diff(state[4:], axis=1) / (SLOWED * np.diff(steps.t) / time)
-    guess = Solution(state, rate, spans.astype(np.float64))
+    frame = frame_of(tube, unit)
+    inside = tube._replace(points=tube.points @ frame.basis)
+    r = r @ frame.basis
+    steps = steps_of(inside, COARSE, t, r, passed)
+    guess = _guess(steps, t, r, unit)
     narrow, best = INSIDE * tube.tolerance, math.inf
     for fine in (False, *[True] * TRIES):
         if fine:
-            guess, steps = _refined(guess, steps, steps_of(passed, STEPS, near))
-        guess = solved(tube._replace(tolerance=narrow), unit, steps, guess)
-        off, duration = checked(tube, unit, steps, guess)
+            guess, steps = _refined(guess, steps, steps_of(inside, STEPS, t, r, passed))
+        guess = solved(inside._replace(tolerance=narrow), unit, frame, steps, guess)
+        off, duration = checked(inside, unit, frame, steps, guess)
         if off <= OFF and duration < best:
             best = duration
         if fine and (off <= OFF or not off < math.inf):
@@ -217,35 +290,32 @@ def optimum(tube: Tube, t: Floats, r: Floats, passed: Floats) -> float:
     return best
 
 
-def solved(tube: Tube, unit: Units, steps: Steps, guess: Solution) -> Solution:
+def solved(tube: Tube, unit: Units, frame: Frame, steps: Steps, guess: Solution) -> Solution:
     """Return the solution of IPOPT, or its last iterate."""
-    m, groups = len(steps.leg), int(steps.group[-1]) + 1
-    counts = np.bincount(steps.group)
+    m, n, groups = len(steps.leg), tube.points.shape[1], int(steps.group[-1]) + 1
     points, eps = tube.points / unit.length, tube.tolerance / unit.length
     opti = casadi.Opti()
-    state, rate = opti.variable(6, m + 1), opti.variable(2, m)
+    state, rate = opti.variable(3 * n, m + 1), opti.variable(n, m)
     span = opti.variable(groups)
     opti.minimize(casadi.sum1(span))
     opti.subject_to(span >= SHORTEST)
     for k in range(m):
         g, leg = int(steps.group[k]), int(steps.leg[k])
-        h, x, u = span[g] / counts[g] / PARTS, state[:, k], rate[:, k]
-        for part in range(PARTS):
-            middle, end = advanced(x, u, h)
-            for place in (middle, end) if part or k else (x, middle, end):
-                for value, bound, _ in used(tube, unit, place, u):
-                    opti.subject_to(opti.bounded(-bound, value, bound))
-                _hold_to_leg(opti, place, points[leg : leg + 2], eps, g % GROUPS == 1)
-            x = end
-        opti.subject_to(state[:, k + 1] == x)
-        opti.subject_to(opti.bounded(-TURN, state[2, k + 1] - state[2, k], TURN))
-        if k:
-            opti.subject_to(state[3, k] >= SLOWEST * tube.feed * unit.time / unit.length)
+        h, x, end, u = span[g] * steps.share[k], state[:, k], state[:, k + 1], rate[:, k]
+        middle, missed = frame.joined(x, end, u, h)
+        opti.subject_to(missed == 0.0)
+        for place in (x, middle, end):
+            opti.subject_to(opti.bounded(-1.0, frame.used(place, u), 1.0))
+        for place in (middle, end):
+            _hold_to_leg(opti, place[:n], points[leg : leg + 2], eps, g % GROUPS == GROUPS // 2)
+        turned = end[n : 2 * n - 1] - x[n : 2 * n - 1]
+        opti.subject_to(opti.bounded(-TURN, turned, TURN))
+        opti.subject_to(end[-2] >= 0.0)
         if k + 1 < m and steps.leg[k + 1] > leg:
-            opti.subject_to(casadi.sumsqr(state[:2, k + 1] - points[leg + 1]) <= eps**2)
-    for at, end in ((0, points[0]), (m, points[-1])):
-        opti.subject_to(state[:2, at] == end)
-        opti.subject_to(state[3:5, at] == 0.0)
+            opti.subject_to(casadi.sumsqr(end[:n] - points[leg + 1]) / eps**2 <= 1.0)
+    for at, place in ((0, points[0]), (m, points[-1])):
+        opti.subject_to(state[:n, at] == place)
+        opti.subject_to(state[-2:, at] == 0.0)
     opti.set_initial(state, guess.state)
     opti.set_initial(rate, guess.rate)
     opti.set_initial(span, guess.span)
@@ -255,14 +325,15 @@ def solved(tube: Tube, unit: Units, steps: Steps, guess: Solution) -> Solution:
         "max_iter": ITERATIONS,
         "max_cpu_time": LONGEST,
         "tol": 1e-5,
+        "constr_viol_tol": 1e-6,
         "mu_init": 1e-2,
+        "mu_strategy": "adaptive",
     }
-    settings |= {"constr_viol_tol": 1e-6, "mu_strategy": "adaptive"}
     opti.solver("ipopt", {"print_time": False, "expand": True}, settings)
     with suppress(RuntimeError):
         opti.solve()
     found = [np.array(opti.debug.value(each), np.float64) for each in (state, rate, span)]
-    return Solution(*found)
+    return Solution(found[0], np.atleast_2d(found[1]), np.atleast_1d(found[2]))
 
 
 def _refined(guess: Solution, coarse: Steps, fine: Steps) -> tuple[Solution, Steps]:
@@ -276,86 +347,102 @@ def _refined(guess: Solution, coarse: Steps, fine: Steps) -> tuple[Solution, Ste
 
 def _places(steps: Steps) -> Floats:
     """Return the ends of the steps, counted in groups (m + 1,)."""
-    counts = np.bincount(steps.group)
-    return np.concatenate(([0.0], np.cumsum(1.0 / counts[steps.group])))
+    return np.concatenate(([0.0], np.cumsum(steps.share)))
 
 
-def _hold_to_leg(
-    opti: casadi.Opti, place: casadi.MX, ends: Floats, eps: float, middle: bool
-) -> None:
-    """Hold a place to the tolerance of a leg; in its middle, between its ends."""
+def _hold_to_leg(opti: casadi.Opti, r: casadi.MX, ends: Floats, eps: float, middle: bool) -> None:
+    """Hold a position to the tolerance of a leg; in its middle, between its ends."""
     length = float(np.linalg.norm(ends[1] - ends[0]))
     along = (ends[1] - ends[0]) / length
-    off = place[:2] - ends[0]
-    on = off[0] * along[0] + off[1] * along[1]
-    across = off[0] * along[1] - off[1] * along[0]
+    off = r - ends[0]
+    on = casadi.dot(off, along)
+    across = casadi.sumsqr(off - on * along) / eps**2
     if middle:
-        opti.subject_to(opti.bounded(-eps, across, eps))
+        opti.subject_to(across <= 1.0)
         opti.subject_to(opti.bounded(0.0, on, length))
         return
     beyond = opti.variable()
     opti.subject_to(beyond >= 0.0)
-    opti.subject_to(beyond >= on - length)
-    opti.subject_to(beyond >= -on)
-    opti.subject_to(across**2 + beyond**2 <= eps**2)
+    opti.subject_to(beyond * eps >= on - length)
+    opti.subject_to(beyond * eps >= -on)
+    opti.subject_to(across + beyond**2 <= 1.0)
 
 
-def _guess(steps: Steps, t: Floats, r: Floats, unit: Units) -> Floats:
-    """Return the states (6, m + 1) of the guess."""
-    velocity = np.gradient(r, t[1] - t[0], axis=0)
-    speed = np.linalg.norm(velocity, axis=1)
-    fast = speed > CLOSE * speed.max()
-    heading = np.unwrap(np.arctan2(velocity[fast, 1], velocity[fast, 0]))
-    heading = np.interp(t, t[fast], heading)
-    wide = max(3, len(t) // 100)
-    heading = np.convolve(np.pad(heading, wide, mode="edge"), np.ones(2 * wide + 1), "valid")
-    heading /= 2 * wide + 1
+def _guess(steps: Steps, t: Floats, r: Floats, unit: Units) -> Solution:
+    """Return the guess, slowed, on given steps."""
+    dt = t[1] - t[0]
+    speed = np.linalg.norm(np.gradient(r, dt, axis=0), axis=1)
+    direction = directions_of(t, r)
+    angles = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))[:, None]
+    if r.shape[1] == 3:
+        angles = np.column_stack((angles, np.arcsin(np.clip(direction[:, 2], -1.0, 1.0))))
 
     def at(values: Floats) -> Floats:
-        return np.interp(steps.t, t, values)
+        return np.array([np.interp(steps.t, t, column) for column in values.T])
 
-    v = np.maximum(at(speed), 0.02 * speed.max())
+    v = np.interp(steps.t, t, speed)
     v[0] = v[-1] = 0.0
-    turned = at(heading)
-    bend = np.gradient(turned, steps.t) / np.maximum(v, 0.05 * speed.max())
-    return np.array(
-        [
-            at(r[:, 0]) / unit.length,
-            at(r[:, 1]) / unit.length,
-            turned,
+    state = np.vstack(
+        (
+            at(r) / unit.length,
+            at(angles),
+            at(np.gradient(angles, dt, axis=0)) * unit.time / SLOWED,
             v * unit.time / unit.length / SLOWED,
             np.gradient(v, steps.t) * unit.time**2 / unit.length / SLOWED**2,
-            bend * unit.length,
-        ]
+        )
     )
+    n = r.shape[1]
+    changing = state[[*range(2 * n - 1, 3 * n - 2), 3 * n - 1]]
+    rate = np.diff(changing, axis=1) / (SLOWED * np.diff(steps.t) / unit.time)
+    spans = SLOWED * np.bincount(steps.group, np.diff(steps.t)) / unit.time
+    return Solution(state, rate, spans.astype(np.float64))
 
 
-def checked(tube: Tube, unit: Units, steps: Steps, found: Solution) -> tuple[float, float]:
+def directions_of(t: Floats, r: Floats) -> Floats:
+    """Return the direction at each place of a guess (m, axes).
+
+    Where the motion is not fast, the direction turns evenly in the plane of those before and
+    behind.
+    """
+    velocity = np.gradient(r, t[1] - t[0], axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
+    known = np.flatnonzero(speed > CLOSE * speed.max())
+    unit = velocity[known] / speed[known][:, None]
+    place = np.interp(np.arange(len(t)), known, np.arange(len(known)))
+    before = np.minimum(place.astype(np.int64), len(known) - 2)
+    share = (place - before)[:, None]
+    start, end = unit[before], unit[before + 1]
+    turn = np.arccos(np.clip((start * end).sum(axis=1), -1.0, 1.0))[:, None]
+    found = (1.0 - share) * start + share * end
+    bent = turn[:, 0] > 1e-3
+    size = np.sin(turn[bent])
+    found[bent] = np.sin((1.0 - share[bent]) * turn[bent]) / size * start[bent]
+    found[bent] += np.sin(share[bent] * turn[bent]) / size * end[bent]
+    return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+
+
+def checked(
+    tube: Tube, unit: Units, frame: Frame, steps: Steps, found: Solution
+) -> tuple[float, float]:
     """Return the largest deviation, in tolerances, and the duration at which all limits hold, s.
 
     The deviation is infinite where the integration of the solver is not accurate.
     """
-    counts = np.bincount(steps.group)
-    h = found.span[steps.group] / counts[steps.group]
-    x, u = casadi.MX.sym("x", 6), casadi.MX.sym("u", 2)
-    size = casadi.MX.sym("h")
-    parts = used(tube, unit, x, u)
-    go = casadi.Function("go", [x, u, size], [advanced(x, u, size)[1]])
-    look = casadi.Function("look", [x, u], [casadi.vertcat(*(v / bound for v, bound, _ in parts))])
-    power = 1.0 / np.array([order for *_, order in parts])
+    h = found.span[steps.group] * steps.share
+    n = tube.points.shape[1]
     clock, points, most = 1.0, tube.points / unit.length, 0.0
     for k in range(len(h)):
         place, rate = found.state[:, k], found.rate[:, k]
         start, end = points[steps.leg[k]], points[steps.leg[k] + 1]
         along = end - start
         for part in range(FINE + 1):
-            taken = np.abs(np.asarray(look(place, rate)).ravel()) ** power
+            taken = np.abs(np.asarray(frame.used(place, rate)).ravel()) ** (1.0 / frame.order)
             clock = max(clock, float(taken.max()))
-            on = min(max(float((place[:2] - start) @ along / (along @ along)), 0.0), 1.0)
-            most = max(most, float(np.linalg.norm(place[:2] - start - on * along)))
+            on = min(max(float((place[:n] - start) @ along / (along @ along)), 0.0), 1.0)
+            most = max(most, float(np.linalg.norm(place[:n] - start - on * along)))
             if part < FINE:
-                place = np.asarray(go(place, rate, h[k] / FINE)).ravel()
-        missed = float(np.abs(place[:2] - found.state[:2, k + 1]).max()) * unit.length
+                place = frame.advanced(place, rate, float(h[k]) / FINE)
+        missed = float(np.abs(place[:n] - found.state[:n, k + 1]).max()) * unit.length
         if not missed <= MISSED * tube.tolerance:
             return math.inf, math.inf
     return most * unit.length / tube.tolerance, float(h.sum()) * unit.time * clock

@@ -35,6 +35,7 @@ from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
 
@@ -98,7 +99,13 @@ def motion(program: Program, control: Control | None = None) -> Iterator[PlanChu
     machine = program.machine
     axes, start = optimum_cases.AXES, np.zeros(3)
     joints = Joints(machine)
-    path = build(program.blocks, axes=axes, start=start, short_legs=joints.short_legs)
+    path = build(
+        program.blocks,
+        axes=axes,
+        start=start,
+        short_legs=joints.short_legs,
+        duration=motion_time(machine),
+    )
     yield from LookAhead(machine, control).plan(joints.path(path, start))
 
 
