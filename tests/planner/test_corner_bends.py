@@ -11,6 +11,7 @@ from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import AXES, lines, machine, sampled
@@ -113,6 +114,24 @@ def test_corners_beside_a_leg_without_room_are_passed_together():
         for tolerance in ([0.0, 0.0, 0.0], [EPS, EPS, 0.0])
     )
     assert duration(passed) < 0.7 * duration(stops)
+
+
+def test_a_corner_of_a_short_leg_beside_a_blend_has_a_blend():
+    # Its leg has room for a blend of less than half the tolerance. The corner before has one of the
+    # whole tolerance, next to which a motion past a stop takes 0.0533 s. The fastest motion within
+    # the tolerance takes 0.0448 s: a nonlinear solver, benchmarks/heading_optimum.py.
+    mill = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)
+    heading = np.radians([0.0, 160.0, 101.0])
+    steps = 0.5 * np.stack((np.cos(heading), np.sin(heading), 0.0 * heading), axis=1)
+    path = build(
+        [PathMode("", 1, "blend", 0.135), lines(np.cumsum(steps, axis=0), 257.0)],
+        axes=AXES,
+        start=np.zeros(3),
+        short_legs=0,
+        duration=motion_time(mill),
+    )
+    chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
+    assert duration(chunks) < 1.15 * 0.0448
 
 
 def test_a_corner_of_a_short_leg_beside_a_curve_has_a_blend():

@@ -33,11 +33,8 @@ from cnc.kernels.path.curve import (
 from cnc.kernels.planner.corner_bends import (
     MOST_CUBICS,
     Blend,
-    Side,
     corner_plane,
     cubics_of,
-    fastest_blend,
-    largest_speed,
     no_blend,
     side_time,
     write_points,
@@ -49,13 +46,19 @@ from cnc.kernels.planner.corner_cubic import (
     half_time,
     write_blend,
 )
-from cnc.kernels.planner.corner_turning import Bend, bend_of, no_bend
+from cnc.kernels.planner.corner_room import (
+    LEAST_TURN,
+    blend_along,
+    legs_of,
+    only_along,
+    passed_beside,
+)
+from cnc.kernels.planner.corner_turning import Bend, no_bend
 from cnc.kernels.planner.legs import (
     LEGS_SHARE,
     REVERSED,
     SHARPEST,
     STRAIGHTEST,
-    LineBounds,
     directions,
     line_bounds,
     write_line,
@@ -78,16 +81,6 @@ BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
 
 STAY, PASS, BLEND = 0, 1, 2
 """Treatments of a corner: as it is, a motion past the stop there, a curve."""
-
-TIGHT = 0.75
-"""Where the legs have room for a blend of less than this part of the tolerance, corners are passed
-together.
-"""
-
-LEAST_TURN = 1e-4
-"""Sine of half the smallest turn of a blend whose curvature follows the speed. Below, the plane of
-the corner is not known well.
-"""
 
 MOST_PIECES = 1 + MOST_CUBICS
 """Largest number of pieces that one piece becomes, with the blend behind it."""
@@ -112,22 +105,6 @@ class Treatment(NamedTuple):
     after: float
     blend: Blend
     bend: Bend
-
-
-@njit
-def only_along(limits: LimitArrays) -> bool:
-    """Return whether the jerk is limited along the path, and in no axis."""
-    return bool(limits.tangential_jerk < math.inf and limits.axis_jerk.min() == math.inf)
-
-
-@njit
-def beside_others(path: PathArrays, k: int) -> bool:
-    """Return whether the shorter leg of the corner behind line ``k`` has a line at its other end.
-
-    Beside a curve the ramp to a stop would end outside of the leg.
-    """
-    other = k - 1 if path.length[k] <= path.length[k + 1] else k + 2
-    return not 0 <= other < len(path.length) or bool(path.pieces.kind[other] == LINE)
 
 
 @njit
@@ -184,29 +161,27 @@ def choose(
     along = only_along(limits)
     if passes and not along:
         return passed
+    if ramps and along:
+        if LEAST_TURN < turn.sine < REVERSED:
+            sides = legs_of(path, k, bound, limits, rests, u)
+            blend, bend, tight = blend_along(path, k, bound, limits, sides, turn.sine, scratch)
+            best = side_time(straight, sides[0].length, sides[0])
+            best += side_time(straight, sides[1].length, sides[1])
+            faster = blend.time < best * (1.0 - BETTER)
+            if passes and tight:
+                if passed_beside(path, k, bound, limits, rests, scratch):
+                    # The legs are too short for the tolerance: corners are passed together.
+                    return passed
+                directions(data, a, data, b, u)
+                corner_plane(turn.sine, u, scratch.plane)
+            if faster:
+                return Treatment(BLEND, blend.before.reach, blend.after.reach, blend, bend)
+        # Where no axis limits the jerk, other motions are not always found.
+        return passed if passes else stays
     line1 = line_bounds(u[0], bound[k], limits)
     line2 = line_bounds(u[1], bound[k + 1], limits)
     eps = path.tolerance[k]
     feed = min(bound[k], bound[k + 1])
-    if ramps and along:
-        if LEAST_TURN < turn.sine < REVERSED:
-            sides = (
-                side_of(length1, path.stop_after[k - 1] if k > 0 else rests, line1),
-                side_of(length2, path.stop_after[k + 1], line2),
-            )
-            eps /= corner_plane(turn.sine, u, scratch.plane)
-            feed = min(feed, largest_speed(scratch.plane, limits))
-            bend = bend_of(scratch.plane, eps, max(line1.a, line2.a), limits)
-            blend = fastest_blend(turn.sine, eps, feed, sides, bend)
-            if passes and blend.inside < TIGHT * eps and beside_others(path, k):
-                # The legs are too short for the tolerance: corners are passed together.
-                return passed
-            best = side_time(straight, sides[0].length, sides[0])
-            best += side_time(straight, sides[1].length, sides[1])
-            if blend.time < best * (1.0 - BETTER):
-                return Treatment(BLEND, blend.before.reach, blend.after.reach, blend, bend)
-        # Where no axis limits the jerk, other motions are not always found.
-        return passed if passes else stays
     best = half_time(straight, 0.5 * length1, line1) + half_time(straight, 0.5 * length2, line2)
     if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
         d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
@@ -217,18 +192,6 @@ def choose(
         if (not ramps and straight == 0.0) or time < best * (1.0 - BETTER):
             return Treatment(BLEND, d, d, no_blend(), no_bend())
     return stays
-
-
-@njit
-def side_of(length: float, rests: bool, line: LineBounds) -> Side:
-    """Return a leg of a corner.
-
-    Half of it belongs to the corner at its other end, which may be none; the whole leg where the
-    motion rests there.
-    """
-    if rests:
-        return Side(2.0 * LEGS_SHARE * length, length, True, line)
-    return Side(LEGS_SHARE * length, 0.5 * length, False, line)
 
 
 @njit
