@@ -1,10 +1,12 @@
 """The parts of the refinement: intervals, cells and their motion."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.optimum_cases import cases
 from cnc.kernels.planner.cell_motion import OPEN, cell_phases, length_to_rest
 from cnc.kernels.planner.intervals import (
     LEVELS,
@@ -25,6 +27,7 @@ from cnc.planner.intervals import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import plan_to_rest
+from cnc.planner.plan import PlanChunk
 from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 from tests.support.soak import share
@@ -222,6 +225,33 @@ def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
         )
     )
     assert not ahead.audit.violations
+
+
+@pytest.mark.parametrize(
+    ("seed", "number", "backwards", "fastest"),
+    [
+        (271302, 161, False, 0.9014),
+        pytest.param(271302, 161, True, 0.9014, id="a window that ends at a cusp"),
+        pytest.param(271201, 9, False, 1.2104, id="a window that begins before a cusp"),
+    ],
+)
+def test_a_window_without_a_result_is_solved_otherwise(seed, number, backwards, fastest):
+    # The fastest motions are those of a nonlinear solver: benchmarks/optimum.py. Where a window
+    # kept its first plan, these took 1.10 and 1.19 times as long.
+    family = "exact NURBS"
+    (case,) = (case for _, k, case in cases(seed, number + 1, [family]) if k == number)
+    mode, curve = case.blocks
+    if backwards:
+        points = curve.control_points
+        curve = replace(
+            curve,
+            knots=curve.knots[0] + curve.knots[-1] - curve.knots[::-1],
+            control_points=points[::-1] - points[-1],
+            weights=curve.weights[::-1],
+        )
+    path = build([mode, curve], axes=AXES, start=np.zeros(3))
+    chunks = [item for item in LookAhead(case.machine).plan(path) if isinstance(item, PlanChunk)]
+    assert chunks[-1].t0 + chunks[-1].duration < 1.02 * fastest
 
 
 @pytest.mark.parametrize("seed", share(range(20, 420), (20, 392)))

@@ -211,8 +211,9 @@ def refine_stretch(
 ) -> tuple[bool, Phases, int]:
     """Append the fastest motion over a stretch to ``out``, a window of cells at a time.
 
-    Of each window the last cells are solved again together with the next ones. A window without a
-    legal motion keeps the phases of the plan.
+    Of each window the last cells are solved again together with the next ones. Where no legal motion
+    is found so, the next ones are solved on their own, or in two parts. A window without a legal
+    motion keeps the phases of the plan.
 
     Returns:
         Whether the motion is legal, ``out`` or a larger copy, and the new count.
@@ -233,8 +234,9 @@ def refine_stretch(
     legal = True
     head = part_of(plan, 0, 0)
     done = 0
+    longest = WINDOW
     while done < n:
-        size = max(WINDOW - len(head.length), OVERLAP)
+        size = max(longest - len(head.length), OVERLAP)
         until = n if n - done <= size + OVERLAP else done + size
         window = window_of(head, plan, done, until, known)
         size = len(window.length)
@@ -247,8 +249,17 @@ def refine_stretch(
             describe(window, known)
         solved, cells = fastest(window, known, limits)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
-        if not solved:
+        if not solved and len(head.length) > 0:
+            # The motion behind the seam stays, and the next window begins behind it.
             count = write_cells(head, 0, len(head.length), out, count)
+            head = part_of(plan, done, done)
+            continue
+        if not solved and until - done > 2 * OVERLAP:
+            # A window that ends elsewhere: at a cusp its end may leave nearly no room.
+            longest = (until - done) // 2
+            continue
+        longest = WINDOW
+        if not solved:
             written, fits = write_rows(
                 stretch, plan.s[done], plan.s[until], known, limits, out[count:]
             )
