@@ -211,9 +211,9 @@ def refine_stretch(
 ) -> tuple[bool, Phases, int]:
     """Append the fastest motion over a stretch to ``out``, a window of cells at a time.
 
-    Of each window the last cells are solved again together with the next ones. Where no legal motion
-    is found so, the next ones are solved on their own, or in two parts. A window without a legal
-    motion keeps the phases of the plan.
+    Of each window the last cells are solved again together with the next ones. Where no legal
+    motion is found so, the next ones are solved on their own, or in two parts. A window without a
+    legal motion keeps the phases of the plan.
 
     Returns:
         Whether the motion is legal, ``out`` or a larger copy, and the new count.
