@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.corners import Case, run
 from benchmarks.optimum import times_of
 from benchmarks.optimum_cases import AXES, FAMILIES, cases, moves
 from benchmarks.optimum_path import Route
@@ -67,6 +68,20 @@ def test_the_grid_has_points_in_bends_that_are_shorter_than_its_cells():
 
     assert lowest(s) < 1.2 * lowest(places)
     assert lowest(np.linspace(0.0, length, 50)) > 2.0 * lowest(places)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    "corners", [[(0.4, 0.3, 0.0)], [(0.25, 0.2, 0.1), (0.5, -0.1, -0.2)]], ids=["plane", "space"]
+)
+def test_the_fastest_motion_past_corners_is_straight_where_the_tolerance_allows_it(corners):
+    length, jerk = 0.8, 200_000.0
+    points = np.array([(0.0, 0.0, 0.0), *corners, (length, 0.0, 0.0)])
+    mill = figures.machine(50_000.0, jerk, 50_000.0, feed=300.0)
+    found = run(Case("path", points, 0.4, 300.0, mill))
+    # A motion from rest to rest that takes neither the acceleration nor the feed.
+    assert found.best == pytest.approx(4.0 * (length / (2.0 * jerk)) ** (1.0 / 3.0), rel=0.01)
+    assert found.best < found.ours
 
 
 def test_cases_are_those_of_their_seed():

@@ -10,7 +10,7 @@ from cnc.gcode.dialects.recognition import recognise
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.flow_moves import xs
-from tests.support.gcode.gcode_cases import error_of, run
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of, run
 
 
 def write(folder: Path, **files: str) -> None:
@@ -138,3 +138,13 @@ def test_a_program_may_have_a_name_in_angle_brackets(dialect: str) -> None:
     found = error_of("<A>\nG0 X1.\n<B>\nG0 X2.\nM30", dialect=dialect)
     assert (found.code, found.line) == ("program-end-missing", 3)
     assert error_of("G0 X1.\nG1 <5> X2.", dialect=dialect).code == "character-unknown"
+
+
+@pytest.mark.parametrize("around", ["\0\0", "\2", "\3", "\x0c", "\x12", "\x14", "\x1a", "\x7f\x7f"])
+def test_what_tapes_and_links_put_around_a_line_means_nothing(around: str) -> None:
+    """ISO 6983-1: the blank (NUL), the erasure (DEL) and reader codes are no part of a block."""
+    plain = "%\nG21\nG0 X1\nM30\n%"
+    marked = "\n".join(f"{around}{line}{around}" for line in plain.split("\n"))
+    assert block_summaries(marked) == block_summaries(plain)
+    assert_error_at("number-missing", f"{around}G0 ¦X")
+    assert error_of(f"{around}G0 X1", dialect="linuxcnc").code == "control-character"

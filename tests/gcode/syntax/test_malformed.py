@@ -18,7 +18,7 @@ from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.expressions import MAX_DEPTH
 from cnc.gcode.syntax.parser import MAX_LINE
-from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of
+from tests.support.gcode.gcode_cases import assert_error_at, error_of
 from tests.support.paths import GCODE
 
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
@@ -385,16 +385,6 @@ def test_endless_programs_are_stopped(dialect: str, source: str) -> None:
 )
 def test_errors_of_undefined_values_have_hints(value: str) -> None:
     assert error_of(f"G0 X[{value}]").hint
-
-
-@pytest.mark.parametrize("around", ["\0\0", "\2", "\3", "\x0c", "\x12", "\x14", "\x1a", "\x7f\x7f"])
-def test_what_tapes_and_links_put_around_a_line_means_nothing(around: str) -> None:
-    """ISO 6983-1: the blank (NUL), the erasure (DEL) and reader codes are no part of a block."""
-    plain = "%\nG21\nG0 X1\nM30\n%"
-    marked = "\n".join(f"{around}{line}{around}" for line in plain.split("\n"))
-    assert block_summaries(marked) == block_summaries(plain)
-    assert_error_at("number-missing", f"{around}G0 ¦X")
-    assert error_of(f"{around}G0 X1", dialect="linuxcnc").code == "control-character"
 
 
 @pytest.mark.parametrize("line", ["00001 ;", "00060 (PART 5) ;", " 00001"])
