@@ -2,8 +2,9 @@
 
 Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 faster there than a motion that passes the turns one by one depends on the limits of the machine.
-So the planner times both, from rest to rest. Elsewhere the spline is faster: in parts with many
-moves, with small turns alone, or with moves of many tolerances beside each sharp turn.
+So the planner times both, from rest to rest. A corner between a spline and a move is a stop, too.
+Elsewhere the spline is faster: in parts with many moves, with small turns alone, or with moves of
+many tolerances beside each sharp turn.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ Duration = Callable[[PathChunk], float]
 MOST_MOVES = 12
 """Most moves of a part that is timed."""
 SHARP = math.cos(math.radians(40.0))
-"""Cosine of a turn that such a part has at least once."""
+"""Cosine of a turn that such a part has at least once, or a corner at an end."""
 SHORT = 20.0
-"""In tolerances. Beside that turn a move is shorter than this."""
+"""In tolerances. Beside that turn or corner a move is shorter than this."""
 FASTER = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
@@ -75,20 +76,32 @@ class Choice:
             corner: (m,): the corners so far, to which these are added.
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
-        for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
-            first, last = part.first, part.last
-            if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
-                # With the moves beside it, corners at its ends are passed as they will be.
-                low, high = _beside(corner, first, -1), _beside(corner, last, 1)
-                inside = slice(low, high + 1)
-                some = Moves(moves.feed[low:high], moves.line[low:high])
-                smooth = corner[inside].copy()
-                smooth[0] = smooth[-1] = False
-                broken = smooth.copy()
-                broken[first - low : last + 1 - low] |= part.turning
-                spline = self._time(x[inside], some, metrics, smooth)
-                if self._time(x[inside], some, metrics, broken) < FASTER * spline:
-                    corner[first : last + 1] |= part.turning
+        again = True
+        while again:
+            # What is faster in one part depends on the parts beside it.
+            again = False
+            for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
+                first, last = part.first, part.last
+                if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
+                    faster = self._faster_broken(part, x, moves, metrics, corner)
+                    if faster:
+                        corner[first : last + 1] |= part.turning
+                    again = again or faster
+
+    def _faster_broken(
+        self, part: Part, x: Floats, moves: Moves, metrics: Flags, corner: Flags
+    ) -> bool:
+        """Return whether the motion is faster if the vertices of a part are corners."""
+        # With the moves beside it, corners at its ends are passed as they will be.
+        low, high = _beside(corner, part.first, -1), _beside(corner, part.last, 1)
+        inside = slice(low, high + 1)
+        some = Moves(moves.feed[low:high], moves.line[low:high])
+        smooth = corner[inside].copy()
+        smooth[0] = smooth[-1] = False
+        broken = smooth.copy()
+        broken[part.first - low : part.last + 1 - low] |= part.turning
+        spline = self._time(x[inside], some, metrics, smooth)
+        return self._time(x[inside], some, metrics, broken) < FASTER * spline
 
     def _time(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> float:
         """Return the time of the motion along the fitted path of a part, s."""
@@ -146,5 +159,8 @@ def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
         size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
         cosine = np.ones(last - first + 1)
         cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
-        if (np.minimum(size[1:], size[:-1])[cosine[1:-1] < SHARP] < short).any():
-            yield Part(first, last, cosine < SLIGHT)
+        sharp = np.concatenate(([corner[first]], cosine[1:-1] < SHARP, [corner[last]]))
+        beside = np.minimum(np.append(size, math.inf), np.append(math.inf, size))
+        turning = cosine < SLIGHT
+        if turning.any() and (beside[sharp] < short).any():
+            yield Part(first, last, turning)

@@ -87,3 +87,25 @@ def test_a_part_is_timed_with_what_is_beside_it():
     whole = np.linalg.norm(np.diff(points, axis=0, prepend=np.zeros((1, 3))), axis=1).sum()
     assert ends
     assert np.array(ends) == pytest.approx(whole, rel=0.02)
+
+
+def test_a_part_beside_a_sharp_corner_is_timed():
+    """A corner between a curve and a move is a stop, so its small turn may be better a corner."""
+    # A turn by 170 degrees is a corner in any case. Behind it is one of 26.
+    heading = np.radians([0.0, 170.0, 196.0])
+    legs = np.array([10.0, 0.5, 2.0])[:, None]
+    points = np.cumsum(legs * np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), 0)
+    kinds = pieces(points, prefers(True), 0.1)
+    assert kinds.tolist() == [LINE] * 3
+    assert (pieces(points, prefers(False), 0.1) != LINE).any()
+
+
+def test_parts_are_timed_again_when_one_beside_them_has_corners():
+    heading = np.radians([0.0, 60.0, 230.0, 290.0, 350.0])
+    points = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), 0)
+
+    def duration(chunk):
+        # The first of two parts is slower with a corner, unless the second one has one too.
+        return {2: 1.0, 3: 1.2, 4: 0.9, 5: 0.5}[int((chunk.kind == LINE).sum())]
+
+    assert pieces(points, duration, 0.1).tolist() == [LINE] * 5
