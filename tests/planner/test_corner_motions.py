@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from cnc.kernels.planner.corner_known import new_known
 from cnc.kernels.planner.corner_motion import fastest_motion
-from cnc.kernels.planner.corner_rows import AXIS, new_rows, set_stencils, write_rows
+from cnc.kernels.planner.corner_rows import AXIS, new_rows, set_stencils
 from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
@@ -59,6 +59,7 @@ def chain(rng, corners):
         top * rng.uniform(0.5, 1.0, corners + 1),
         math.inf,
         math.inf,
+        math.inf,
         10 ** rng.uniform(-3.0, -1.0),
         ends[:-1],
         along,
@@ -79,7 +80,6 @@ def chain(rng, corners):
         part = t / 1.3 - sum(whole[:leg])
         x = min(max(part / whole[leg], 0.0), 1.0)
         c[k] = ends[leg] + length[leg] * (3.0 - 2.0 * x) * x * x * along[leg]
-    write_rows(tube, rows)
     return tube, rows, c, spans
 
 
@@ -96,9 +96,7 @@ def test_a_motion_keeps_all_limits_and_its_ends(seed):
     """By scipy's B-spline, at many times."""
     rng = np.random.default_rng(seed)
     tube, rows, c, spans = chain(rng, int(rng.integers(1, 5)))
-    before = rows.number[1]
     assert fastest_motion(tube, rows, c, spans)
-    assert rows.number[1] == before
     spline = spline_of(tube, rows, spans, c)
     knots = rows.t[2:-2]
     for end, state in ((0, tube.ends[0]), (-1, tube.ends[1])):
@@ -121,29 +119,59 @@ def test_a_motion_keeps_all_limits_and_its_ends(seed):
     assert (closest[1:] <= tube.tolerance * (1.0 + 1e-9)).all()
 
 
+def rates(spline, times):
+    """Return jerk and acceleration along the path, and the acceleration across it."""
+    v, a, j = (spline(times, order) for order in (1, 2, 3))
+    speed = np.linalg.norm(v, axis=1)
+    pull = (v * a).sum(axis=1) / speed
+    jerk = ((a * a).sum(axis=1) + (v * j).sum(axis=1) - pull**2) / speed
+    return jerk, pull, np.linalg.norm(a - (pull / speed)[:, None] * v, axis=1)
+
+
+def times_in(rows, count):
+    """Return so many times in each step."""
+    knots = rows.t[2:-2]
+    shares = np.linspace(0.0, 1.0, count + 2)[1:-1]
+    return (knots[:-1, None] + np.diff(knots)[:, None] * shares).ravel()
+
+
 @pytest.mark.parametrize("seed", range(share(100, 4)))
-def test_a_motion_keeps_the_jerk_along_the_path(seed):
-    """By the change of the speed of scipy's B-spline, at many times, beside the other limits."""
+def test_a_motion_keeps_the_limits_along_the_path(seed):
+    """By the derivatives of scipy's B-spline, at many times, beside the other limits."""
     rng = np.random.default_rng([seed, 9])
     found = 0
     for _ in range(4):
         tube, rows, c, spans = chain(rng, int(rng.integers(1, 3)))
-        tube = tube._replace(along_jerk=tube.jerk.min() * 10 ** rng.uniform(-0.5, 0.5))
+        pulls = tube.acceleration.min() * 10 ** rng.uniform(-1.0, 0.3, 2)
+        tube = tube._replace(
+            along_jerk=tube.jerk.min() * 10 ** rng.uniform(-0.5, 0.5),
+            along_pull=pulls[0],
+            across_pull=pulls[1] if rng.random() < 0.7 else math.inf,
+        )
         if not fastest_motion(tube, rows, c, spans):
             continue
         found += 1
         spline = spline_of(tube, rows, spans, c)
-        knots = rows.t[2:-2]
-        for k in range(len(tube.leg)):
-            times = np.linspace(knots[k], knots[k + 1], 200)[1:-1]
-            v, a, j = (spline(times, order) for order in (1, 2, 3))
-            speed = np.linalg.norm(v, axis=1)
-            along = ((a * a).sum(axis=1) + (v * j).sum(axis=1)) / speed
-            along -= (v * a).sum(axis=1) ** 2 / speed**3
-            assert np.abs(along).max() <= tube.along_jerk * (1.0 + 1e-6)
-            for values, bound in ((v, tube.velocity), (a, tube.acceleration), (j, tube.jerk)):
-                assert (np.abs(values).max(axis=0) <= bound * (1.0 + 1e-9)).all()
+        times = times_in(rows, 200)
+        limits = (tube.along_jerk, tube.along_pull, tube.across_pull)
+        for values, bound in zip(rates(spline, times), limits, strict=True):
+            assert np.abs(values).max() <= bound * (1.0 + 1e-6)
+        for order, bound in ((1, tube.velocity), (2, tube.acceleration), (3, tube.jerk)):
+            assert (np.abs(spline(times, order)).max(axis=0) <= bound * (1.0 + 1e-9)).all()
     assert found > 0
+
+
+def test_a_motion_takes_its_accelerations_along_and_across_the_path_together():
+    """Where both count, the length of the acceleration exceeds either limit."""
+    tube, rows, c, spans = chain(np.random.default_rng(4), 1)
+    pull = 0.05 * tube.acceleration.min()
+    tube = tube._replace(along_pull=pull, across_pull=pull, tolerance=0.3)
+    assert fastest_motion(tube, rows, c, spans)
+    spline, times = spline_of(tube, rows, spans, c), times_in(rows, 50)
+    _, along, across = rates(spline, times)
+    assert np.abs(along).max() <= pull * (1.0 + 1e-6)
+    assert across.max() <= pull * (1.0 + 1e-6)
+    assert np.linalg.norm(spline(times, 2), axis=1).max() > 1.2 * pull
 
 
 @pytest.mark.parametrize("seed", range(share(60, 6)))
@@ -155,7 +183,6 @@ def test_no_shorter_motion_of_these_proportions_exists(seed):
     rng = np.random.default_rng([seed, 5])
     tube, rows, c, spans = chain(rng, int(rng.integers(1, 3)))
     tube = tube._replace(tolerance=1e6, feed=np.full(len(tube.feed), math.inf))
-    write_rows(tube, rows)
     assert fastest_motion(tube, rows, c, spans)
 
     def least(shorter):

@@ -12,7 +12,7 @@ from cnc.kernels.path.arclength import curve_inv_arclen
 from cnc.kernels.path.curve import curve_eval
 from cnc.kernels.planner.corner_legs import LEG_STEPS, STEPS
 from cnc.kernels.planner.corner_motion import fastest_motion
-from cnc.kernels.planner.corner_rows import new_rows, write_rows
+from cnc.kernels.planner.corner_rows import new_rows
 from cnc.kernels.planner.corner_tube import Tube, set_knots
 from cnc.kernels.planner.phases import PHASE
 from cnc.kernels.planner.timed import is_timed
@@ -214,6 +214,7 @@ def straight(rng):
         np.array([10.0 * (speed + pull * ramp)]),
         math.inf,
         math.inf,
+        math.inf,
         0.01,
         np.zeros((1, d)),
         along,
@@ -231,7 +232,6 @@ def straight(rng):
     for k in range(len(c)):
         u = min(max(rows.t[k : k + 3].mean() / whole, 0.0), 1.0)
         c[k] = 1.5 * speed * ramp * (2.0 * u - u * u) * along[0]
-    write_rows(tube, rows)
     return tube, rows, c, spans, ramp
 
 

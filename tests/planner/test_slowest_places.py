@@ -11,7 +11,7 @@ import pytest
 from cnc.kernels.path.curve import METRIC, METRICS, SPAN
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import JERK, audit_phases
-from cnc.kernels.planner.corner_along import peak_in
+from cnc.kernels.planner.corner_rates import ALONG_JERK, peak_in
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
 from cnc.machine.board import Board
@@ -54,15 +54,17 @@ def test_audit_finds_the_jerk_where_a_motion_is_slowest(place):
 @pytest.mark.parametrize("place", PLACES)
 def test_search_finds_the_place_where_a_motion_is_slowest(place, parts):
     first = place * SECONDS * ACCELERATION
-    square = np.array([first**2 + SLOWEST**2, -2.0 * first * ACCELERATION, ACCELERATION**2, 0, 0])
-    assert peak_in(square, SECONDS, parts) == pytest.approx(place, abs=1e-9)
+    square = [first**2 + SLOWEST**2, -2.0 * first * ACCELERATION, ACCELERATION**2, 0.0, 0.0]
+    polynomials = np.array([*square, ACCELERATION**2, 0.0, 0.0])
+    assert peak_in(ALONG_JERK, polynomials, SECONDS, parts) == pytest.approx(place, abs=1e-9)
 
 
 def test_a_rounding_error_at_a_rest_is_no_peak():
     # r = j t^3 / 6, whose jerk is j everywhere; the velocity has a rounding error at the rest.
     jerk = 1e5
     f = np.polynomial.Polynomial([1e-26, -1e-24, 1e-22, 0.0, 0.25 * jerk**2])
-    at = peak_in(f.coef, SECONDS, 64) * SECONDS
+    polynomials = np.array([*f.coef, 0.0, 0.0, jerk**2])
+    at = peak_in(ALONG_JERK, polynomials, SECONDS, 64) * SECONDS
     found = (f.deriv(2)(at) / 2.0 - (f.deriv()(at) / 2.0) ** 2 / f(at)) / np.sqrt(f(at))
     assert found == pytest.approx(jerk, rel=1e-6)
 

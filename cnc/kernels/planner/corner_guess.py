@@ -97,7 +97,8 @@ def _write_turn(tube: Tube, leg: int, space: tuple[float, float], slow: Slow) ->
     tangent = 0.5 * width / math.sqrt(max(1.0 - 0.25 * square, 1e-9))
     jerk = min(tube.along_jerk / (2.0 * tangent), tube.along_jerk)
     jerk = TURN_JERK * _bound_in(tube, slow.across[k], tube.jerk, jerk)
-    pull = LIMITS_SHARE * _bound_in(tube, slow.across[k], tube.acceleration, tube.pull)
+    pull = min(tube.along_pull, tube.across_pull)
+    pull = LIMITS_SHARE * _bound_in(tube, slow.across[k], tube.acceleration, pull)
     far = min(TURN_TOLERANCE * tube.tolerance, TURN_LENGTH * min(space[0], space[1]) * width / 6.0)
     tau = (6.0 * far / jerk) ** (1.0 / 3.0)
     tau = min(tau, pull / jerk)
@@ -147,7 +148,7 @@ def slow_motion(tube: Tube) -> Slow:
     a, j = np.empty(legs), np.empty(legs)
     for leg in range(legs):
         u = tube.along[leg]
-        a[leg] = LIMITS_SHARE * _bound_in(tube, u, tube.acceleration, tube.pull)
+        a[leg] = LIMITS_SHARE * _bound_in(tube, u, tube.acceleration, tube.along_pull)
         j[leg] = LIMITS_SHARE * _bound_in(tube, u, tube.jerk, tube.along_jerk)
     for leg in range(legs - 1):
         _write_turn(tube, leg, (length[leg], length[leg + 1]), slow)

@@ -48,7 +48,7 @@ from cnc.kernels.planner.corner_pieces import (
     write_steps,
 )
 from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain
-from cnc.kernels.planner.corner_rows import Rows, new_rows, write_rows
+from cnc.kernels.planner.corner_rows import Rows, new_rows
 from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.kernels.planner.legs import REST, line_bounds
 from cnc.kernels.planner.limit_arrays import LimitArrays
@@ -163,7 +163,8 @@ def _legs_to(
         tube.jerk,
         tube.travel,
         tube.feed[first : last + 1].copy(),
-        tube.pull,
+        tube.along_pull,
+        tube.across_pull,
         tube.along_jerk,
         tube.tolerance / WITHIN * WITHIN_STOP,
         start,
@@ -239,7 +240,6 @@ def _find_stop(chained: Chained, longer: float, rows: Rows) -> Rest:
         begin = end
     spans[-1] = place / tube.unit
     c = _first_points(planned, tube, whole, spans, rows)
-    write_rows(tube, rows)
     if not fastest_motion(tube, rows, c, spans):
         return none
     place = spans[-1] * tube.unit

@@ -12,7 +12,7 @@ from cnc.kernels.path.curve import Floats, Ints
 from cnc.kernels.planner.corner_legs import GROUPS, MOST_DIRECTIONS, MOST_STEPS
 from cnc.kernels.planner.corner_motion import fastest_motion
 from cnc.kernels.planner.corner_places import MOST_CORNERS
-from cnc.kernels.planner.corner_rows import Rows, write_rows
+from cnc.kernels.planner.corner_rows import Rows
 from cnc.kernels.planner.corner_tube import Tube
 
 KNOWN = 64
@@ -102,7 +102,6 @@ def solved(tube: Tube, rows: Rows, c: Floats, spans: Floats, known: Known) -> bo
         c[:] = known.points[k, :points, :d]
         spans[:] = known.spans[k, : len(spans)]
         return known.found[k] > 0
-    write_rows(tube, rows)
     found = fastest_motion(tube, rows, c, spans)
     if count:
         k = known.next[0]

@@ -127,7 +127,6 @@ def tube_of(
         eps = min(eps, path.tolerance[b])
     _leave_out_far_ends(space, basis, start, reach, along, eps)
     bend = 8.0 * limits.chord_error / limits.period**2
-    pull = min(limits.tangential_acceleration, limits.normal_acceleration, bend)
     leg_of, group, part = steps_of_legs(legs)
     return Tube(
         np.ascontiguousarray(basis.T),
@@ -136,7 +135,8 @@ def tube_of(
         np.minimum(limits.axis_jerk, 4.0 * limits.tangential_jerk) * (1.0 - 2.0 * UNSEEN),
         space,
         bound[chain.first : chain.last + 2].copy(),
-        pull * (1.0 - UNSEEN),
+        limits.tangential_acceleration * (1.0 - UNSEEN),
+        min(limits.normal_acceleration, bend) * (1.0 - UNSEEN),
         limits.tangential_jerk * (1.0 - UNSEEN),
         WITHIN * eps / widest,
         start,

@@ -21,9 +21,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
-from cnc.kernels.planner.corner_along import most_along, tighten, write_along
+from cnc.kernels.planner.corner_along import most_along, tighten
 from cnc.kernels.planner.corner_newton import (
     Newton,
     assemble,
@@ -32,9 +34,16 @@ from cnc.kernels.planner.corner_newton import (
     most_used,
     new_newton,
 )
-from cnc.kernels.planner.corner_rows import EDGE, Rows, derive_by_groups, evaluate, set_stencils
+from cnc.kernels.planner.corner_rows import (
+    Rows,
+    derive_by_groups,
+    evaluate,
+    most_pulled,
+    set_stencils,
+    write_rows,
+)
 from cnc.kernels.planner.corner_step import correct, furthest, look_ahead, newton_step
-from cnc.kernels.planner.corner_tube import FIXED, Tube, durations_of, place_ends, set_knots
+from cnc.kernels.planner.corner_tube import EDGE, FIXED, Tube, durations_of, place_ends, set_knots
 
 GAP = 1e-3
 """The last (number of rows) / t."""
@@ -78,11 +87,14 @@ it needs.
 LEGAL = -0.25 * EDGE
 """It ends at this s. The rows at both ends may have no more room than EDGE."""
 
-TIGHTENED = 3
-"""Number of times that bounds of the jerk along the path are lowered at the end of a search."""
+TIGHTENED = 12
+"""Number of times that bounds of the rates along the path are lowered in a search."""
 
 SLOWER = 0.04
 """Rise of the logarithms of the durations after bounds were lowered, so that there is room."""
+
+PULLED = 0.98
+"""Part of the bound of the length of the acceleration from which on that bound counts."""
 
 WEIGHT = 0.01
 """T / T0 counts so much beside s in that search, so that slower motion is not sought at any price.
@@ -212,45 +224,90 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
 def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     """Make a motion past corners the fastest one.
 
+    With limits of the acceleration along and across the path the problem is far from convex. So the
+    length of the acceleration is bounded by the lesser of them first. Where that bound counts,
+    a second search has both limits, and the faster motion is the result.
+
     Args:
         tube: the legs, and the states at both ends.
-        rows: their limits.
+        rows: receives their limits.
         c: (steps + 3, d): control points of a motion near it, replaced by those of the result.
         spans: (groups,): logarithms of the durations of the groups there, replaced likewise.
 
     Returns:
         Whether a motion inside all limits was found.
     """
+    other_c, other_spans = c.copy(), spans.copy()
+    write_rows(tube, rows, True)
+    found = _search(tube, rows, c, spans)
+    if not min(tube.along_pull, tube.across_pull) < math.inf:
+        return found
+    if found:
+        _place(tube, rows, c, spans)
+        if most_pulled(rows) < PULLED:
+            return True
+    write_rows(tube, rows, False)
+    again = _search(tube, rows, other_c, other_spans)
+    n = durations_of(tube, spans)
+    if again and not (found and np.exp(spans[:n]).sum() <= np.exp(other_spans[:n]).sum()):
+        c[:], spans[:] = other_c, other_spans
+    return found or again
+
+
+@njit
+def _search(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
+    """Search with the rows as they are; return whether a motion inside all limits was found.
+
+    Args:
+        tube: the legs, and the states at both ends.
+        rows: their limits.
+        c: control points of the motion with which it begins, replaced by those of the result.
+        spans: logarithms of its durations, replaced likewise.
+    """
     n = new_newton(tube, rows, c, spans)
-    write_along(tube, rows.along)
     rows.group[:] = -1
     unit = 1.0 / duration(n.share, n.spans)
     if not _inside(tube, rows, n, unit):
         return False
     count = float(rows.number[1] + rows.along.number[0])
     last = count / GAP
+    any_legal = False
     tightened = 0
     t = FIRST * count
+    earlier_c, earlier_spans = n.c.copy(), n.spans.copy()
     while True:
         _lowered(tube, rows, n, (t * unit, 0.0), 0.0, -math.inf)
         _place(tube, rows, n.c, n.spans)
-        if rows.along.number[0] > 0:
-            most = tighten(tube, rows.along, rows.t, n.c)
+        legal = barrier(rows, 0.0, n.spans, n.least) < math.inf
+        if legal and rows.along.number[0] > 0:
+            legal = tighten(rows.along, rows.t, n.c) <= 1.0
             _place(tube, rows, n.c, n.spans)
-            if t == last and most > 1.0:
-                tightened += 1
-                if tightened > TIGHTENED:
-                    return False
-                t /= RAISE
-            if most_along(rows.along) >= 1.0:
-                n.spans[: durations_of(tube, n.spans)] += SLOWER
-            if most_along(rows.along) >= 1.0 and not _inside(tube, rows, n, unit):
-                return False
-        if t == last:
-            break
-        t = min(last, RAISE * t)
-    if not barrier(rows, 0.0, n.spans, n.least) < math.inf:
-        return False
-    c[:] = n.c
-    spans[:] = n.spans
-    return True
+        if legal:
+            c[:], spans[:] = n.c, n.spans
+            earlier_c[:], earlier_spans[:] = n.c, n.spans
+            any_legal = True
+            if t == last:
+                return True
+            t = min(last, RAISE * t)
+            continue
+        tightened += 1
+        if tightened > TIGHTENED or not _back_inside(tube, rows, n, earlier_c, earlier_spans, unit):
+            return any_legal
+
+
+@njit
+def _back_inside(
+    tube: Tube, rows: Rows, n: Newton, earlier_c: Floats, earlier_spans: Floats, unit: float
+) -> bool:
+    """Bring a motion inside all limits after bounds were lowered; return whether it is.
+
+    The earlier motion had more room.
+    """
+    late_c, late_spans = n.c.copy(), n.spans.copy()
+    n.c[:], n.spans[:] = earlier_c, earlier_spans
+    _place(tube, rows, n.c, n.spans)
+    if barrier(rows, 0.0, n.spans, n.least) < math.inf:
+        return True
+    n.c[:], n.spans[:] = late_c, late_spans
+    n.spans[: durations_of(tube, n.spans)] += SLOWER
+    return _inside(tube, rows, n, unit)

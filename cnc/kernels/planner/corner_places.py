@@ -47,8 +47,11 @@ MOST_CORNERS = 8
 
 MOST_TIME, MOST_RAMPS = 0.4, 2.5
 """A chain of stops that takes more seconds, and more times the ramp to its feed, ends. An
-override waits for the end of a chain that has begun.
+override waits for the end of a chain that has begun. Legs of less than BRIEF do not count.
 """
+
+BRIEF = 5.0
+"""In tolerances. A motion past corners takes much less time for a leg that is shorter."""
 
 SPARE = 0.01
 """Part of the reach by which more of a plan is held back: its start has to stay as it is."""
@@ -225,12 +228,13 @@ def chain_from(
     begin = max(t - reach1, half)
     line = line_bounds(u[1], bound[b + 1], limits)
     most_time = max(MOST_TIME, MOST_RAMPS * _ramp(line))
+    brief = 0.0
     e = b
     while True:
         ends = plan.piece_s[e + 2]
         passed = plan.s[-1] > ends + REST
         following = rest_at(path, plan, e + 1)
-        whole = e - b + 1 >= most or t - begin > most_time
+        whole = e - b + 1 >= most or t - begin - brief > most_time
         if whole or following < 0:
             # The next corner is too late to count, or it is none.
             known = whole or passed or not leaves_path(path, e + 1)
@@ -240,6 +244,8 @@ def chain_from(
         if reach1 == 0.0 or plan.t[following] - t >= reach1 + reach2:
             known = True
             break
+        if path.length[e + 1] < BRIEF * path.tolerance[e]:
+            brief += plan.t[following] - t
         t, reach2 = plan.t[following], further
         e += 1
     half_s = plan.piece_s[e + 1] + legs_used(path, e, shared)[1]

@@ -31,11 +31,13 @@ from cnc.kernels.planner.corner_along import (
     derive_along,
     evaluate_along,
     new_along,
+    write_along,
 )
 from cnc.kernels.planner.corner_tube import (
     ACCELERATION,
     CORNER,
     EARLY,
+    EDGE,
     FIXED,
     JERK,
     LAST_VELOCITY,
@@ -48,11 +50,6 @@ from cnc.kernels.planner.corner_tube import (
     steps_of,
     write_stencil,
 )
-
-EDGE = 2e-4
-"""Relative: where the motion beside takes all of the bound of its velocity, the first and the last
-control point of the velocity may take so much more. They need some room.
-"""
 
 AXIS, TRAVEL, LENGTH, LEG = range(4)
 """Kinds of rows: a component in an axis, that in one direction, a length, a distance from a leg."""
@@ -189,9 +186,14 @@ def _add_edge(rows: Rows, tube: Tube, kind: int, step: int, v: Floats) -> None:
 
 
 @njit
-def write_rows(tube: Tube, rows: Rows) -> None:
-    """Write the rows of a tube."""
+def write_rows(tube: Tube, rows: Rows, pulled: bool) -> None:
+    """Write the rows of a tube.
+
+    ``pulled``: whether the length of the acceleration is bounded by the lesser of its limits along
+    and across the path, instead of both parts by their own.
+    """
     rows.number[:] = 0
+    write_along(tube, rows.along, pulled)
     eps = tube.tolerance
     near = _close_to_travel(tube)
     steps = len(tube.leg)
@@ -206,8 +208,8 @@ def write_rows(tube: Tube, rows: Rows) -> None:
         if k > 0:
             _add_place(rows, ACCELERATION, k)
             _add_axes(rows, tube, tube.acceleration, math.inf)
-            if tube.pull < math.inf:
-                _add_row(rows, LENGTH, tube.pull)
+            if pulled and min(tube.along_pull, tube.across_pull) < math.inf:
+                _add_row(rows, LENGTH, min(tube.along_pull, tube.across_pull))
         if k == 1:
             _add_edge(rows, tube, VELOCITY, k, tube.ends[0, 1])
         elif k > 1:
@@ -227,6 +229,18 @@ def write_rows(tube: Tube, rows: Rows) -> None:
         if near and k >= FIXED:
             _add_place(rows, POINT, k)
             _add_travel(rows, tube)
+
+
+@njit
+def most_pulled(rows: Rows) -> float:
+    """Return the largest part of the bound of its length that an acceleration takes."""
+    most = 0.0
+    for i in range(rows.number[0]):
+        if rows.kind[i] == ACCELERATION:
+            for m in range(rows.first[i], rows.first[i + 1]):
+                if rows.row[m] == LENGTH:
+                    most = max(most, rows.value[m] * rows.scale[m])
+    return most
 
 
 @njit

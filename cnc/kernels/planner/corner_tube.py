@@ -35,6 +35,12 @@ one where it lies between two legs; a control point.
 """
 
 
+EDGE = 2e-4
+"""Relative: where the motion beside takes all of the bound of its velocity or acceleration, the
+first and the last step may take so much more. They need some room.
+"""
+
+
 class Tube(NamedTuple):
     """A chain of legs with their tolerance, the limits, and the motion beside.
 
@@ -45,7 +51,8 @@ class Tube(NamedTuple):
         jerk: (n,): mm/s^3.
         travel: (2, n): lowest and highest position, from the origin of the legs, mm.
         feed: (legs,): mm/s.
-        pull: largest length of the acceleration, mm/s^2.
+        along_pull: largest acceleration along the path, mm/s^2.
+        across_pull: largest acceleration across the path, mm/s^2.
         along_jerk: largest jerk along the path, mm/s^3.
         tolerance: mm.
         start: (legs, d): a point of each leg, mm.
@@ -65,7 +72,8 @@ class Tube(NamedTuple):
     jerk: Floats
     travel: Floats
     feed: Floats
-    pull: float
+    along_pull: float
+    across_pull: float
     along_jerk: float
     tolerance: float
     start: Floats
