@@ -22,6 +22,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 
 Floats = NDArray[np.float64]
+Together = Callable[[PathChunk], NDArray[np.bool_]]
 
 ACCURACY = 1e-12
 """mm; accuracy of the arc length of blends and its inverse."""
@@ -39,12 +40,19 @@ class CornerBlending:
         limits: of the columns of the path.
         ramps: whether the motion may pass stops.
         where: whether the path has blends at all, asked for each chunk.
+        together: returns for each piece of a chunk whether the corner behind it is to be passed
+            with those beside it. None: at no corner.
     """
 
     def __init__(
-        self, limits: Limits, *, ramps: bool = True, where: Callable[[], bool] = lambda: True
+        self,
+        limits: Limits,
+        *,
+        ramps: bool = True,
+        where: Callable[[], bool] = lambda: True,
+        together: Together | None = None,
     ) -> None:
-        self._limits, self._ramps, self._where = limits, ramps, where
+        self._limits, self._ramps, self._where, self._together = limits, ramps, where, together
         self._taken = 0.0
         """Length that the last blend takes off the next chunk, mm."""
         self._rests = True
@@ -80,6 +88,7 @@ class CornerBlending:
             return path
         limits, own = self._limits, len(path)
         arrays, bound = numbered(path), limits.feeds(path)
+        together = np.zeros(own, np.bool_) if self._together is None else self._together(path)
         if following is not None:
             arrays = _with_first_piece(arrays, following)
             bound = np.append(bound, limits.feeds(following)[:1])
@@ -87,7 +96,16 @@ class CornerBlending:
         while True:
             out = empty_path(MOST_PIECES * own, size)
             count, numbers, self._taken = round_corners(
-                own, arrays, bound, taken, limits.arrays, ACCURACY, self._ramps, rests, out
+                own,
+                arrays,
+                bound,
+                taken,
+                limits.arrays,
+                ACCURACY,
+                self._ramps,
+                rests,
+                together,
+                out,
             )
             if count >= 0:
                 break

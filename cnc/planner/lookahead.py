@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from functools import partial
 from math import inf
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
+from cnc.planner.corner_choice import passed_together
 from cnc.planner.corner_hold import stop_inside
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
@@ -81,7 +83,8 @@ class LookAhead:
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
-        self._blending = CornerBlending(self.limits)
+        together = partial(passed_together, limits=self.limits)
+        self._blending = CornerBlending(self.limits, together=together)
         self._corners = CornerMotions(self.limits, self.audit)
         self._rewind = Rewind()
         self._factor = 1.0

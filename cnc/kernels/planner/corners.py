@@ -30,6 +30,7 @@ from cnc.kernels.path.curve import (
     START,
     Floats,
 )
+from cnc.kernels.path.fit_chain import Flags
 from cnc.kernels.planner.corner_bends import (
     MOST_CUBICS,
     Blend,
@@ -118,6 +119,7 @@ def choose(
     scratch: Scratch,
     ramps: bool,
     rests: bool,
+    together: bool,
 ) -> Treatment:
     """Choose the fastest treatment of the corner behind line ``k``.
 
@@ -134,6 +136,7 @@ def choose(
         scratch: scratch.
         ramps: whether the motion may pass stops.
         rests: whether the motion rests at the start of the path.
+        together: whether the corner is to be passed with those beside it, if it would be a stop.
     """
     data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
     length1, length2 = path.length[k], path.length[k + 1]
@@ -159,7 +162,7 @@ def choose(
     passes = ramps and straight == 0.0 and STRAIGHTEST < turn.sine < REVERSED
     passed = Treatment(PASS, 0.0, 0.0, no_blend(), no_bend())
     along = only_along(limits)
-    if passes and not along:
+    if passes and (together or not along):
         return passed
     if ramps and along:
         if LEAST_TURN < turn.sine < REVERSED:
@@ -259,6 +262,7 @@ def round_corners(
     accuracy: float,
     ramps: bool,
     rests: bool,
+    together: Flags,
     out: PathArrays,
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
@@ -274,6 +278,7 @@ def round_corners(
         accuracy: largest error of the inverse arc length of blends, mm.
         ramps: whether the motion may pass stops.
         rests: whether the motion rests at the start.
+        together: (own,): whether the corner behind each is to be passed with those beside it.
         out: space for MOST_PIECES for each piece, and for their records.
 
     Returns:
@@ -307,7 +312,9 @@ def round_corners(
             and path.pieces.kind[k] == LINE
             and path.pieces.kind[k + 1] == LINE
         ):
-            treatment = choose(path, k, bound, limits, data, blend, scratch, ramps, rests)
+            treatment = choose(
+                path, k, bound, limits, data, blend, scratch, ramps, rests, together[k]
+            )
         choice, reach = treatment.choice, treatment.before
         pieces.kind[count] = path.pieces.kind[k]
         at[count] = path.pieces.at[k]

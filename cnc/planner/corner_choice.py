@@ -1,0 +1,121 @@
+r"""The choice between blends and one motion past corners whose legs are short.
+
+Where the jerk is limited along the path alone, a blend is about as fast as any motion past its
+corner if the legs have room for it. Where they are short, corners that are passed together may be
+faster, by up to a fifth: the motion swings out before a turn. Which is faster depends on how the
+limits of jerk and acceleration compare. So both are timed, from rest to rest.
+
+           o                         o
+     .-----'`----.             .--.     .--.
+    /   blends    \          /     `-'     \      together
+   o               o        o               o
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.path.curve import LINE
+from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_places import MOST_CORNERS
+from cnc.kernels.planner.corner_room import only_along
+from cnc.kernels.planner.legs import record_end
+from cnc.model.diagnostics import MotionLimitError
+from cnc.path.chunk import PathChunk
+from cnc.planner.audit import Audit
+from cnc.planner.corner_motions import CornerMotions
+from cnc.planner.corners import CornerBlending
+from cnc.planner.limits import Limits
+from cnc.planner.window import LONG, Window
+
+SHORT = 25.0
+"""In tolerances. Corners with longer legs have blends."""
+
+BESIDE = 100.0
+"""In tolerances: length on each side that is timed with them. Beside a blend or a curve they may be
+slower than alone.
+"""
+
+FASTER = 0.998
+"""Corners are passed together where that takes less than this part of the time with blends."""
+
+
+def passed_together(path: PathChunk, limits: Limits) -> NDArray[np.bool_]:
+    """Return for each piece of a path whether the corner behind it is passed with those beside it.
+
+    Args:
+        path: pieces that follow each other.
+        limits: of the columns of the path.
+    """
+    chosen = np.zeros(len(path), np.bool_)
+    if only_along(limits.arrays):
+        s = np.concatenate(([0.0], np.cumsum(path.length)))
+        for first, last in _rows(path):
+            far = BESIDE * path.tolerance[first : last + 1].max()
+            begin = max(int(np.searchsorted(s, s[first + 1] - far, side="right")) - 1, 0)
+            end = min(int(np.searchsorted(s, s[last + 1] + far)), len(path)) - 1
+            legs = _alone(path, begin, end)
+            blends = chosen[begin : end + 1]
+            together = blends.copy()
+            together[first - begin : last + 1 - begin] = True
+            if _time(legs, limits, together) < FASTER * _time(legs, limits, blends):
+                chosen[first : last + 1] = True
+    return chosen
+
+
+def _rows(path: PathChunk) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last corner of each row of corners between short legs.
+
+    Rows of more corners than one motion passes are left out.
+    """
+    line = path.kind == LINE
+    corner = (path.tolerance[:-1] > 0.0) & ~path.stop_after[:-1] & line[:-1] & line[1:]
+    short = path.length < SHORT * np.maximum(
+        path.tolerance, np.concatenate(([0.0], path.tolerance[:-1]))
+    )
+    joined = corner[1:] & corner[:-1] & short[1:-1]
+    corners = np.flatnonzero(corner & (short[1:] | short[:-1]))
+    begin = 0
+    for k in range(len(corners)):
+        if k + 1 == len(corners) or corners[k + 1] > corners[k] + 1 or not joined[corners[k]]:
+            if k + 1 - begin <= MOST_CORNERS:
+                yield int(corners[begin]), int(corners[k])
+            begin = k + 1
+
+
+def _alone(path: PathChunk, first: int, last: int) -> PathChunk:
+    """Return the pieces ``first`` to ``last`` as a path that ends at rest, without commands."""
+    legs = path.part(first, last + 1)
+    stops, tolerance = legs.stop_after.copy(), legs.tolerance.copy()
+    stops[-1], tolerance[-1] = True, 0.0
+    begin = int(legs.at[0])
+    end = record_end(Pieces(legs.kind, legs.at, legs.data), len(legs) - 1)
+    return replace(
+        legs,
+        at=legs.at - begin,
+        data=legs.data[begin:end],
+        stop_after=stops,
+        tolerance=tolerance,
+        commands=None,
+    )
+
+
+def _time(legs: PathChunk, limits: Limits, together: NDArray[np.bool_]) -> float:
+    """Return the time of the motion past corners from rest to rest, s; infinity for none."""
+    window, corners = Window(limits), CornerMotions(limits, Audit(limits))
+    blending = CornerBlending(limits, together=lambda _: together)
+    time = 0.0
+    try:
+        for chunk in blending.blended(iter((legs,))):
+            assert isinstance(chunk, PathChunk)
+            window.add(chunk, None, None)
+        while window.prepared():
+            time += sum(part.plan.duration for part in corners.passed(window.take(LONG)))
+        return time + sum(part.plan.duration for part in corners.flush())
+    except MotionLimitError:
+        return math.inf
