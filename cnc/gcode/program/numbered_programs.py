@@ -15,6 +15,7 @@ from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step
 from cnc.gcode.program.control_flow import BackwardJump, jump_target
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.missing_programs import skips_missing
+from cnc.gcode.program.uncalled_programs import check_main
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import LOCAL_MACRO, Parameters
@@ -130,6 +131,8 @@ class ProgramCall:
         if found is None:
             return line + 1
         listing, scope = found
+        if listing is flow.main:
+            flow.entered.add(scope)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
         frame = Frame(
             kind,
@@ -270,8 +273,9 @@ def _end_once(flow: Flow, code: Word, line: int) -> None:
     """End a main program that its M99 would repeat for ever.
 
     Raises:
-        GcodeError: ``program-endless``.
+        GcodeError: ``program-endless``, ``main-program-later``.
     """
+    check_main(flow, code, line)
     message, interpreter = f"{code.written} repeats the main program for ever", flow.interpreter
     if not interpreter.dialect.lenient:
         raise fault("program-endless", message, code, "end it with M30")
