@@ -64,6 +64,7 @@ class Dialect:
     last_of_group: bool
     both_coolants: bool
     repeats_in_call: bool
+    sequence_calls: bool
     skip_parameters: int
     program_number: bool
     decimal_points: bool
@@ -282,7 +283,7 @@ _PLAIN = (
     "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
     "motion_assumed", "repeated", "same_code_twice", "last_of_group", "both_coolants",
-    "repeats_in_call", "system_word",
+    "repeats_in_call", "sequence_calls", "system_word",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
     "length_units", "home_directly", "spindle_power", "first_feed",
 )  # fmt: skip
