@@ -139,7 +139,9 @@ class ProgramCall:
             arguments: Values of the local variables of a macro.
         """
         number, repeats = called
-        found = self._look_up_line(flow, number) if self.local else self._look_up(flow, number, line)
+        found = (
+            self._look_up_line(flow, number) if self.local else self._look_up(flow, number, line)
+        )
         if found is None:
             return line + 1
         listing, scope = found
