@@ -24,10 +24,9 @@ def check_main(flow: Flow, code: Word, line: int) -> None:
     Raises:
         GcodeError: ``main-program-later``.
     """
-    found = PROGRAM.fullmatch(bare_text(flow.main.source(flow.main_border)))
-    if found is None or not found[1]:
+    if (number := _main_number(flow)) is None:
         return
-    number, caller = int(found[1]), ("", 0)
+    caller = "", 0
     for at, text in _lines(flow, line + 1):
         if other := PROGRAM.fullmatch(text):
             caller = f"O{other[1]}", at
@@ -44,8 +43,12 @@ def check_main(flow: Flow, code: Word, line: int) -> None:
 
 
 def report_uncalled(flow: Flow) -> None:
-    """Warn once of the programs behind the end of the main program that were not called."""
-    if flow.frames or flow.listing is not flow.main:
+    """Warn once of the programs behind the end of the main program that were not called.
+
+    A text whose first program has no number is read to its end only: it is a stream, or a file with
+    one program.
+    """
+    if flow.frames or flow.listing is not flow.main or _main_number(flow) is None:
         return
     here = flow.interpreter.here
     left = [
@@ -69,3 +72,9 @@ def _lines(flow: Flow, line: int) -> Iterator[tuple[int, str]]:
             if text := bare_text(window.text(index)):
                 yield window.first + index, text
         line = window.first + window.count
+
+
+def _main_number(flow: Flow) -> int | None:
+    """Return the number of the main program; None without one."""
+    found = PROGRAM.fullmatch(bare_text(flow.main.source(flow.main_border)))
+    return int(found[1]) if found and found[1] else None

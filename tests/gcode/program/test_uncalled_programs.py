@@ -71,6 +71,15 @@ def test_a_subprogram_before_its_main_program_is_not_read_as_the_program(
     assert "calls O2, which ends with M99" in found.message
 
 
+def test_number_zero_is_a_number() -> None:
+    assert _found("O0000 (PART)\nG0 X1.\nM30\nO0001\nG0 X2.\nM30") == [("program-not-called", 4)]
+
+
+def test_a_text_without_a_number_is_read_to_its_end_only() -> None:
+    """It may be a stream."""
+    assert _found("G0 X1.\nM30\nO0001\nG0 X2.\nM30") == []
+
+
 def test_a_first_program_with_m99_that_no_other_calls_is_the_main_program() -> None:
     found = _found(f"O5\nG0 X1.\nM99\n{MAIN}{SUB}", "auto")
     assert found == [("program-ends-once", 3), ("program-not-called", 4)]
