@@ -90,6 +90,7 @@ class Dialect:
     turret_offsets: Literal["", "P", "L"]
     wrap: WrapRule
     feed_of_all_axes: bool
+    compensation_again: Literal["", "same", "zero"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     dwell_turns: str
@@ -285,7 +286,7 @@ _PLAIN = (
     "motion_assumed", "repeated", "same_code_twice", "last_of_group", "both_coolants",
     "repeats_in_call", "sequence_calls", "system_word",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
-    "length_units", "home_directly", "spindle_power", "first_feed",
+    "length_units", "home_directly", "spindle_power", "first_feed", "compensation_again",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

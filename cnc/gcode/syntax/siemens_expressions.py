@@ -28,7 +28,10 @@ _TRUTHS = {"TRUE": "1", "FALSE": "0"}
 _WORD_OPERATORS = {"MOD", "AND", "OR", "XOR"}
 _FUNCTIONS = {
     **{name: name for name in ("SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND")},
-    "LN": "LN", "EXP": "EXP", "TRUNC": "~FIX", "ROUNDUP": "FUP",
+    "LN": "LN",
+    "EXP": "EXP",
+    "TRUNC": "~FIX",
+    "ROUNDUP": "FUP",
 }
 
 
