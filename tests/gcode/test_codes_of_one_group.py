@@ -58,3 +58,10 @@ def test_g54_with_p_is_a_further_coordinate_system_on_fanuc() -> None:
 )
 def test_p_beside_g54_is_never_guessed(program: str) -> None:
     assert error_of(program, dialect="fanuc").code == "word-wanted-twice"
+
+
+@pytest.mark.parametrize(("given", "reached"), [("#8=0\n", 3.0), ("#8=90\n", 1.0), ("", 3.0)])
+def test_a_computed_code_beside_others(given: str, reached: float) -> None:
+    """Its group is known when the line is executed. A vacant one counts as not written."""
+    program = f"O1\nG21\n{given}G0 X2.\nG91 G#8 X1.\nM30"
+    assert points(program, "fanuc")[-1][0] == reached
