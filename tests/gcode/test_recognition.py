@@ -116,6 +116,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor control, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
         (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
+        ("O00012\nG90\nG100 T2 X1. Y2. G43 Z50. H2 S3000 M3", "not-gcode", "Brother control"),
+        ("O00012\nN5 G100 X1. Y2. Z50. T#531", "not-gcode", "Brother control"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
         ("sub change_tool\nG0 X1\nendsub", "not-gcode", "EdingCNC"),
         ("G20\nL91\nM11C1\nG0 X1", "not-gcode", "WinCNC"),
