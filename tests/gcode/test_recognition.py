@@ -116,6 +116,9 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor control, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
         (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
+        ("%PM\nN9001\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "Philips control"),
+        ("%MM\nN9002\nN10 G1 X1 F9", "not-gcode", "Philips control (MAHO), whose centres"),
+        ("N9001\n(PART)\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "by N9001 in line 1"),
         ("O00012\nG90\nG100 T2 X1. Y2. G43 Z50. H2 S3000 M3", "not-gcode", "Brother control"),
         ("O00012\nN5 G100 X1. Y2. Z50. T#531", "not-gcode", "Brother control"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
@@ -142,6 +145,11 @@ def test_a_foreign_file_has_one_error_that_names_it(source: str, code: str, word
     assert found.code == code
     assert words in found.message
     assert found.line >= 1
+
+
+@pytest.mark.parametrize("source", ["N9001 G17\nG1 X1 F9", "N90010\nG1 X1 F9", "%PMX\nG1 X1 F9"])
+def test_a_number_with_code_behind_it_points_to_no_control(source: str) -> None:
+    assert recognise(source.split("\n")).refusal == ""
 
 
 def test_a_printer_takes_its_programs() -> None:
