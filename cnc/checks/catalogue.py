@@ -19,7 +19,8 @@ REPORTED_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-s
 """Codes that are reported at the first of many places, with the number of places."""
 
 ASSUMPTIONS = frozenset((
-    "abort-possible", "axis-idle", "code-skipped", "comment-mended", "control-variable",
+    "abort-possible", "axis-idle", "code-replaced", "code-skipped", "comment-mended",
+    "control-variable",
     "cycle-level-assumed",
     "decimal-point-missing", "dwell-long", "dwell-point", "machine-coordinates-absolute",
     "motion-assumed", "percent-code-behind", "percent-unopened", "retraction-left-out",

@@ -194,6 +194,14 @@ def test_haas_mirrors_about_the_work_zero() -> None:
     assert error_of("G101", dialect="haas").code == "axis-words-missing"
 
 
+def test_the_tool_change_of_brother_is_not_read_as_the_end_of_a_mirroring() -> None:
+    for line in ("G100 T2 X10. Y20. Z50. S3000 M3", "G100 X1. T2", "G100 T2"):
+        for dialect in ("haas", "fanuc"):
+            found = error_of(line, dialect=dialect)
+            assert found.code == "code-not-supported"
+            assert "tool change of Brother" in found.message
+
+
 @pytest.mark.parametrize(
     ("dialect", "found"),
     [("fanuc", 2000.0), ("haas", 2000.0), ("marlin", 2000.0), ("linuxcnc", None), ("grbl", None)],

@@ -44,6 +44,8 @@ EVIDENCE = [
     ("%\n\n(PART)\nO100 (PART)\nG0 X1", "fanuc"),
     ("PART 17 OF 20\n%\nO0017\nG0 X1", "fanuc"),
     ("G21\nM98 P100 L5\nM2\nO100\nG4 P2\nM99", "auto"),
+    ("G21\nM98 Q100\nM30\nN100\nG4 P2\nM99", "fanuc"),
+    ("G21\nM98 Q100 P5\nM30\nN100\nG4 P2\nM99", "auto"),
     ("G21\nM98 P100 L5\nM30\nO100\nG12 I2. F9\nM99\nO200\nG65 P100", "fanuc"),
     ("$H\nG0 X1", "grbl"),
     ("; GRBL device profile\nG0 X1", "grbl"),
@@ -111,9 +113,14 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
-        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor"),
+        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor control, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
         (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
+        ("%PM\nN9001\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "Philips control"),
+        ("%MM\nN9002\nN10 G1 X1 F9", "not-gcode", "Philips control (MAHO), whose centres"),
+        ("N9001\n(PART)\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "by N9001 in line 1"),
+        ("O00012\nG90\nG100 T2 X1. Y2. G43 Z50. H2 S3000 M3", "not-gcode", "Brother control"),
+        ("O00012\nN5 G100 X1. Y2. Z50. T#531", "not-gcode", "Brother control"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
         ("sub change_tool\nG0 X1\nendsub", "not-gcode", "EdingCNC"),
         ("G20\nL91\nM11C1\nG0 X1", "not-gcode", "WinCNC"),
@@ -138,6 +145,11 @@ def test_a_foreign_file_has_one_error_that_names_it(source: str, code: str, word
     assert found.code == code
     assert words in found.message
     assert found.line >= 1
+
+
+@pytest.mark.parametrize("source", ["N9001 G17\nG1 X1 F9", "N90010\nG1 X1 F9", "%PMX\nG1 X1 F9"])
+def test_a_number_with_code_behind_it_points_to_no_control(source: str) -> None:
+    assert recognise(source.split("\n")).refusal == ""
 
 
 def test_a_printer_takes_its_programs() -> None:

@@ -25,7 +25,7 @@ def test_variables_with_any_name() -> None:
     source = (
         "DEF REAL RTP=10, DP=-RTP/4, _X\nDEF INT NUM=2.6, COUNT\nDEF BOOL FLAG=7, OFF=FALSE\n"
         "NUM=NUM+0.4 _X=SIN(90)*NUM\nG0 X=RTP Y=-DP+_X Z=FLAG-OFF\nNUM=2.5\nX=NUM\n"
-        "FOR COUNT=1 TO NUM-1\nG0 X=COUNT\nENDFOR\nIF FLAG==TRUE AND NUM>2 GOTOF END_\nX9\n"
+        "FOR COUNT=1 TO NUM-1\nG0 X=COUNT\nENDFOR\nIF (FLAG==TRUE) AND (NUM>2) GOTOF END_\nX9\n"
         "END_: G0 X=IC(NUM)"
     )
     ends = [(10, 5.5, 1), (3, 5.5, 1), (1, 5.5, 1), (2, 5.5, 1), (5, 5.5, 1)]

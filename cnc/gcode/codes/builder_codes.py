@@ -12,15 +12,24 @@ from typing import NamedTuple
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.rules import NotedCode
 from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import GROUP_OF_G, QUICK_MOTIONS
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.code_numbers import G, M
+from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, G, M
 from cnc.gcode.syntax.words import LineWords, Word
 from cnc.machine.program_codes import CodeAction, RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, Stop
 
 _BUILDER_WORDS = "PQ"
 """Words that may stand beside a builder's M-code. Source: LinuxCNC, "M100 - M199"."""
+
+
+_LAST_COUNTS = frozenset((
+    "plane", "units", "distance", "feed-mode", "compensation", "tool-length", "system", "path",
+    "spindle-mode", "retract",
+))  # fmt: skip
+"""Groups in which the last code of a line counts, besides the straight moves and arcs. Their
+members are those of FANUC's groups 02, 06, 03, 05, 07, 08, 14, 15, 13 and 10."""
 
 
 class ExtraCode(NamedTuple):
@@ -72,12 +81,33 @@ class BuilderCodes:
             _activate_edge(words)
         if self._dialect.aliases:
             words.g[:] = [self._meant(word, words) for word in words.g]
+        if self._dialect.last_of_group and len(words.g) > 1:
+            self._drop_replaced(words.g)
         for row in (words.g, words.m):
             for word in tuple(row):
                 if extra := self._extra(word, words):
                     row.remove(word)
                     found.append(extra)
         return tuple(found)
+
+    def _drop_replaced(self, row: list[Word]) -> None:
+        """Drop the G-codes of a line that a later one of their group replaces, and report them.
+
+        Source: FANUC Series 30i/31i/32i, "Operator's Manual", "Preparatory function": of codes of
+        one group in a block the last one is valid.
+        """
+        last: dict[str, Word] = {}
+        for word in tuple(row):
+            if (group := _group_of(word)) is None:
+                continue
+            before = last.get(group)
+            last[group] = word
+            if before is None or before.number == word.number:
+                continue
+            row.remove(before)
+            message = f"{before.written} has no effect: {word.written} in the same line replaces it"
+            hint = "write the codes in two lines, in the intended order"
+            self._here.report_warning("code-replaced", message, before, hint)
 
     def _extra(self, word: Word, words: LineWords) -> ExtraCode | None:
         is_m = word.letter == "M"
@@ -191,3 +221,12 @@ def _activate_edge(words: LineWords) -> None:
 def file_of(action: CodeAction | None) -> RunFile | None:
     """Return the file that a builder's code executes; None for another effect."""
     return action if isinstance(action, RunFile) else None
+
+
+def _group_of(word: Word) -> str | None:
+    """Return the group of a G-code, None if it does not replace another one of its line."""
+    code = None if word.tenths is None else G_OF_TENTHS.get(word.tenths)
+    if code is None:
+        return None
+    group = GROUP_OF_G.get(code)
+    return group if group in _LAST_COUNTS or code in QUICK_MOTIONS else None

@@ -29,6 +29,7 @@ from cnc.gcode.syntax.words import (
     under_compensation,
     whole,
 )
+from cnc.model.blocks import Plane
 
 _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
@@ -58,6 +59,7 @@ class CompensationCodes:
         self._tools = tools
         self._out = out
         self._offset = 0
+        self._active: tuple[Side, float, Plane, tuple[float, float]] | None = None
 
     def refuse(self, codes: Codes) -> None:
         """Check the codes of a line that are executed before the move.
@@ -101,6 +103,12 @@ class CompensationCodes:
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
         if self._motion.coordinates.figure.mirrors(columns):
             side = "right" if side == "left" else "left"
+        given = side, radius, self._state.plane, shift
+        again = self._dialect.compensation_again
+        idle = again == "same" or (again == "zero" and radius == 0.0)
+        if idle and self._motion.compensated and given == self._active:
+            return
+        self._active = given
         compensation = self._motion.compensation
         compensation.start(
             side, radius, self._state.plane, columns, self._motion.position, at, shift=shift

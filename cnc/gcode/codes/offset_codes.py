@@ -13,7 +13,7 @@ from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.turret_offsets import set_turret_offset
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation, whole
@@ -22,6 +22,12 @@ _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 """The code that goes to the position of each code."""
 _ORIGINS = (2, 20)
 _BASIC_SYSTEMS = 6
+_NO_CYCLE = (None, G.G80, *QUICK_MOTIONS)
+"""Modes of motion in which no cycle uses a P word."""
+_WITHOUT_P = frozenset(
+    (0, 1, 2, 3, 17, 18, 19, 20, 21, 40, 41, 42, 43, 49, 54, 69, 80, 90, 91, 94, 98, 99)
+)
+"""Codes that may stand beside G54 P: they have no P word."""
 
 
 class OffsetCodes:
@@ -43,10 +49,13 @@ class OffsetCodes:
         self._tools = tools
 
     def system(self, words: LineWords, code: Code) -> None:
-        """Execute G54 to G59.3, or FANUC's G54.1 P."""
+        """Execute G54 to G59.3, or FANUC's G54.1 P, which is G54 P, too."""
         self._check_compensation(code.word)
         self._check_figure(code.word)
-        if code.number == G.G54_1:
+        further = code.number == G.G54 and self._dialect.system_word and "P" in words.rest
+        if further:
+            self._check_system_word(words, code.word)
+        if further or code.number == G.G54_1:
             word = words.take("P", code.word.written)
             if word is None:
                 hint = f"give P from 1 to {self._dialect.more_systems}"
@@ -58,6 +67,13 @@ class OffsetCodes:
         else:
             index = SYSTEM_CODES.index(code.g)
         self._coordinates.select(index)
+
+    def _check_system_word(self, words: LineWords, at: Word) -> None:
+        """Refuse P beside G54 if a cycle, a dwell or another code of the line may use it."""
+        if self._state.motion in _NO_CYCLE and all(word.number in _WITHOUT_P for word in words.g):
+            return
+        message = f"P of this line may belong to {at.written} or to another code"
+        raise fault("word-wanted-twice", message, words.rest["P"], f"write {at.written} P alone")
 
     def _more(self, word: Word) -> int:
         """Index of the coordinate system that P of G54.1 names."""

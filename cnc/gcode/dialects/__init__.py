@@ -46,6 +46,7 @@ class Dialect:
     offsets_current: bool
     offsets_add: Literal["no", "yes", "unclear"]
     more_systems: int
+    system_word: bool
     shift_stays: bool
     rotation: bool
     offset_memory: bool
@@ -60,8 +61,10 @@ class Dialect:
     motion_assumed: bool
     repeated: str
     same_code_twice: bool
+    last_of_group: bool
     both_coolants: bool
     repeats_in_call: bool
+    sequence_calls: bool
     skip_parameters: int
     program_number: bool
     decimal_points: bool
@@ -87,6 +90,7 @@ class Dialect:
     turret_offsets: Literal["", "P", "L"]
     wrap: WrapRule
     feed_of_all_axes: bool
+    compensation_again: Literal["", "same", "zero"]
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     dwell_turns: str
@@ -279,9 +283,10 @@ _PLAIN = (
     "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit",
     "extruder", "corners", "figures", "dwell", "dwell_point", "dwell_turns", "lathe", "increments",
     "integer_unit", "retract_is_distance", "two_line_cycles", "orient_angle", "turret_offsets",
-    "motion_assumed", "repeated", "same_code_twice", "both_coolants", "repeats_in_call",
+    "motion_assumed", "repeated", "same_code_twice", "last_of_group", "both_coolants",
+    "repeats_in_call", "sequence_calls", "system_word",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
-    "length_units", "home_directly", "spindle_power", "first_feed",
+    "length_units", "home_directly", "spindle_power", "first_feed", "compensation_again",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 

@@ -218,6 +218,7 @@ class Flow:
         main_border: Line of the O number of the main program; 0 for none.
         modal: Calls the macro of G66 after a line; None if there is none.
         missing: Names of programs that a check has skipped.
+        entered: Lines of the O numbers of the programs in the main text that were called.
         program_frame: SINUMERIK's programmable frame.
         sections: SINUMERIK's repeated sections.
         profile: LinuxCNC's cycle whose profile is being executed; None for none.
@@ -248,6 +249,7 @@ class Flow:
         self.main_border = 0
         self.modal: Callable[[int], int] | None = None
         self.missing: set[str] = set()
+        self.entered: set[int] = set()
         self.program_frame = ProgramFrame()
         self.sections = Sections()
         self.profile: OpenProfile | None = None

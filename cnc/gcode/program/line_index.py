@@ -35,7 +35,13 @@ _SLASH = re.compile(r"[ \t]*/[ \t]*([1-9](?![0-9.]))?")
 _COMMENTS_AND_BLANKS = re.compile(r"\([^)]*\)|;.*|[ \t]")
 _PERCENT = re.compile(rb"(?<![^\r\n])[ \t]*%")
 _SUB = re.compile(r"/?(?:n[0-9]+)?o(?:[0-9]+|<[^>]*>)sub")
-_PROGRAM = re.compile(r"/?(?:n[0-9]+)?o(?:([0-9]+)|<[^>]*>)")
+PROGRAM = re.compile(r"/?(?:n[0-9]+)?o(?:([0-9]+)|<[^>]*>)")
+"""The O number of a program, alone in its line, as ``bare_text`` gives it."""
+
+
+def bare_text(text: str) -> str:
+    """Return a line without comments and blanks, in lower case."""
+    return _COMMENTS_AND_BLANKS.sub("", text).lower()
 
 
 class Place(NamedTuple):
@@ -193,12 +199,12 @@ class LineIndex:
             self._definitions = Definitions()
             end = self._end_of_tape()
             for number, window, index in self._candidates(1):
-                text = _COMMENTS_AND_BLANKS.sub("", window.text(index)).lower()
+                text = bare_text(window.text(index))
                 if number > end:
-                    if (found := _PROGRAM.fullmatch(text)) and found[1]:
+                    if (found := PROGRAM.fullmatch(text)) and found[1]:
                         self._definitions.behind[int(found[1])] = end
                     continue
-                if not (_SUB.match(text) or _PROGRAM.fullmatch(text)):
+                if not (_SUB.match(text) or PROGRAM.fullmatch(text)):
                     continue
                 statement = self.statement(window, index)
                 if statement is not None and statement.control is not None:

@@ -216,6 +216,7 @@ class StepMaker:
                     word,
                     macro=self._macro,
                     packed=self._dialect.repeats_in_call,
+                    sequence=self._dialect.sequence_calls,
                 )
         if self._dialect.profile_subroutines and any(
             word.letter == "G" and word.number in _PROFILE_CODES for word in statement.words

@@ -1,7 +1,8 @@
 """Numbered programs: calls with M98, G65, G66 and M97 (of lines), return with M99.
 
 Sources: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
-(M98, M99)" and "Custom macro", macro call and modal call; Haas, "Mill Operator's Manual", M97.
+(M98, M99)", the call of a sequence number, and "Custom macro", macro call and modal call; Haas,
+"Mill Operator's Manual", M97.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step
 from cnc.gcode.program.control_flow import BackwardJump, jump_target
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.missing_programs import skips_missing
+from cnc.gcode.program.uncalled_programs import check_main
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import LOCAL_MACRO, Parameters
@@ -86,18 +88,30 @@ class _CallWords:
 
 
 class ProgramCall:
-    """``M98 P L``, and ``G65 P L`` with arguments."""
+    """``M98 P L``, ``M97 P L`` and ``M98 Q L`` of lines, and ``G65 P L`` with arguments."""
 
-    __slots__ = ("arguments", "at", "code", "packed", "words")
+    __slots__ = ("arguments", "at", "code", "letter", "local", "packed", "words")
 
-    def __init__(self, line: int, statement: Statement, code: Word, *, packed: bool) -> None:
-        """``packed``: whether P of M98 over 9999 has the repeats before its last four digits."""
+    def __init__(
+        self, line: int, statement: Statement, code: Word, *, packed: bool, lines: bool = False
+    ) -> None:
+        """Read the words of a call.
+
+        Args:
+            line: The line.
+            statement: Its words.
+            code: The code of the call.
+            packed: Whether P of M98 over 9999 has the repeats before its last four digits.
+            lines: Whether M98 calls the lines from the N number of its Q on.
+        """
         self.at = Place(line, code.column, code.length)
         self.code, self.packed = code, packed
+        self.letter: Literal["P", "Q"] = "Q" if lines else "P"
+        self.local = lines or (code.letter == "M" and code.number == M.M97)
         self.arguments: list[Argument] | None = None
         if code.letter == "G":
             statement, self.arguments = split_arguments(statement, code)
-        self.words = _CallWords(statement, "PL", code)
+        self.words = _CallWords(statement, self.letter + "L", code)
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the rest of the line, then enter the program."""
@@ -125,15 +139,18 @@ class ProgramCall:
             arguments: Values of the local variables of a macro.
         """
         number, repeats = called
-        local = self.code.letter == "M" and self.code.number == M.M97
-        found = self._look_up_line(flow, number) if local else self._look_up(flow, number, line)
+        found = (
+            self._look_up_line(flow, number) if self.local else self._look_up(flow, number, line)
+        )
         if found is None:
             return line + 1
         listing, scope = found
+        if listing is flow.main:
+            flow.entered.add(scope)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
         frame = Frame(
             kind,
-            f"{'N' if local else 'O'}{number}",
+            f"{'N' if self.local else 'O'}{number}",
             listing,
             scope,
             flow.listing,
@@ -146,13 +163,15 @@ class ProgramCall:
 
     def _number_and_repeats(self, parameters: Parameters) -> tuple[int, int]:
         """Return the number of the program, and how often it is called."""
-        number = self.words.whole("P", parameters, "the program number", MAX_PROGRAM)
+        meaning = "the N number" if self.local else "the program number"
+        number = self.words.whole(self.letter, parameters, meaning, MAX_PROGRAM)
         if number is None:
             written = self.code.written
             message = f"{written} needs P, the program number"
             raise fault("program-number-missing", message, self.code, f"such as {written} P100")
         repeats = self.words.whole("L", parameters, "the number of repeats", MAX_REPEATS)
-        if repeats is None and self.packed and self.arguments is None and number > LONGEST_NUMBER:
+        packed = self.packed and self.arguments is None and not self.local
+        if repeats is None and packed and number > LONGEST_NUMBER:
             return number % (LONGEST_NUMBER + 1), number // (LONGEST_NUMBER + 1)
         return number, 1 if repeats is None else repeats
 
@@ -164,12 +183,12 @@ class ProgramCall:
         return found
 
     def _look_up_line(self, flow: Flow, number: int) -> tuple[Listing, int]:
-        """Find the lines that M97 calls, in the program of the call."""
+        """Find the lines that M97 P or M98 Q calls, in the program of the call."""
         listing = flow.listing
         begin, end = listing.program_around(self.at.line)
         line = listing.numbered(number, begin, end)
         if line is None:
-            word = self.words.values["P"][0]
+            word = self.words.values[self.letter][0]
             hint = f"give the first line of them N{number}"
             raise fault("block-unknown", f"there is no line N{number}", word, hint)
         return listing, line - 1
@@ -270,8 +289,9 @@ def _end_once(flow: Flow, code: Word, line: int) -> None:
     """End a main program that its M99 would repeat for ever.
 
     Raises:
-        GcodeError: ``program-endless``.
+        GcodeError: ``program-endless``, ``main-program-later``.
     """
+    check_main(flow, code, line)
     message, interpreter = f"{code.written} repeats the main program for ever", flow.interpreter
     if not interpreter.dialect.lenient:
         raise fault("program-endless", message, code, "end it with M30")
@@ -322,7 +342,7 @@ CODES = {
 
 
 def call_or_return(
-    line: int, statement: Statement, code: Word, *, macro: bool, packed: bool
+    line: int, statement: Statement, code: Word, *, macro: bool, packed: bool, sequence: bool
 ) -> Step:
     """Return the step of a line with one of the codes.
 
@@ -332,6 +352,7 @@ def call_or_return(
         code: The code.
         macro: Whether the language is FANUC's macro B.
         packed: Whether P of M98 over 9999 has the repeats before its last four digits.
+        sequence: Whether M98 without P calls the lines from the N number of its Q on.
     """
     if code.letter == "G" and code.number == G.G66.code:
         return ModalCall(line, statement, code, packed=packed)
@@ -339,4 +360,7 @@ def call_or_return(
         return ModalEnd(statement, code)
     if code.letter == "M" and code.number == M.M99:
         return ProgramReturn(line, statement, code, macro=macro)
-    return ProgramCall(line, statement, code, packed=packed)
+    letters = {word.letter for word in statement.words}
+    lines = sequence and code.letter == "M" and code.number == M.M98
+    lines = lines and "Q" in letters and "P" not in letters
+    return ProgramCall(line, statement, code, packed=packed, lines=lines)

@@ -21,6 +21,7 @@ from cnc.gcode.program.line_steps import StepMaker
 from cnc.gcode.program.percent import leader
 from cnc.gcode.program.repeated_states import RepeatedStates
 from cnc.gcode.program.subprograms import Library
+from cnc.gcode.program.uncalled_programs import report_uncalled
 from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
 from cnc.gcode.state.source_location import Warn
 from cnc.gcode.state.tool_table import ToolTable
@@ -180,6 +181,8 @@ def _run(
     ready = flow.interpreter.out.ready
     try:
         yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
+        if flow.interpreter.dialect.lenient or flow.interpreter.dialect.flavour == "macro-b":
+            report_uncalled(flow)
     except GcodeError:
         if flow.interpreter.aborted:
             yield from ready

@@ -12,6 +12,11 @@ MOD              never negative              has the sign of its left side
 ===============  ==========================  ===================================
 
 GE and LE compare exactly in both. Sources: LinuxCNC 2.9, "G-code overview"; FANUC, "Custom macro".
+
+SINUMERIK's comparisons have names of their own, with a ~ that no program writes, and so has TRUNC.
+They take numbers as equal whose relative difference is up to 1e-12: a loop that counts by 0.1 makes
+its last pass. Source: Siemens, "SINUMERIK 840D sl Programming Manual, Job Planning", "Comparison
+and logic operations" and "Precision correction on comparison errors (TRUNC)".
 """
 
 from __future__ import annotations
@@ -21,6 +26,8 @@ from collections.abc import Callable
 
 NEAR = 1e-6
 """Numbers that differ by less are equal in RS274/NGC."""
+_RELATIVE = 1e-12
+"""Numbers whose relative difference is up to this are equal for SINUMERIK."""
 _QUADRANT = 90.0
 
 Unary = Callable[[float], float]
@@ -230,6 +237,15 @@ MACRO_OPERATORS: dict[str, Binary] = {
     "XOR": _bitwise(int.__xor__),
 }
 """Operators of FANUC except + - * /. EQ and NE take vacant variables as NaN."""
+SIEMENS_OPERATORS: dict[str, Binary] = {
+    "~EQ": lambda a, b: 1.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "~NE": lambda a, b: 0.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 1.0,
+    "~GT": lambda a, b: 1.0 if a > b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "~GE": lambda a, b: 1.0 if a > b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "~LT": lambda a, b: 1.0 if a < b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "~LE": lambda a, b: 1.0 if a < b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+}
+"""Comparisons of SINUMERIK in a line that is translated to RS274/NGC."""
 FUNCTIONS: dict[str, Unary] = {
     "ABS": abs,
     "ACOS": arccosine,
@@ -244,6 +260,8 @@ FUNCTIONS: dict[str, Unary] = {
     "SQRT": square_root,
     "TAN": tangent,
 }
+SIEMENS_FUNCTIONS: dict[str, Unary] = {"~FIX": toward_zero}
+"""TRUNC of SINUMERIK in a line that is translated to RS274/NGC."""
 MACRO_FUNCTIONS: dict[str, Unary] = {
     **FUNCTIONS,
     "ASIN": macro_arcsine,

@@ -18,6 +18,8 @@ from cnc.gcode.syntax.arithmetic import (
     MACRO_FUNCTIONS,
     MACRO_OPERATORS,
     OPERATORS,
+    SIEMENS_FUNCTIONS,
+    SIEMENS_OPERATORS,
     Undefined,
     arctangent,
     half_away,
@@ -34,6 +36,8 @@ _CHECK_INPUT = (
     "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
 _INF = math.inf
+_NGC_OPERATORS = OPERATORS | SIEMENS_OPERATORS
+_NGC_FUNCTIONS = FUNCTIONS | SIEMENS_FUNCTIONS
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +85,17 @@ def constant(number: float, begin: int, end: int) -> Node:
 class Builder:
     """Builds the nodes of one line."""
 
-    def __init__(self, columns: Sequence[int], *, macro: bool) -> None:
+    def __init__(self, columns: Sequence[int], *, macro: bool, translated: bool) -> None:
         """Create a builder.
 
         Args:
             columns: Position in the line, from 0, of each character of the text without blanks.
             macro: Whether the language is FANUC's macro B.
+            translated: Whether the line is a translation of one of SINUMERIK.
         """
         self.columns = columns
         self.macro = macro
+        self._translated = translated
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
         """Return column (from 1) and length of a part of the line."""
@@ -100,6 +106,12 @@ class Builder:
         """Return an error at a part of the line."""
         column, length = self.place(begin, end)
         return fault(code, message, column=column, length=length, hint=hint)
+
+    def _refuse_mark(self, name: str, begin: int) -> None:
+        """Refuse a name of a translation in a program that is none."""
+        if name[0] == "~" and not self._translated:
+            message = "the character '~' has no meaning here"
+            raise self.fault("character-unknown", message, begin, begin + 1)
 
     def sign(self, sign: str, operand: Node, begin: int) -> Node:
         """Return an operand with a sign before it."""
@@ -113,6 +125,7 @@ class Builder:
 
     def binary(self, left: Node, operator: str, right: Node, begin: int) -> Node:
         """Return two operands with an operator, which stands at ``begin``."""
+        self._refuse_mark(operator, begin)
         place = self.place(begin, begin + len(operator))
         if operator in ("EQ", "NE") and self.macro:
             a, b = left.result, right.result
@@ -140,13 +153,14 @@ class Builder:
             begin: Position of the function.
             increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
+        self._refuse_mark(name, begin)
         column, length = self.place(begin, begin + len(name))
         a = argument.value
         if increments and name in ("ROUND", "RND"):
             return self._folded(
                 Node(_to_increments(a), begin, argument.end, depth=argument.depth + 1)
             )
-        function = (MACRO_FUNCTIONS if self.macro else FUNCTIONS)[name]
+        function = (MACRO_FUNCTIONS if self.macro else _NGC_FUNCTIONS)[name]
 
         def value(p: Parameters) -> float:
             try:
@@ -337,7 +351,7 @@ _ARITHMETIC = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide}
 
 
 def _operation(a: Value, operator: str, b: Value, place: tuple[int, int], *, macro: bool) -> Value:
-    operate = (MACRO_OPERATORS if macro else OPERATORS)[operator]
+    operate = (MACRO_OPERATORS if macro else _NGC_OPERATORS)[operator]
 
     def value(p: Parameters) -> float:
         try:

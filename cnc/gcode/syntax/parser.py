@@ -80,6 +80,7 @@ class Syntax:
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
         variables: Variables that a program of SINUMERIK defines.
+        translated: Whether the line is a translation of one of SINUMERIK.
     """
 
     flavour: Flavour = "ngc"
@@ -89,6 +90,7 @@ class Syntax:
     first_bracket: bool = False
     dialect: str = "auto"
     variables: Variables = ()
+    translated: bool = False
 
     @property
     def skips_inside(self) -> bool:
@@ -188,7 +190,7 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
 @lru_cache(maxsize=8)
 def _translated(syntax: Syntax) -> Syntax:
     """Return the syntax of a translated line of SINUMERIK."""
-    return replace(syntax, flavour="ngc", siemens=True, variables=())
+    return replace(syntax, flavour="ngc", siemens=True, variables=(), translated=True)
 
 
 class _Reader(NamedTuple):
@@ -243,7 +245,7 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
         control = _siemens_control(found.control, ngc, begin + 1, length)
     except GcodeError as error:
         known = error.diagnostic
-        message = f"{known.message} (read as {found.text})"
+        message = f"{known.message} (read as {found.text.replace('~', '')})"
         raise fault(known.code, message, column=begin + 1, length=length, hint=known.hint) from None
     column = begin + 1
     return replace(
@@ -338,7 +340,7 @@ def _parse(
         raise describe(squeezed, columns, error, macro=macro) from None
     if macro and "R" in squeezed:
         mark_rounding(tree)
-    build = Builder(columns, macro=macro)
+    build = Builder(columns, macro=macro, translated=syntax.translated)
     try:
         statement: Statement = Translator(
             squeezed, build, open_numbers, siemens=syntax.siemens, dialect=syntax.dialect

@@ -1,7 +1,8 @@
 """Expressions of SINUMERIK in the words of RS274/NGC.
 
 R parameters and variables become named parameters, and elements of arrays numbered ones. Source:
-Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Arithmetic functions".
+Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Arithmetic functions",
+"Priority of the operations" and "Round up (ROUNDUP)".
 """
 
 from __future__ import annotations
@@ -19,10 +20,19 @@ _OPERAND = re.compile(
 _ELEMENT = re.compile(r"(?<![A-Z0-9_$])([A-Z_][A-Z0-9_]*)\s*(\[)", re.I)
 _NAME = re.compile(r"(?<![A-Z0-9_])[A-Z_][A-Z0-9_]*", re.I)
 _OPERATOR = re.compile(r"\s*(\*\*|==|<>|<=|>=|[-+*/<>]|\bMOD\b|\bAND\b|\bOR\b)", re.I)
-_COMPARED = {"==": "EQ", "<>": "NE", "<=": "LE", ">=": "GE", "<": "LT", ">": "GT"}
+_COMPARED = {"==": "~EQ", "<>": "~NE", "<=": "~LE", ">=": "~GE", "<": "~LT", ">": "~GT"}
+_LEVELED = re.compile(r"==|<>|<=|>=|<|>|\b(?:AND|XOR|OR)\b", re.I)
+_LOGIC = ("AND", "XOR", "OR")
+"""Logic operators, the one that binds tightest first. Comparisons bind less than all of them."""
 _TRUTHS = {"TRUE": "1", "FALSE": "0"}
 _WORD_OPERATORS = {"MOD", "AND", "OR", "XOR"}
-_FUNCTIONS = {"SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND", "LN", "EXP", "TRUNC"}
+_FUNCTIONS = {
+    **{name: name for name in ("SIN", "COS", "TAN", "ASIN", "ACOS", "SQRT", "ABS", "ROUND")},
+    "LN": "LN",
+    "EXP": "EXP",
+    "TRUNC": "~FIX",
+    "ROUNDUP": "FUP",
+}
 
 
 class Cursor:
@@ -97,13 +107,50 @@ class Cursor:
 
     def ngc(self, expression: str) -> str:
         """Return an expression in the words of RS274/NGC."""
-        text, at, out = expression.strip(), 0, []
+        text, at, out = self._in_order(expression.strip()), 0, []
         while found := _ELEMENT.search(text, at):
             end = closing(text, found.start(2))
             number = self.element(found[1], text[found.end() : end])
             out += [self._without_arrays(text[at : found.start()]), f"#[{number}]"]
             at = end + 1
         return "".join((*out, self._without_arrays(text[at:])))
+
+    def _in_order(self, text: str) -> str:
+        """Return an expression with brackets for the order of AND, XOR and OR."""
+        if not _LEVELED.search(text):
+            return text
+        parts, operators, begin, at = [], [], 0, 0
+        while at < len(text):
+            if text[at] in "([":
+                end = closing(text, at)
+                inner = self._in_order(text[at + 1 : end])
+                text = text[: at + 1] + inner + text[end:]
+                at += len(inner) + 2
+            elif found := _LEVELED.match(text, at):
+                parts.append(text[begin:at])
+                operators.append(found[0].upper())
+                begin = at = found.end()
+            else:
+                at += 1
+        parts.append(text[begin:])
+        compared = [each for each in operators if each in _COMPARED]
+        if compared and (len(operators) > 1):
+            what = f"{' and '.join(operators[:2])} without brackets"
+            hint = "SINUMERIK compares last: write brackets, as in (R1>2) AND (R2<5)"
+            raise self.fault(what, 1, hint)
+        if len({*operators}) < 2:
+            return text
+        for operator in _LOGIC:
+            joined, kept = [parts[0]], []
+            for each, part in zip(operators, parts[1:], strict=True):
+                if each == operator:
+                    joined[-1] = f"{joined[-1]} {each} {part}"
+                else:
+                    joined.append(part)
+                    kept.append(each)
+            parts = [f"({part})" if f" {operator} " in part else part for part in joined]
+            operators = kept
+        return parts[0]
 
     def element(self, written: str, index: str) -> str:
         """Return the expression for the number of an element of an array, or of R."""
@@ -136,8 +183,10 @@ class Cursor:
             return f"#<{self.stored(name)}>"
         if self.is_variable(written):
             return f"#<{self.stored(written)}>"
-        if name in _FUNCTIONS or name in _WORD_OPERATORS or name in _COMPARED.values():
-            return "FIX" if name == "TRUNC" else name
+        if name in _FUNCTIONS:
+            return _FUNCTIONS[name]
+        if name in _WORD_OPERATORS or f"~{name}" in _COMPARED.values():
+            return name
         if name in _TRUTHS:
             return _TRUTHS[name]
         hint = "define a variable by DEF REAL at the beginning of the main program"

@@ -51,6 +51,8 @@ class Word:
 
         None for a number that is not a code.
         """
+        if not math.isfinite(self.number):
+            return None
         tenths = round(self.number * 10)
         return tenths if self.number == tenths / 10 and "-" not in self.written else None
 

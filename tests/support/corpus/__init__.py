@@ -9,13 +9,15 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Iterator
 
-from tests.support.corpus import hobby, industrial, shops
+from tests.support.corpus import hobby, industrial, shops, workshops
 
 Maker = Callable[[random.Random], str]
 
-STYLES: dict[str, Maker] = industrial.STYLES | hobby.STYLES | shops.STYLES
+STYLES: dict[str, Maker] = industrial.STYLES | hobby.STYLES | shops.STYLES | workshops.STYLES
 """The styles by name."""
-EXPECTED: dict[str, str] = industrial.EXPECTED | hobby.EXPECTED | shops.EXPECTED
+EXPECTED: dict[str, str] = (
+    industrial.EXPECTED | hobby.EXPECTED | shops.EXPECTED | workshops.EXPECTED
+)
 """The dialect in which each style must be read."""
 
 

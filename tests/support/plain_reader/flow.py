@@ -86,8 +86,11 @@ class Flow:
             self._call(self._program(int(given["P"])), int(given.get("L", 1)), arguments)
             return False
         if 98 in codes:
-            number = int(given["P"])
             repeats = int(given.get("L", 1))
+            if "P" not in given:
+                self._call(self._block(int(given["Q"])), repeats, None)
+                return False
+            number = int(given["P"])
             if number > 9999 and self.mover.dialect == "fanuc":
                 number, repeats = number % 10000, number // 10000
             self._call(self._program(number), repeats, None)
