@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import LINE
 from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.corner_known import Known
 from cnc.kernels.planner.corner_places import MOST_CORNERS
 from cnc.kernels.planner.corner_room import only_along
 from cnc.kernels.planner.legs import record_end
@@ -36,6 +37,11 @@ from cnc.planner.window import LONG, Window
 SHORT = 25.0
 """In tolerances. Corners with longer legs have blends."""
 
+ENDS_SHORT = 100.0
+"""In tolerances. So have corners beside longer legs: a longer ramp gains little, and most programs
+have such legs.
+"""
+
 BESIDE = 100.0
 """In tolerances: length on each side that is timed with them. Beside a blend or a curve they may be
 slower than alone.
@@ -45,12 +51,13 @@ FASTER = 0.998
 """Corners are passed together where that takes less than this part of the time with blends."""
 
 
-def passed_together(path: PathChunk, limits: Limits) -> NDArray[np.bool_]:
+def passed_together(path: PathChunk, limits: Limits, known: Known) -> NDArray[np.bool_]:
     """Return for each piece of a path whether the corner behind it is passed with those beside it.
 
     Args:
         path: pieces that follow each other.
         limits: of the columns of the path.
+        known: receives the motions that were found.
     """
     chosen = np.zeros(len(path), np.bool_)
     if only_along(limits.arrays):
@@ -63,7 +70,7 @@ def passed_together(path: PathChunk, limits: Limits) -> NDArray[np.bool_]:
             blends = chosen[begin : end + 1]
             together = blends.copy()
             together[first - begin : last + 1 - begin] = True
-            if _time(legs, limits, together) < FASTER * _time(legs, limits, blends):
+            if _time(legs, limits, known, together) < FASTER * _time(legs, limits, known, blends):
                 chosen[first : last + 1] = True
     return chosen
 
@@ -71,7 +78,7 @@ def passed_together(path: PathChunk, limits: Limits) -> NDArray[np.bool_]:
 def _rows(path: PathChunk) -> Iterator[tuple[int, int]]:
     """Yield the first and the last corner of each row of corners between short legs.
 
-    Rows of more corners than one motion passes are left out.
+    Rows of more corners than one motion passes are left out, and those that end with longer legs.
     """
     line = path.kind == LINE
     corner = (path.tolerance[:-1] > 0.0) & ~path.stop_after[:-1] & line[:-1] & line[1:]
@@ -83,8 +90,10 @@ def _rows(path: PathChunk) -> Iterator[tuple[int, int]]:
     begin = 0
     for k in range(len(corners)):
         if k + 1 == len(corners) or corners[k + 1] > corners[k] + 1 or not joined[corners[k]]:
-            if k + 1 - begin <= MOST_CORNERS:
-                yield int(corners[begin]), int(corners[k])
+            first, last = int(corners[begin]), int(corners[k])
+            ends = (path.length[first], path.length[last + 1])
+            if last - first < MOST_CORNERS and max(ends) < ENDS_SHORT * path.tolerance[first]:
+                yield first, last
             begin = k + 1
 
 
@@ -105,9 +114,9 @@ def _alone(path: PathChunk, first: int, last: int) -> PathChunk:
     )
 
 
-def _time(legs: PathChunk, limits: Limits, together: NDArray[np.bool_]) -> float:
+def _time(legs: PathChunk, limits: Limits, known: Known, together: NDArray[np.bool_]) -> float:
     """Return the time of the motion past corners from rest to rest, s; infinity for none."""
-    window, corners = Window(limits), CornerMotions(limits, Audit(limits))
+    window, corners = Window(limits), CornerMotions(limits, Audit(limits), known)
     blending = CornerBlending(limits, together=lambda _: together)
     time = 0.0
     try:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import LINE, SPAN
-from cnc.kernels.planner.corner_known import new_known
+from cnc.kernels.planner.corner_known import Known, new_known
 from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path
 from cnc.kernels.planner.corner_stops import (
     CORNER_STEPS,
@@ -53,11 +53,14 @@ class CornerMotions:
     refuses such a motion stay stops.
     """
 
-    def __init__(self, limits: Limits, audit: Audit) -> None:
-        """Create the stage behind the window; ``audit`` checks its results."""
+    def __init__(self, limits: Limits, audit: Audit, known: Known | None = None) -> None:
+        """Create the stage behind the window.
+
+        ``audit`` checks its results. ``known``: motions that were found with the same limits.
+        """
         self._limits = limits
         self._audit = audit
-        self._known = new_known()
+        self._known = known or new_known()
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""

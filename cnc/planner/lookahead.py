@@ -21,6 +21,7 @@ from functools import partial
 from math import inf
 from typing import NamedTuple
 
+from cnc.kernels.planner.corner_known import new_known
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Probe, SpindleSync
 from cnc.model.diagnostics import MotionLimitError
@@ -83,9 +84,10 @@ class LookAhead:
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
-        together = partial(passed_together, limits=self.limits)
+        known = new_known()
+        together = partial(passed_together, limits=self.limits, known=known)
         self._blending = CornerBlending(self.limits, together=together)
-        self._corners = CornerMotions(self.limits, self.audit)
+        self._corners = CornerMotions(self.limits, self.audit, known)
         self._rewind = Rewind()
         self._factor = 1.0
         """The factor of the feeds for which the plan was made that counts."""

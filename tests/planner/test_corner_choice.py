@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cnc.kernels.planner.corner_known import new_known
 from cnc.kernels.planner.corner_places import MOST_CORNERS
 from cnc.planner import lookahead
 from cnc.planner.corner_choice import SHORT, passed_together
@@ -26,7 +27,7 @@ def with_blends(monkeypatch, points, mill, feed):
     """The plan without the choice."""
     with monkeypatch.context() as patch:
         patch.setattr(
-            lookahead, "passed_together", lambda path, limits: np.zeros(len(path), np.bool_)
+            lookahead, "passed_together", lambda path, limits, known: np.zeros(len(path), np.bool_)
         )
         return planned(points, EPS, mill, feed)[0]
 
@@ -53,7 +54,7 @@ def test_the_choice_is_never_slower_than_blends(seed, monkeypatch):
 def chosen(points, mill):
     (chunk,) = path_of([lines(points, 50.0)])
     tolerance = np.where(np.arange(len(chunk)) < len(chunk) - 1, EPS, 0.0)
-    return passed_together(replace(chunk, tolerance=tolerance), Limits.of(mill))
+    return passed_together(replace(chunk, tolerance=tolerance), Limits.of(mill), new_known())
 
 
 SLOW_TURNS = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)
