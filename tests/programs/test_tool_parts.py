@@ -21,6 +21,7 @@ def test_every_line_is_in_one_part(name):
     assert len(bodies) > 3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", LONG)
 def test_the_parts_cut_as_much_as_the_whole(name, tmp_path):
     """The depths are the same: only moves to the first hole of a tool have another start."""
