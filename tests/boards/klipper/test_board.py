@@ -31,6 +31,7 @@ from tests.support.boards.klipper_rig import (
 )
 from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.paths import PROGRAMS
+from tests.support.programs.tool_parts import file_of, in_parts
 from tests.support.soak import share
 
 AVR = ("atmega328p", "atmega2560")
@@ -111,12 +112,13 @@ FEW = [
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("name", "mcu", "pulse"), share([(name, *chip) for name in SHIPPED for chip in CHIPS], FEW)
+    ("name", "mcu", "pulse"),
+    share([(name, *chip) for name in in_parts(SHIPPED) for chip in CHIPS], FEW),
 )
 def test_shipped_programs(name: str, mcu: str, pulse: float, tmp_path: Path) -> None:
     known = with_board(load_machine("default"), mcu)
     known = known.model_copy(update={"board": known.board.model_copy(update={"step_pulse": pulse})})
-    report, simulator = played(PROGRAMS / name, tmp_path, known)
+    report, simulator = played(file_of(name, tmp_path), tmp_path, known)
     if mcu in AVR and pulse == LONG_PULSE and name in TOO_FAST_FOR_AVR:
         found = [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults]
         assert found == [("board-step-rate", TOO_FAST_FOR_AVR[name])]

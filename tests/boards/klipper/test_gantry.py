@@ -16,7 +16,7 @@ from cnc.machine.klipper import KlipperAxis
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.gantry_board import PLACES, SwitchPlaces, gantry
-from tests.support.boards.klipper_rig import pins, steps_of, with_board
+from tests.support.boards.klipper_rig import end_level, pins, steps_of, with_board
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 
@@ -31,19 +31,20 @@ class Bench:
     """A simulated board with switches that follow the motors."""
 
     def __init__(self, known: Machine, places: SwitchPlaces = PLACES) -> None:
-        self.known, self.places = known, dict(places)
+        self.known = known
         self.simulator = simulator_for(known)
-        for column, letter in enumerate(known.axes):
-            axis = pins(known).axis(letter)
-            assert axis is not None
-            assert axis.endstop is not None
-            for motor, text in enumerate(axis.endstop):
+        for (column, motor), end in places.items():
+            self.set_switch(column, motor, end)
 
-                def level(column: int = column, motor: int = motor) -> int:
-                    towards, at = self.places[column, motor]
-                    return int((self.place(column, motor) - at) * towards < 0)
-
-                self.simulator.set_pin(text.strip("^!"), level)
+    def set_switch(self, column: int, motor: int, end: tuple[int, float]) -> None:
+        """Set direction and place of a switch, unless the motors share one."""
+        letter = tuple(self.known.axes)[column]
+        axis = pins(self.known).axis(letter)
+        assert axis is not None
+        assert axis.endstop is not None
+        if motor < len(axis.endstop):
+            level = end_level(self.known, self.simulator, letter, end, motor)
+            self.simulator.set_pin(axis.endstop[motor].strip("^!"), level)
 
     def place(self, column: int, motor: int = 0) -> int:
         axis = pins(self.known).axis(tuple(self.known.axes)[column])
@@ -110,7 +111,7 @@ def test_each_limit_switch_of_a_gantry_ends_the_motion(tmp_path: Path) -> None:
     known = with_board(gantry(0.0), y=Y)
     bench = Bench(known)
     bench.home()
-    bench.places[1, 1] = (1, bench.place(1, 1) + 150)
+    bench.set_switch(1, 1, (1, bench.place(1, 1) + 150))
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 Y3 Z0 F900\nM2\n")
     driver = bench.driver()
     report = run_with(tmp_path / "p.ngc", known, board=driver)

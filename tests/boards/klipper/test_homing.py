@@ -15,7 +15,14 @@ from cnc.machine.kinematics import FiveAxis
 from cnc.machine.models import HomingOrder, Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.homing_bench import axis, small
-from tests.support.boards.klipper_rig import connected, count, pins, place, with_board
+from tests.support.boards.klipper_rig import (
+    connected,
+    count,
+    end_level,
+    pins,
+    place,
+    with_board,
+)
 from tests.support.session.runs import run_with
 
 SWITCHES = {"x": (-1, -300), "y": (-1, -410), "z": (1, 150)}
@@ -35,13 +42,9 @@ class Bench:
         self.known = known
         self.simulator: KlipperSimulator = simulator_for(known)
         self.ports = 0
-        for letter, (towards, at) in switches.items():
+        for letter, end in switches.items():
             pin = getattr(pins(known), letter).endstop[0].strip("^!")
-
-            def level(letter: str = letter, towards: int = towards, at: int = at) -> int:
-                return int((count(known, self.simulator, letter) - at) * towards < 0)
-
-            self.simulator.set_pin(pin, level)
+            self.simulator.set_pin(pin, end_level(known, self.simulator, letter, end))
 
     def driver(self) -> Klipper:
         return connected(self.known, self.simulator, identity=IDENTITY)

@@ -21,6 +21,7 @@ from tests.support.boards.board_conformance import AXES, PulseBoardConformance
 from tests.support.boards.stepper_rig import CLOSE_US, machine, off_plan_us
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.paths import PROGRAMS
+from tests.support.programs.tool_parts import file_of, in_parts
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 
@@ -128,10 +129,12 @@ PROBING = ("probing.nc",)
 @pytest.mark.soak
 @pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
 @pytest.mark.parametrize(
-    "name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"])
+    "name",
+    share(in_parts([name for name in SHIPPED if name not in SENSING + PROBING]), ["trident.nc"]),
 )
 def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> None:
-    report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"), algorithm)
+    program = file_of(name, tmp_path)
+    report, simulator = played(program, tmp_path, load_machine("default"), algorithm)
     if algorithm in DENSE and not report.ok:
         assert [fault.diagnostic.code for fault in report.faults] == ["board-too-dense"]
         assert not len(simulator.moves()[0])

@@ -1,6 +1,6 @@
 """A browser, and a server of the console with a simulated GRBL board at a pseudo-terminal.
 
-Both start once for the tests of a module. They end with its last test: the event loop of
+Both start once for the tests of this folder. They end with its last test: the event loop of
 Playwright runs in this thread, where other tests need loops of their own.
 The board has limit switches, and a plate for the probe.
 """
@@ -32,7 +32,7 @@ CHROMIUM = [
 ]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser():
     program = shutil.which("chromium")
     if program is None:
@@ -46,7 +46,7 @@ def browser():
         started.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def mill(tmp_path_factory):
     """A quick machine, so that the tests wait less."""
     file = tmp_path_factory.mktemp("machine") / "mill.toml"
@@ -56,7 +56,7 @@ def mill(tmp_path_factory):
     return file
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def port(mill):
     """The terminal of a simulated board that is not homed."""
     pty_server = pytest.importorskip("cnc.boards.grbl.simulator.pty_server")
@@ -70,7 +70,7 @@ def port(mill):
         yield terminal.name
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def address(tmp_path_factory, mill, port):
     """The address of a server with an empty library."""
     folder = tmp_path_factory.mktemp("console")

@@ -16,6 +16,7 @@ from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.firmware import FIRMWARES
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.simulator.trsync import EndLevel
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -129,6 +130,32 @@ def steps_of(
 def place(known: Machine, simulator: KlipperSimulator) -> list[int]:
     """Return the position that the edges add up to, steps."""
     return [int(steps_of(known, simulator, letter)[1].sum()) for letter in known.axes]
+
+
+def end_level(
+    known: Machine,
+    simulator: KlipperSimulator,
+    letter: str,
+    end: tuple[int, float],
+    motor: int = 0,
+) -> EndLevel:
+    """Return the level of a switch that is closed, and low, from a place on.
+
+    The simulator skips its samples while the motor is far away, which a function would not permit.
+
+    Args:
+        known: The machine.
+        simulator: The board.
+        letter: The axis.
+        end: Direction and place of the switch, steps of the axis.
+        motor: The motor of the axis.
+    """
+    axis = getattr(pins(known), letter)
+    backward = axis.direction[motor].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    sign = -1 if backward else 1
+    towards, at = end
+    step_pin = simulator.pin(axis.step[motor].lstrip("!"))
+    return EndLevel(simulator.positions, step_pin, (sign * towards, sign * at), active=0)
 
 
 def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:

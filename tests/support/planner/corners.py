@@ -42,9 +42,11 @@ def distances(points, corners):
         squared = np.maximum((along**2).sum(axis=1), 1e-300)
         best = np.full(len(p), np.inf)
         for k in range(len(a)):
-            x = np.clip(((p - a[k]) @ along[k]) / squared[k], 0.0, 1.0)
-            best = np.minimum(best, np.linalg.norm(p - (a[k] + x[:, None] * along[k]), axis=1))
-        return best
+            off = p - a[k]
+            x = np.clip((off @ along[k]) / squared[k], 0.0, 1.0)
+            off -= x[:, None] * along[k]
+            np.minimum(best, np.einsum("ij,ij->i", off, off), out=best)
+        return np.sqrt(best)
 
     return to_polygon(points, corners), to_polygon(corners, points)
 

@@ -172,29 +172,27 @@ def path_of(blocks):
 
 
 def sampled(chunks: list[PlanChunk], period: float):
-    """Positions at multiples of the period, by evaluating phases and curves one point at a time."""
+    """Positions at multiples of the period, by evaluating phases and curves."""
     rows = []
-    k = 0
+    done = 0
     q = np.zeros((4, 3))
     for chunk in chunks:
-        while k * period <= chunk.t0 + chunk.duration:
-            t = max(k * period - chunk.t0, 0.0)
-            i = min(
-                int(np.searchsorted(chunk.phase_t, t, side="right")) - 1, len(chunk.phase_j) - 1
-            )
-            dt = t - chunk.phase_t[i]
-            s = chunk.phase_s[i] + dt * (
-                chunk.phase_v[i] + dt * (chunk.phase_a[i] / 2 + dt * chunk.phase_j[i] / 6)
-            )
-            m = min(
-                max(int(np.searchsorted(chunk.piece_s, s, side="right")) - 1, 0),
-                len(chunk.path) - 1,
-            )
-            kind, at = int(chunk.path.kind[m]), int(chunk.path.at[m])
-            local = min(max(s - chunk.piece_s[m], 0.0), chunk.path.length[m])
-            curve_eval(
-                kind, chunk.path.data, at, curve_inv_arclen(kind, chunk.path.data, at, local), q
-            )
+        end, path = chunk.t0 + chunk.duration, chunk.path
+        times = np.arange(done, int(end / period) + 2) * period
+        times = times[times <= end]
+        done += len(times)
+        t = np.maximum(times - chunk.t0, 0.0)
+        i = np.searchsorted(chunk.phase_t, t, side="right") - 1
+        i = np.minimum(i, len(chunk.phase_j) - 1)
+        dt = t - chunk.phase_t[i]
+        s = chunk.phase_s[i] + dt * (
+            chunk.phase_v[i] + dt * (chunk.phase_a[i] / 2 + dt * chunk.phase_j[i] / 6)
+        )
+        m = np.searchsorted(chunk.piece_s, s, side="right") - 1
+        m = np.clip(m, 0, len(path) - 1)
+        local = np.clip(s - chunk.piece_s[m], 0.0, path.length[m])
+        pieces = path.kind[m].tolist(), path.at[m].tolist(), local.tolist()
+        for kind, at, along in zip(*pieces, strict=True):
+            curve_eval(kind, path.data, at, curve_inv_arclen(kind, path.data, at, along), q)
             rows.append(q[0].copy())
-            k += 1
     return np.array(rows)

@@ -55,7 +55,7 @@ def shortest_time_to_rest(helix: Helix, v: float, a: float, limits: Limits) -> f
     problem.set_initial(accel, [v * (6 * x**2 - 6 * x) / (3 * scale) for x in start])
     problem.set_initial(s, [3 * v * scale * (x - x**3 + x**4 / 2) for x in start])
     quiet = {"print_level": 0, "max_iter": 400, "sb": "yes"}
-    problem.solver("ipopt", {"print_time": 0}, quiet)
+    problem.solver("ipopt", {"print_time": 0, "expand": True}, quiet)
     try:
         return float(PHASES * problem.solve().value(h))
     except RuntimeError:
