@@ -34,6 +34,8 @@ SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once, or a corner at an end."""
 SHORT = 20.0
 """In tolerances. Beside that turn or corner a move is shorter than this."""
+SHORT_ALONE = 100.0
+"""In tolerances. So it is in a part with one turn."""
 FASTER = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
@@ -80,7 +82,7 @@ class Choice:
         while again:
             # What is faster in one part depends on the parts beside it.
             again = False
-            for part in _parts(x[:, metrics], corner, SHORT * self._tolerance):
+            for part in _parts(x[:, metrics], corner, self._tolerance):
                 first, last = part.first, part.last
                 if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
                     faster = self._faster_broken(part, x, moves, metrics, corner)
@@ -142,13 +144,13 @@ def _beside(corner: Flags, edge: int, way: int) -> int:
     return found[0] if found else edge + way
 
 
-def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
+def _parts(x: Floats, corner: Flags, tolerance: float) -> Iterator[Part]:
     """Yield the parts of a chain that are timed.
 
     Args:
         x: (m, metric axes): vertices, mm.
         corner: (m,): its corners.
-        short: mm; see SHORT.
+        tolerance: mm.
     """
     is_end = corner.copy()
     is_end[0] = is_end[-1] = True
@@ -162,5 +164,6 @@ def _parts(x: Floats, corner: Flags, short: float) -> Iterator[Part]:
         sharp = np.concatenate(([corner[first]], cosine[1:-1] < SHARP, [corner[last]]))
         beside = np.minimum(np.append(size, math.inf), np.append(math.inf, size))
         turning = cosine < SLIGHT
-        if turning.any() and (beside[sharp] < short).any():
+        short = SHORT_ALONE if last - first == 2 else SHORT
+        if turning.any() and (beside[sharp] < short * tolerance).any():
             yield Part(first, last, turning)

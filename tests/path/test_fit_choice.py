@@ -49,6 +49,12 @@ def test_the_spline_is_kept_without_times_and_where_corners_save_nothing():
     assert (pieces(ZIGZAG, lambda chunk: math.inf) != LINE).any()
 
 
+def polygon(headings, legs):
+    heading = np.radians(headings)
+    steps = np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], axis=1)
+    return np.cumsum(np.array(legs)[:, None] * steps, axis=0)
+
+
 def staircase(moves):
     steps = np.zeros((moves, 3))
     steps[np.arange(moves), np.arange(moves) % 2] = 1.0
@@ -65,9 +71,7 @@ def test_parts_with_many_moves_are_curves(moves, timed):
 @pytest.mark.parametrize(("turn", "timed"), [(35.0, False), (45.0, True)])
 def test_parts_with_small_turns_alone_are_curves(turn, timed):
     seen = []
-    heading = np.radians(turn) * np.arange(6)
-    points = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), axis=0)
-    pieces(points, lambda chunk: seen.append(chunk) or 1.0)
+    pieces(polygon(turn * np.arange(6), [1.0] * 6), lambda chunk: seen.append(chunk) or 1.0)
     assert bool(seen) == timed
 
 
@@ -89,20 +93,24 @@ def test_a_part_is_timed_with_what_is_beside_it():
     assert np.array(ends) == pytest.approx(whole, rel=0.02)
 
 
+@pytest.mark.parametrize(("tolerance", "timed"), [(0.009, False), (0.011, True)])
+def test_a_part_with_one_turn_is_timed_where_its_moves_are_no_longer(tolerance, timed):
+    seen = []
+    pieces(polygon([0.0, 45.0], [1.0, 1.0]), lambda chunk: seen.append(chunk) or 1.0, tolerance)
+    assert bool(seen) == timed
+
+
 def test_a_part_beside_a_sharp_corner_is_timed():
     """A corner between a curve and a move is a stop, so its small turn may be better a corner."""
     # A turn by 170 degrees is a corner in any case. Behind it is one of 26.
-    heading = np.radians([0.0, 170.0, 196.0])
-    legs = np.array([10.0, 0.5, 2.0])[:, None]
-    points = np.cumsum(legs * np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), 0)
+    points = polygon([0.0, 170.0, 196.0], [10.0, 0.5, 2.0])
     kinds = pieces(points, prefers(True), 0.1)
     assert kinds.tolist() == [LINE] * 3
     assert (pieces(points, prefers(False), 0.1) != LINE).any()
 
 
 def test_parts_are_timed_again_when_one_beside_them_has_corners():
-    heading = np.radians([0.0, 60.0, 230.0, 290.0, 350.0])
-    points = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), 0)
+    points = polygon([0.0, 60.0, 230.0, 290.0, 350.0], [1.0] * 5)
 
     def duration(chunk):
         # The first of two parts is slower with a corner, unless the second one has one too.
