@@ -7,7 +7,8 @@ import random
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.recognition import differing_functions, recognise, refuse
+from cnc.gcode.dialects.assumed_reading import differing_functions
+from cnc.gcode.dialects.recognition import recognise, refuse
 from cnc.gcode.program.program import ProgramOptions
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.model.diagnostics import GcodeError
@@ -26,7 +27,9 @@ EVIDENCE = [
     ("O1000 (HAAS VF2)\nG0 X1", "haas"),
     ("O1000\nG154 P2", "haas"),
     ("G187 P1", "haas"),
-    ("%\nO60682 (WINDOW)\nM98 P60681", "haas"),
+    ("%\nO06068 (WINDOW)\nG0 X1.", "haas"),
+    ("%\nO60682 (WINDOW)\nG0 X1.", "fanuc"),
+    ("%\nO60682 (WINDOW)\nM97 P100", "haas"),
     ("O00001234\nG0 X1", "fanuc"),
     ("%\n<PART-1.NC>(OP 10)\nG0 X1", "fanuc"),
     ("G0 X1\n<PART>", "auto"),
@@ -63,7 +66,7 @@ EVIDENCE = [
     ("M104 S205.0", "marlin"),
     ("M109 S0.010 (pulse of a laser)", "auto"),
     ("%_N_A_MPF\nG0 X1", "siemens"),
-    ("O12345\nG77 X1. Z-1. R1. I.1 F10.", "haas"),
+    ("O02345\nG77 X1. Z-1. R1. I.1 F10.", "haas"),
     ("G0 X=IC(5)", "siemens"),
     ("R1=5", "siemens"),
     ("WHILE 1==1\nG1 X1\nENDWHILE", "siemens"),
