@@ -116,7 +116,7 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
-        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor control, by T2.12 in"),
+        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "may be for a lathe, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
         (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
         ("%PM\nN9001\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "Philips control"),

@@ -34,6 +34,7 @@ _HINTS_AT_INCH = re.compile(
     rf"{_STATES_INCH.pattern}|\bINCH(?:ES)?\b|\bIMPERIAL\b"
     r"|(?:[0-9]*\.[0-9]+|[0-9]+/[0-9]+)(?:\s*IN\b|\")"
 )
+_CODES_OF_UNITS = {"siemens": "G70, G71, G700 or G710", "fagor": "G70 or G71"}
 _FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
 _LOGIC = re.compile(r"(?<![A-Z_<])(?:AND|OR|XOR)(?![A-Z_>])")
 _COMPARISON = re.compile(r"(?<![A-Z_<])(?:EQ|NE|GT|GE|LT|LE)(?![A-Z_>])")
@@ -86,7 +87,7 @@ def assumed_reading(
     inch, mm = _codes_of_units(lines, rules)
     units = ""
     if not (inch or mm):
-        codes = "G70, G71, G700 or G710" if rules.flavour == "siemens" else "G20 or G21"
+        codes = _CODES_OF_UNITS.get(rules.name, "G20 or G21")
         units = f"millimetres, as no {codes} is in the first lines"
     doubt = _doubt(lines, file, inch=inch, mm=mm)
     return AssumedReading(units, doubt, tuple(differences))

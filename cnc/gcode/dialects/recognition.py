@@ -170,6 +170,9 @@ def recognise(lines: Iterable[str]) -> Recognition:
         return Recognition(refusal="plain text", reasons=(prose,))
     choice = _choice(table, found)
     choice = choice._replace(five_digits=five_digits and choice.dialect == "fanuc")
+    if choice.dialect == "fagor" and not has_y:
+        kind = "a program of a Fagor control without a Y word, which may be for a lathe"
+        return choice._replace(dialect="auto", refusal=kind)
     if choice.refusal or choice.dialect not in _LATHES:
         return choice
     lathe.sort(key=lambda row: -row[0].points)
