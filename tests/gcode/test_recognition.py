@@ -125,6 +125,7 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("O00012\nG90\nG100 T2 X1. Y2. G43 Z50. H2 S3000 M3", "not-gcode", "Brother control"),
         ("O00012\nN5 G100 X1. Y2. Z50. T#531", "not-gcode", "Brother control"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
+        ("//Note: MillMaster Pro\nG70\nG1 X1 F9", "not-gcode", "tenths of an inch"),
         ("sub change_tool\nG0 X1\nendsub", "not-gcode", "EdingCNC"),
         ("G20\nL91\nM11C1\nG0 X1", "not-gcode", "WinCNC"),
         ("N0; Post Processor: proLIGHT 1000\nN1G0X5Y5\nN2G2X5Y5I0J5F9", "not-gcode", "proLIGHT"),

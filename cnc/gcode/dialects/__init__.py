@@ -327,7 +327,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
     builder = (
-        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = "..", or '
+        f'{{ file = ".." }} for a call of a macro'
     )
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
         hint = _known()["instead"].get(f"{dialect.name}-{kind}", builder if kind == "m" else "")
