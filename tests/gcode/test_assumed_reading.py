@@ -25,6 +25,7 @@ def assumed(source: str, dialect: str = "auto") -> AssumedReading:
     [
         ("(ALL DIMENSIONS IN INCHES)\nG0 X1", 1),
         ("G90\n(Units: in)\nG0 X1", 2),
+        ("G90\n(all units in inches)\nG0 X1", 2),
         ('G0 X1 (1/2" END MILL)', 1),
         ("; .250 in drill\nG0 X1", 1),
         ("; 1 inch\nG0 X1", 1),
@@ -51,6 +52,8 @@ def test_a_comment_that_names_other_units_is_a_warning(source: str, line: int) -
         "G0 X1 (OP 10 IN VISE 2)",
         "(UNITS: INCH)\nG20\n(UNITS: MM)\nG21",
         "(POINCHER)\nG0 X1",
+        "G21 (All units in mm)\nG0 X1",
+        "(units in millimetres)\nG0 X1",
         'MSG "PART 10"\nG0 X1',
     ],
 )

@@ -20,7 +20,7 @@ _OTHER_MM = re.compile(r"G\s*710?(?![0-9.])")
 
 _STATED = r"UNITS?(?:\s+ARE)?(?:\s*[:=]\s*|\s+)(?:IN\s+)?"
 _STATES_INCH = re.compile(
-    _STATED + r"(?:IN|INCH|INCHES|IMPERIAL)\b"
+    _STATED + r"(?:IN\b(?!\s*\w)|(?:INCH|INCHES|IMPERIAL)\b)"
     r"|\b(?:DIMENSIONS?|COORDINATES?|VALUES?|MEASUREMENTS?)\s+(?:ARE\s+)?IN\s+INCH(?:ES)?\b"
     r"|\bINCH\s+(?:MODE|UNITS|PROGRAM)\b"
 )

@@ -29,6 +29,7 @@ from cnc.gcode.syntax.mending import (
     shown_message,
     to_first_bracket,
     with_whole_names,
+    without_first_spindle,
     without_printer_text,
 )
 from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
@@ -72,12 +73,10 @@ class Syntax:
     """The syntax of a dialect.
 
     Attributes:
-        flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, of
-            SINUMERIK, or none.
+        flavour: Language of parameters, expressions and control flow.
         siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
         dollar: Whether lines that begin with $ are commands for the board.
-        lenient: Whether comments that are nested or open, and text after %, are read with a
-            warning.
+        lenient: Whether nested or open comments and text after % are only warnings.
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
         variables: Variables that a program of SINUMERIK defines.
@@ -300,6 +299,8 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
         text = with_whole_names(text)
     if syntax.dialect == "marlin":
         text = without_printer_text(text)
+    if "$" in text and syntax.flavour == "ngc":
+        text = without_first_spindle(text)
     try:
         return _parse(text, syntax, open_numbers)
     except GcodeError as error:
