@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from cnc.gcode.codes.unused import unused
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
@@ -41,8 +40,10 @@ def _take_plane_and_depth(words: LineWords, state: ModalState, cycle: G, at: Wor
             ``value-out-of-range``, ``word-unused``.
     """
     rest = words.rest
-    if not rest.keys().isdisjoint("RPQ"):
-        raise unused(words, state)
+    for letter in "RPQ":
+        if word := rest.get(letter):
+            message = f"{word.written} is no word of {cycle.written} on Fagor's controls"
+            raise fault("word-unused", message, word, "Z is the level, I the bottom, K the dwell")
     if state.plane != "XY":
         message = f"{cycle.written} is supported in the plane G17 only"
         raise fault("cycle-plane", message, at, "give G17 before")
