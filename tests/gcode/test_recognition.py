@@ -115,6 +115,8 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("IN;SP1;PU0,0;", "not-gcode", "HPGL"),
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
+        ("N1 G0 X1\nN2 R01=1 R02=0. R22=36.4 L903", "not-gcode", "older SINUMERIK"),
+        ("#50=0\n#1505=-5000(Wrong settings)\nM30", "not-gcode", "a macro of a DDCS"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
         ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "may be for a lathe, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
