@@ -120,6 +120,21 @@ def test_functions_of_fagor_are_named(lenient: bool, code: str) -> None:
     assert found.line == 3
 
 
+@RULES
+@pytest.mark.parametrize("line", ["G1 X10 A30 F9", "G2 A90 I5 J0 F9", "G0 B5", "G1 R10 A45 F9"])
+def test_angles_in_the_plane_are_no_rotary_axes(lenient: bool, line: str) -> None:
+    """On Fagor's controls A is the angle of a straight line or of a polar point."""
+    rules = dialects.load("fagor", lenient=lenient)
+    found = error_of(f"{HEAD}G0 X0 Y0\n{line}{END}", dialect=rules, axes=("x", "y", "z", "a", "b"))
+    assert (found.code, found.line) in (("axis-not-in-dialect", 3), ("word-unused", 3))
+
+
+@RULES
+def test_g53_alone_selects_nothing(lenient: bool) -> None:
+    rules = dialects.load("fagor", lenient=lenient)
+    assert error_of(f"{HEAD}G0 X0 Y0\nG53{END}", dialect=rules).line == 3
+
+
 def test_the_length_of_a_new_tool_needs_g43() -> None:
     start = "T1.1\nM6\nG0 G43 Z5\nT2.2\nM6\n"
     tools = {"T1": 10.0, "T2": 20.0}

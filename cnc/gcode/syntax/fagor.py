@@ -57,11 +57,12 @@ def with_plain_tools(text: str) -> str:
             column=dwell.start(1) + 1,
             hint="write whole hundredths, such as K150 for 1.5 s",
         )
-    if (system := _SYSTEM.search(code)) and _AXIS.search(code) and not _MOTION.search(code):
+    system = None if _MOTION.search(code) else _SYSTEM.search(code)
+    if system and (_AXIS.search(code) or system[0].endswith("3")):
         raise fault(
             "offset-without-motion",
-            f"{system[0]} with axis words and without G0 or G1 is a move on the 8037 and 8055, and "
-            "an entry in the table of offsets on older controls",
+            f"{system[0]} without G0 or G1 is a move in machine coordinates or in this system on "
+            "the 8037 and 8055, and the choice of an offset or an entry in its table on older ones",
             column=system.start() + 1,
             hint="write G0 or G1 in this line",
         )
