@@ -129,6 +129,13 @@ def test_angles_in_the_plane_are_no_rotary_axes(lenient: bool, line: str) -> Non
     assert (found.code, found.line) in (("axis-not-in-dialect", 3), ("word-unused", 3))
 
 
+@pytest.mark.parametrize("words", ["Z2", "I-5", ""])
+def test_a_missing_word_of_a_cycle_has_its_letter_of_fagor(words: str) -> None:
+    found = error_of(f"{HEAD}G0 X0 Y0\nG81 X1 {words} F9{END}", dialect="fagor")
+    assert (found.code, found.line) == ("cycle-word-missing", 3)
+    assert "needs Z, the level, and I, the bottom" in found.message
+
+
 @RULES
 def test_g53_alone_selects_nothing(lenient: bool) -> None:
     rules = dialects.load("fagor", lenient=lenient)

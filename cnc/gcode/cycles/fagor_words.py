@@ -12,6 +12,7 @@ from dataclasses import replace
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.model.diagnostics import GcodeError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole."""
@@ -25,9 +26,16 @@ def with_own_words(make: Make, state: ModalState) -> Make:
     """Return the function with the words of a line as Fagor's controls have them."""
 
     def make_own(words: LineWords, code: Code | None) -> None:
-        assert state.motion is not None
-        _take_plane_and_depth(words, state, state.motion, code.word if code else words.first())
-        make(words, code)
+        cycle, at = state.motion, code.word if code else words.first()
+        assert cycle is not None
+        _take_plane_and_depth(words, state, cycle, at)
+        try:
+            make(words, code)
+        except GcodeError as error:
+            if error.diagnostic.code != "cycle-word-missing":
+                raise
+            message = f"{cycle.written} needs Z, the level, and I, the bottom"
+            raise fault("cycle-word-missing", message, at, "give both in its first line") from None
 
     return make_own
 
