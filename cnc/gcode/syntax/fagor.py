@@ -1,7 +1,9 @@
 """Lines of Fagor's controls: the head of a file, tools with their offsets, words that are refused.
 
-Sources: Autodesk, post "FAGOR 8037/8055" (its head, its dwells, its offsets); Fagor, "CNC 8055 M,
-Programming manual": commands of the high-level language stand in parentheses.
+Sources: Autodesk, posts "FAGOR 8037/8055" (the head, dwells in hundredths of a second, G53 beside G0)
+and "FAGOR 8065" (dwells in seconds); the table of functions of older controls (G53 to G59 are seven
+stored offsets). Commands of the high-level language stand in parentheses; no manual of them was at
+hand, so what looks like one is refused.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ def with_plain_tools(text: str) -> str:
         raise fault(
             "decimal-point-place",
             f"{dwell[1]} has a decimal point: K of G4 is in hundredths of a second on the 8037 and "
-            "8055, and in seconds on older controls",
+            "8055, and in seconds on others",
             column=dwell.start(1) + 1,
             hint="write whole hundredths, such as K150 for 1.5 s",
         )
