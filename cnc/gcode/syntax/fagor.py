@@ -1,9 +1,9 @@
 """Lines of Fagor's controls: the head of a file, tools with their offsets, words that are refused.
 
-Sources: Autodesk, posts "FAGOR 8037/8055" (the head, dwells in hundredths of a second, G53 beside G0)
-and "FAGOR 8065" (dwells in seconds); the table of functions of older controls (G53 to G59 are seven
-stored offsets). Commands of the high-level language stand in parentheses; no manual of them was at
-hand, so what looks like one is refused.
+Sources: Autodesk, posts "FAGOR 8037/8055" (the head, dwells in hundredths of a second, G53 beside
+G0) and "FAGOR 8065" (dwells in seconds); a table of functions of older controls (G53 to G59 are
+seven stored offsets). Commands of the high-level language stand in parentheses; no manual of them
+was at hand, so whatever looks like one is refused.
 """
 
 from __future__ import annotations
