@@ -24,7 +24,7 @@ ASSUMPTIONS = frozenset((
     "cycle-level-assumed",
     "decimal-point-missing", "dwell-long", "dwell-point", "machine-coordinates-absolute",
     "motion-assumed", "percent-code-behind", "percent-unopened", "retraction-left-out",
-    "rotary-axis-place", "tool-length-zero", "word-replaced",
+    "rotary-axis-place", "tool-length-zero", "units-doubtful", "word-replaced",
 ))  # fmt: skip
 """Codes of findings that say how a part of the program was read that other controllers read
 differently. The summary names the first of each."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 DialectName = Literal[
-    "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "paper"
+    "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "fagor", "paper"
 ]
 """How a program is read. ``auto`` recognises the controller by the program's first lines."""
 GcodeSystem = Literal["A", "B", "C"]

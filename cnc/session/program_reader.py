@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
+from cnc.gcode.dialects.assumed_reading import AssumedReading, assumed_reading
 from cnc.gcode.dialects.recognition import (
     Recognition,
-    differing_functions,
     lathe_dialect,
-    names_units,
     recognise,
     refuse,
     refuse_lathe,
@@ -94,8 +93,7 @@ class ProgramReader:
         homed: Position after a homing command of the program (axes,), mm; None if it is not known.
         ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
-        units: Whether the first lines have a code of the units; None before the first reading.
-        functions: Functions in the first lines that controllers compute differently.
+        first_lines: What the first lines leave open; None before the first reading.
         due_times: Receives the times of the blocks under G93 in each path; None for no record.
     """
 
@@ -115,8 +113,7 @@ class ProgramReader:
     homed: tuple[float, ...] | None = None
     ceiling: float | None = None
     state: InterpreterState | None = None
-    units: bool | None = None
-    functions: tuple[str, ...] = ()
+    first_lines: AssumedReading | None = None
     due_times: DueTimes | None = None
 
     def blocks(
@@ -133,8 +130,11 @@ class ProgramReader:
         rules = self.rules()
         self.state = self._saved_state(rules)
         text = Text.of_file(self.path, self.name)
-        self.units = names_units(text.first_lines())
-        self.functions = differing_functions(text.first_lines())
+        self.first_lines = assumed_reading(
+            list(text.first_lines()), rules, self.name, self.recognition
+        )
+        if warn is not None and self.first_lines.doubt is not None:
+            warn(self.first_lines.doubt)
         blocks = self._interpreted(
             rules,
             text,
@@ -201,11 +201,8 @@ class ProgramReader:
                 f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
                 "revolution; offsets of T words act with the next move; threads without a chamfer"
             )
-        if self.dialect_in_use == "auto" and self.functions:
-            names = " and ".join(self.functions)
-            assumed.append(f"{names} as LinuxCNC computes them, not FANUC")
-        if self.units is False:
-            assumed.append("millimetres, as no G20 or G21 is in the first lines")
+        if self.first_lines is not None:
+            assumed += self.first_lines.described()
         if self.policy.default_feed is not None:
             assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")
         return "; ".join(assumed)

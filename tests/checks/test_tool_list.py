@@ -56,6 +56,11 @@ def test_a_skeleton_is_no_table_until_the_tools_are_measured(tmp_path: Path) -> 
     assert (tool.number, tool.offsets, tool.diameter) == (1, {"Z": 40.5}, 6.0)
 
 
+def test_a_tool_with_its_own_offset_of_a_fagor_control() -> None:
+    lines = ["T1.1", "M6", "T09.09 (FACE MILL)", "M6", "T2.12", "G41.1 D3.3"]
+    assert sorted(ToolList.of(lines).tools) == [1, 9]
+
+
 def test_a_program_without_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     program = tmp_path / "part.nc"
     program.write_text("G0 X1\n")

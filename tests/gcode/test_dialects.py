@@ -87,7 +87,7 @@ def test_an_unknown_dialect() -> None:
             "grbl",
             "G61.1",
             "code-not-in-dialect",
-            "G61.1 is not in the grbl dialect use --dialect linuxcnc or siemens or paper",
+            "G61.1 is not in the grbl dialect use --dialect linuxcnc or siemens or fagor or paper",
         ),
         (
             "grbl",

@@ -46,9 +46,12 @@ class Case:
 
 @cache
 def _codes(name: str) -> set[str]:
-    """The codes of a dialect without leading zeros."""
+    """The codes of a dialect without leading zeros, with the meaning that others give them."""
     rules = dialects.load(name)
-    return {code.written for code in rules.g} | {f"M{code}" for code in rules.m}
+    own = {code.written for code in rules.g if code / 10 not in rules.aliases}
+    if rules.cycles.plane_and_depth:
+        own -= {"G81", "G82", "G83", "G85", "G89"}
+    return own | {f"M{code}" for code in rules.m}
 
 
 def _cases() -> Iterator[Case]:

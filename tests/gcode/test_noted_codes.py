@@ -41,7 +41,7 @@ def test_other_controllers_lack_it(dialect: str, line: str) -> None:
 
 
 ENGRAVING = (
-    "O12345\nG20 G90\nG0 X1. Y2. Z1.\nG47 P0 E7.5 F15. I45. J.5 R.05 Z-.005 (TEXT)\nG0 X3.\nM30"
+    "O02345\nG20 G90\nG0 X1. Y2. Z1.\nG47 P0 E7.5 F15. I45. J.5 R.05 Z-.005 (TEXT)\nG0 X3.\nM30"
 )
 
 
@@ -63,7 +63,7 @@ def test_a_run_refuses_the_letters_of_haas() -> None:
 @pytest.mark.parametrize("code", ["M21", "M25", "M51", "M58", "M59 P1134", "M61", "M68", "M69 P2"])
 def test_a_check_continues_without_the_relays_of_haas(code: str) -> None:
     """Haas, "Mill Operator's Manual", M-codes: relays and outputs, which may move something."""
-    program = f"O12345\nG21\n{code}\nG0 X3.\nM30"
+    program = f"O02345\nG21\n{code}\nG0 X3.\nM30"
     check = ReadingPolicy(missing_programs="warn")
     assert points(program, "haas", lenient=True, policy=check) == [(3, 0, 0)]
     found = warnings(program, "haas", lenient=True, policy=check)

@@ -7,7 +7,8 @@ import random
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.recognition import differing_functions, recognise, refuse
+from cnc.gcode.dialects.assumed_reading import differing_functions
+from cnc.gcode.dialects.recognition import recognise, refuse
 from cnc.gcode.program.program import ProgramOptions
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.model.diagnostics import GcodeError
@@ -26,7 +27,9 @@ EVIDENCE = [
     ("O1000 (HAAS VF2)\nG0 X1", "haas"),
     ("O1000\nG154 P2", "haas"),
     ("G187 P1", "haas"),
-    ("%\nO60682 (WINDOW)\nM98 P60681", "haas"),
+    ("%\nO06068 (WINDOW)\nG0 X1.", "haas"),
+    ("%\nO60682 (WINDOW)\nG0 X1.", "fanuc"),
+    ("%\nO60682 (WINDOW)\nM97 P100", "haas"),
     ("O00001234\nG0 X1", "fanuc"),
     ("%\n<PART-1.NC>(OP 10)\nG0 X1", "fanuc"),
     ("G0 X1\n<PART>", "auto"),
@@ -63,7 +66,7 @@ EVIDENCE = [
     ("M104 S205.0", "marlin"),
     ("M109 S0.010 (pulse of a laser)", "auto"),
     ("%_N_A_MPF\nG0 X1", "siemens"),
-    ("O12345\nG77 X1. Z-1. R1. I.1 F10.", "haas"),
+    ("O02345\nG77 X1. Z-1. R1. I.1 F10.", "haas"),
     ("G0 X=IC(5)", "siemens"),
     ("R1=5", "siemens"),
     ("WHILE 1==1\nG1 X1\nENDWHILE", "siemens"),
@@ -112,8 +115,10 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("IN;SP1;PU0,0;", "not-gcode", "HPGL"),
         ("<!DOCTYPE html>", "not-gcode", "web page"),
         ("N1 R20=5\nN2 @136 R20 K50 K300", "not-gcode", "older SINUMERIK"),
+        ("N1 G0 X1\nN2 R01=1 R02=0. R22=36.4 L903", "not-gcode", "older SINUMERIK"),
+        ("#50=0\n#1505=-5000(Wrong settings)\nM30", "not-gcode", "a macro of a DDCS"),
         ("M558 F200\nG0 X1", "not-gcode", "RepRapFirmware"),
-        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "Fagor control, by T2.12 in"),
+        ("N10 T2.12\nN20 M6\nN30 G0 G90 G43 Z100", "not-gcode", "may be for a lathe, by T2.12 in"),
         (': (PGM, NAME="1001")\n; T1\n: G90 G40 G94\nG17', "not-gcode", "Acramatic"),
         (":T1 M6\nS15000 M3\nH0", "not-gcode", "Acramatic"),
         ("%PM\nN9001\nN10 G17\nN20 G2 X20 Y10 I10 J10 F9", "not-gcode", "Philips control"),
@@ -122,6 +127,7 @@ def test_the_reasons_name_words_and_lines() -> None:
         ("O00012\nG90\nG100 T2 X1. Y2. G43 Z50. H2 S3000 M3", "not-gcode", "Brother control"),
         ("O00012\nN5 G100 X1. Y2. Z50. T#531", "not-gcode", "Brother control"),
         ("%FEED = global.feed || 150\nG21", "not-gcode", "a macro of a sender program"),
+        ("//Note: MillMaster Pro\nG70\nG1 X1 F9", "not-gcode", "tenths of an inch"),
         ("sub change_tool\nG0 X1\nendsub", "not-gcode", "EdingCNC"),
         ("G20\nL91\nM11C1\nG0 X1", "not-gcode", "WinCNC"),
         ("N0; Post Processor: proLIGHT 1000\nN1G0X5Y5\nN2G2X5Y5I0J5F9", "not-gcode", "proLIGHT"),

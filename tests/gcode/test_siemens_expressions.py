@@ -42,6 +42,32 @@ def test_rounding(expression: str, expected: float) -> None:
     assert value(expression, "R1=2" if "0.3" in expression else "R1=2.5") == expected
 
 
+@pytest.mark.parametrize(
+    ("expression", "expected"),
+    [
+        ("ATAN2(30.5,80.1)", 20.8455),
+        ("ATAN2(1,-1)", 135.0),
+        ("ATAN2(-R1,-R1)", -135.0),
+        ("atan2(R1-1, POT(2)-3)", 56.3099),
+        ("POT(3)", 9.0),
+        ("1+POT(R1-0.5)*2", 9.0),
+        ("POT(POT(2))", 16.0),
+    ],
+)
+def test_squares_and_angles(expression: str, expected: float) -> None:
+    """ATAN2 is the angle from the second value to the sum, from -180 to 180 degrees.
+
+    Source: "Job Planning", "Arithmetic functions", which gives the first value.
+    """
+    assert value(expression, "R1=2.5") == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("expression", ["ATAN2(1)", "POT(1,2)", "ATAN(1)", "7 DIV 2", "NOT R1"])
+def test_functions_that_are_not_read(expression: str) -> None:
+    found = error_of(f"R1=1\nR2={expression}\nG0 X=R2\nM30", dialect="siemens")
+    assert found.code in ("code-not-supported", "text-after-control", "bracket-missing")
+
+
 @pytest.mark.parametrize(("compared", "passes"), [(">=", 4), (">", 3)])
 def test_a_loop_makes_its_last_pass_in_spite_of_rounding_errors(compared: str, passes: int) -> None:
     """0 less 0.1 three times is -0.30000000000000004: for SINUMERIK that is -0.3."""

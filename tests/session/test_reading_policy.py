@@ -147,7 +147,8 @@ def test_units_that_no_line_gives_are_assumed_in_every_dialect(
     path = tmp_path / "part.nc"
     path.write_text("G90 G0 X1.\nM30\n")
     options = RunOptions(dialect=dialect)
-    assert "millimetres, as no G20" in check(path, options=options).as_json()["assumed"]
+    codes = "G70, G71, G700 or G710" if dialect == "siemens" else "G20 or G21"
+    assert f"millimetres, as no {codes}" in check(path, options=options).as_json()["assumed"]
     path.write_text("(G20)\nG90 G21 G0 X1.\nM30\n")
     assert "assumed" not in check(path, options=options).as_json()
 

@@ -277,6 +277,12 @@ class AxisWords:
         """
         change, line = self.length_change or (0.0, 0)
         self.length_change = None
+        if change != change:
+            message = (
+                f"{at.written} moves under the G43 of the tool before the change in line {line}"
+            )
+            hint = "give G43 in the first line with Z after the tool change, or G44 before it"
+            raise fault("tool-length-open", message, at, hint)
         if absolute or change == 0.0:
             return 0.0
         same_line = moves and line == self._here.line

@@ -162,6 +162,10 @@ class CompensationCodes:
             hint = f"for the diameter of the tool write {at.written}.1 {word.written}"
             raise fault("value-out-of-range", message, word, hint)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
+        if word and self._dialect.own_tool_offsets and number != self._state.loaded:
+            message = f"{word.written} is not the offset of the tool in the spindle"
+            hint = "it would change the length of the tool, too, which is not supported"
+            raise fault("tool-offset-other", message, word, hint)
         if self._dialect.lathe:
             number = number or self._tools.turret_offset
         elif self._dialect.offset_memory:

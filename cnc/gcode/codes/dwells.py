@@ -14,6 +14,7 @@ _SHORT = 0.1
 LONG_DWELL = 100.0
 """s. A dwell from here on without a decimal point may be meant in milliseconds."""
 _MILLISECOND = 0.001
+_HUNDREDTH = 0.01
 MAX_DWELL = 1e6
 """s. A longer dwell is a typing error: this is more than eleven days."""
 
@@ -28,6 +29,7 @@ class Dwells:
         self._here = here
         self._state = state
         self._out = out
+        self._hundredths_reported = False
 
     def execute(self, words: LineWords, code: Code) -> None:
         """Execute G4."""
@@ -71,12 +73,15 @@ class Dwells:
                 f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
                 time,
             )
-        if self._dialect.flavour == "macro-b" and unit == _MILLISECOND and 0.0 < seconds < _SHORT:
+        is_short = unit == _MILLISECOND and 0.0 < seconds < _SHORT
+        is_hundredths = unit == _HUNDREDTH and seconds > 0.0 and not self._hundredths_reported
+        self._hundredths_reported |= is_hundredths
+        if (self._dialect.flavour == "macro-b" and is_short) or is_hundredths:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count seconds "
                 f"take {time.number:g} s"
             )
-            hint = f"write {time.letter}{time.number * 1000:g} if seconds are meant"
+            hint = f"write {time.letter}{time.number / unit:g} if seconds are meant"
             self._here.report_warning("dwell-short", message, time, hint)
         if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
             message = (

@@ -7,6 +7,7 @@ Source: LinuxCNC, "G-codes"; FANUC, "Tool length offset" and "Programmable data 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from cnc.gcode.codes.motion import Motion
@@ -78,6 +79,8 @@ class ToolCodes:
     def tool_length(self, words: LineWords, code: Code) -> None:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.g
+        if self._dialect.own_tool_offsets:
+            self.motion.length_change = None
         self._length_code = None if number == G.G49 else number
         if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
             self._take_zero(words)
@@ -190,6 +193,9 @@ class ToolCodes:
     def tool_in_spindle(self, letter: str, at: Word) -> int:
         """Return the tool for a code without H or D, with a warning where controllers differ."""
         loaded = self.state.loaded
+        if self._dialect.own_tool_offsets and not loaded:
+            message = f"{at.written} takes the offset of the tool in the spindle, and there is none"
+            raise fault("tool-not-chosen", message, at, "give T, such as T1.1, and M6 before")
         if loaded and self._dialect.tool_offset_unclear and not self._spindle_reported:
             self._spindle_reported = True
             message = (
@@ -274,6 +280,11 @@ class ToolCodes:
         """
         if number and self.table.file:
             self.entry(number, at)
+        if self._dialect.own_tool_offsets and self._length_code:
+            column = self.motion.column.get("Z")
+            length = self.entry(number, at).offset("Z") if number else 0.0
+            if column is not None and length != self._coordinates.tool_offset[column]:
+                self.motion.length_change = (math.nan, self.here.line)
 
     def _report_diameter(self, at: Word) -> None:
         """Report an offset that a setting of the control makes a diameter or a radius."""

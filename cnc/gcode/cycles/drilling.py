@@ -21,6 +21,7 @@ from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
+from cnc.gcode.cycles.fagor_words import with_own_words
 from cnc.gcode.cycles.hole_places import holes_on_circle, holes_on_line
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
@@ -64,9 +65,11 @@ def register(
     motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner, dwells: Dwells,
     here: SourceLocation,
 ) -> DrillingCycles:  # fmt: skip
-    """Register the handlers of the canned cycles of the dialect, and return the cycles."""
+    """Register the canned cycles of the dialect as handlers, and return them."""
     cycles = DrillingCycles(motion, dialect, state, performer, dwells, here)
-    motion.handlers |= dict.fromkeys(cycles.cycles, cycles.make)
+    own = dialect.cycles.plane_and_depth
+    make = with_own_words(cycles.make, state) if own else cycles.make
+    motion.handlers |= dict.fromkeys(cycles.cycles, make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
     return cycles
@@ -95,6 +98,7 @@ class DrillingCycles:
         self._motion = motion
         self._dialect = dialect
         self._rules = dialect.cycles
+        self._turns = dialect.cycles.turns and not dialect.lathe
         self._state = state
         self._performer = performer
         self._dwells = dwells
@@ -116,8 +120,7 @@ class DrillingCycles:
                 at,
                 "give the place of the hole, such as X10 Y20",
             )
-        turns = self._rules.turns and not self._dialect.lathe
-        refuse_axes(words, name, "XYZABC" if turns else "XYZ")
+        refuse_axes(words, name, "XYZABC" if self._turns else "XYZ")
         plane = CyclePlane(motion, state)
         plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
         across = plane.columns[2]
@@ -182,9 +185,7 @@ class DrillingCycles:
     def _turn(self, values: dict[int, float], hole: Hole) -> None:
         """Go to the place of a hole, and turn the rotary axes, at R or at a greater height.
 
-        Args:
-            values: degrees by column.
-            hole: the hole.
+        The values are degrees by column.
         """
         motion = self._motion
         turned = motion.reached(values, motion.position)
@@ -254,7 +255,9 @@ class DrillingCycles:
                 raise fault(
                     "value-out-of-range", f"{word.written}: {what} must be more than 0", word
                 )
-        pauses = cycle in PECKING and rules.peck_dwell
+        pauses = (cycle in PECKING and rules.peck_dwell) or (
+            rules.plane_and_depth and cycle != G.G85
+        )
         if cycle in DWELLING or cycle == FINE_BORING or pauses:
             optional = not rules.dwell_needed or cycle in TAPS
             found = (

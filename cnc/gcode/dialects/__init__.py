@@ -91,6 +91,7 @@ class Dialect:
     wrap: WrapRule
     feed_of_all_axes: bool
     compensation_again: Literal["", "same", "zero"]
+    own_tool_offsets: bool
     dwell: dict[str, float]
     dwell_point: dict[str, float]
     dwell_turns: str
@@ -199,7 +200,10 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     if lathe and name in LATHES:
         return _lathe(name, lathe, lenient=lenient)
     table = _read(name)
-    if lenient and name != "auto":
+    own_codes = table.pop("own_codes")
+    if lenient and own_codes:
+        table |= {"lenient": True, "program_end": False, "same_code_twice": True}
+    elif lenient and name != "auto":
         auto = _read("auto")
         builders = {code[1:] for code in table["noted"] if code[0] == "M"}
         if table["flavour"] in ("macro-b", "siemens"):
@@ -287,6 +291,7 @@ _PLAIN = (
     "repeats_in_call", "sequence_calls", "system_word",
     "skip_parameters", "hole_patterns", "profile_subroutines", "wrap", "feed_of_all_axes",
     "length_units", "home_directly", "spindle_power", "first_feed", "compensation_again",
+    "own_tool_offsets",
 )  # fmt: skip
 """Keys whose values are those of the file."""
 
@@ -322,7 +327,8 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
     builder = (
-        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = ".."'
+        f'a builder\'s code gets its effect in the machine file: [program.codes] {name} = "..", or '
+        f'{{ file = ".." }} for a call of a macro'
     )
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
         hint = _known()["instead"].get(f"{dialect.name}-{kind}", builder if kind == "m" else "")

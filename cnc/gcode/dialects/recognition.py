@@ -25,6 +25,8 @@ STRONG = 2
 """Points of evidence for a lathe that milling programs do not have."""
 DRIVEN = 3
 """Evidence for a lathe in a program with Y, as a multiple of the evidence without Y."""
+_FIVE_DIGITS = "fanuc or haas"
+"""Name of the evidence that does not tell FANUC's language from Haas'."""
 _LATHES = ("auto", "fanuc", "haas")
 """Languages that mean something else on a lathe; ``auto`` is no language."""
 
@@ -33,10 +35,6 @@ _AROUND = " \t\r\n\x0c\2\x11\x12\x13\x14\x1a\x7f"
 _COMMENT = re.compile(r"\([^()]*\)|[(;].*")
 _Y_WORD = re.compile(r"(?:^|[\s0-9.])Y\s*[-+#\[]?\s*[0-9.]")
 _X_AND_Z = re.compile(r"X\s*[-+]?[0-9.]+.*Z\s*[-+]?[0-9.]+")
-_UNITS = re.compile(r"G\s*0?(?:2[01]|7[01]0?)(?![0-9.])")
-_FUNCTIONS = re.compile(r"\b(?:ATAN|FIX|FUP|MOD)\b")
-_LOGIC = re.compile(r"(?<![A-Z_<])(?:AND|OR|XOR)(?![A-Z_>])")
-_COMPARISON = re.compile(r"(?<![A-Z_<])(?:EQ|NE|GT|GE|LT|LE)(?![A-Z_>])")
 _QUOTED = re.compile(r'"[^"]*"')
 _WORD = re.compile(r"(?<![A-Z0-9_])[A-Z]\s*[-+.#\[0-9]|[%$#@]|^<")
 _LONG_WORD = re.compile(r"[^\W\d_]{2}")
@@ -90,6 +88,7 @@ class Recognition(NamedTuple):
         lathe: The evidence for a lathe in FANUC's or Haas' language.
         turns: Whether that evidence is enough to refuse the program on another machine.
         prints: Whether the program heats or feeds filament.
+        five_digits: Whether the program number of a FANUC program may be one of Haas', too.
     """
 
     dialect: DialectName = "auto"
@@ -99,6 +98,7 @@ class Recognition(NamedTuple):
     lathe: tuple[Reason, ...] = ()
     turns: bool = False
     prints: bool = False
+    five_digits: bool = False
 
     def described(self) -> str:
         """Return the dialect and its reasons as one line."""
@@ -145,9 +145,9 @@ def recognise(lines: Iterable[str]) -> Recognition:
     prose: Reason | None = None
     has_words = False
     left = list(table.evidence)
-    for number, line in _first(lines):
-        code = _code_of(line)
-        comments = _COMMENT.findall(line)
+    for number, line in first_lines(lines):
+        code = code_of(line)
+        comments = comments_of(line)
         has_y = has_y or _Y_WORD.search(code) is not None
         has_words = has_words or _WORD.search(code) is not None
         if prose is None and _PROSE.search(code):
@@ -165,9 +165,14 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     found.setdefault(each.language, []).append((each, reason))
                     break
     lathe = found.pop("lathe", [])
+    five_digits = bool(found.pop(_FIVE_DIGITS, ()))
     if prose and not has_words and not found:
         return Recognition(refusal="plain text", reasons=(prose,))
     choice = _choice(table, found)
+    choice = choice._replace(five_digits=five_digits and choice.dialect == "fanuc")
+    if choice.dialect == "fagor" and not has_y:
+        kind = "a program of a Fagor control without a Y word, which may be for a lathe"
+        return choice._replace(dialect="auto", refusal=kind)
     if choice.refusal or choice.dialect not in _LATHES:
         return choice
     lathe.sort(key=lambda row: -row[0].points)
@@ -185,36 +190,23 @@ def recognise(lines: Iterable[str]) -> Recognition:
     return choice._replace(lathe=tuple(reasons[:MOST_REASONS]), turns=points > table.enough)
 
 
-def names_units(lines: Iterable[str]) -> bool:
-    """Return whether the first lines of a program have a code of the units."""
-    return any(_UNITS.search(_code_of(line)) for _, line in _first(lines))
-
-
-def differing_functions(lines: Iterable[str]) -> tuple[str, ...]:
-    """Return the functions in the first lines that FANUC and LinuxCNC compute differently.
-
-    They are named with the arguments for which they differ.
-    """
-    codes = [_code_of(line) for _, line in _first(lines)]
-    functions = {name for code in codes for name in _FUNCTIONS.findall(code)}
-    # Of comparisons, which are 0 or 1, the bits and the truth are the same.
-    plain = [code for code in codes if not _COMPARISON.search(code)]
-    logic = {name for code in plain for name in _LOGIC.findall(code)}
-    groups = (functions, "negative numbers"), (logic, "other numbers than 0 and 1")
-    return tuple(f"{', '.join(sorted(names))} of {of}" for names, of in groups if names)
-
-
 def _is_text(code: str) -> bool:
     """Return whether a line has words of a language, and none of G-code."""
     return _LONG_WORD.search(code) is not None and _ANY_WORD.search(code) is None
 
 
-def _code_of(line: str) -> str:
+def code_of(line: str) -> str:
     """Return a line in capitals, without its comments and the texts in its quotes."""
     return _QUOTED.sub('""', _COMMENT.sub(" ", line)).upper().strip()
 
 
-def _first(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+def comments_of(line: str) -> list[str]:
+    """Return the comments of a line."""
+    return _COMMENT.findall(line)
+
+
+def first_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield the lines in which evidence is searched: their numbers from 1, and their texts."""
     for number, line in enumerate(lines, start=1):
         if number > LINES:
             return

@@ -34,6 +34,7 @@ class CycleRules:
 
     Attributes:
         repeats: Letters of the number of repeats.
+        plane_and_depth: Whether Z is the level R, I the bottom, and K the dwell, as on Fagor.
         no_hole: Whether 0 repeats only store the words of the cycle.
         turns: Whether words of rotary axes turn them before each hole.
         retract_optional: Whether the hole begins at the level of the position without R.
@@ -52,6 +53,7 @@ class CycleRules:
     """
 
     repeats: str
+    plane_and_depth: bool
     no_hole: bool
     turns: bool
     retract_optional: bool

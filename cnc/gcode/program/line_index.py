@@ -102,7 +102,10 @@ class LineIndex:
 
     def window(self, line: int) -> Window | None:
         """Return the window of the text that holds a line (from 1); None past the end."""
-        return self._text.window(line)
+        window = self._text.window(line)
+        if window is not None and self._syntax.dialect == "fagor":
+            window.leave_to_parser()
+        return window
 
     def source(self, line: int) -> str:
         """Return the text of a line; empty past the end or if the line is too long to show."""

@@ -116,7 +116,7 @@ class ProgramCall:
     def run(self, flow: Flow, line: int) -> int:
         """Execute the rest of the line, then enter the program."""
         parameters = flow.parameters
-        number, repeats = self._number_and_repeats(parameters)
+        number, repeats = self._number_and_repeats(flow)
         arguments = None if self.arguments is None else self._locals(self.arguments, parameters)
         self.words.execute_rest(flow, line)
         if flow.interpreter.ended or repeats == 0:
@@ -161,8 +161,13 @@ class ProgramCall:
         )
         return flow.enter(frame, arguments)
 
-    def _number_and_repeats(self, parameters: Parameters) -> tuple[int, int]:
-        """Return the number of the program, and how often it is called."""
+    def _number_and_repeats(self, flow: Flow) -> tuple[int, int]:
+        """Return the number of the program, and how often it is called.
+
+        P has no repeats before the number if the text has a program of all its digits: the control
+        has numbers of eight digits (or, as Haas, of five).
+        """
+        parameters = flow.parameters
         meaning = "the N number" if self.local else "the program number"
         number = self.words.whole(self.letter, parameters, meaning, MAX_PROGRAM)
         if number is None:
@@ -171,9 +176,20 @@ class ProgramCall:
             raise fault("program-number-missing", message, self.code, f"such as {written} P100")
         repeats = self.words.whole("L", parameters, "the number of repeats", MAX_REPEATS)
         packed = self.packed and self.arguments is None and not self.local
-        if repeats is None and packed and number > LONGEST_NUMBER:
+        if (
+            repeats is None
+            and packed
+            and number > LONGEST_NUMBER
+            and not self._begins(flow, number)
+        ):
             return number % (LONGEST_NUMBER + 1), number // (LONGEST_NUMBER + 1)
         return number, 1 if repeats is None else repeats
+
+    @staticmethod
+    def _begins(flow: Flow, number: int) -> bool:
+        """Return whether a program of this number begins in the text of the call or of the main."""
+        texts = (flow.listing, flow.main)
+        return any(number in listing.definitions().programs for listing in texts)
 
     def _locals(self, arguments: list[Argument], parameters: Parameters) -> list[float]:
         """Return the values of #1 to #33; NaN for those without an argument."""
@@ -310,7 +326,7 @@ class ModalCall(ProgramCall):
         if flow.modal is not None:
             message = f"{self.code.written} under another G66"
             raise fault("macro-active", message, self.code, "give G67 before")
-        called = self._number_and_repeats(parameters)
+        called = self._number_and_repeats(flow)
         assert self.arguments is not None
         arguments = self._locals(self.arguments, parameters)
         self.words.execute_rest(flow, line)

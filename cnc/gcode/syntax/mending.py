@@ -39,6 +39,9 @@ _LONG_NAMES = {
     )
 }  # fmt: skip
 _COMMENT = re.compile(r"\(([^)]*)\)")
+_REMARK = re.compile(r"\([^()]*\)|;.*")
+_SPINDLE = re.compile(r"(?:M0*(?:[345]|19)|G9[67])(?![0-9.])|S[0-9.]", re.IGNORECASE)
+_FIRST_SPINDLE = re.compile(r"\$[ \t]*(?:0+|-0*1)(?![0-9.])")
 _WORD = re.compile(r"[A-Za-z#\[][ \t]*[-+#\[]?[ \t]*[0-9.]|%|[A-Za-z0-9\]>][ \t]*=")
 """Text that could be executed if it stood outside of a comment."""
 _PROSE = re.compile(r"(?<![A-Z0-9<_])[A-Z]{2,}(?![A-Z0-9>_])", re.I)
@@ -136,6 +139,19 @@ def with_whole_names(text: str) -> str:
             out.append(comment[0])
             at = comment.end()
     return "".join(out)
+
+
+def without_first_spindle(text: str) -> str:
+    """Return a line without ``$0`` and ``$-1`` of a spindle's code: the first spindle, or all.
+
+    Source: LinuxCNC, "G-code", M3, M4, M5, M19, G96, G97, and S.
+    """
+    code = _REMARK.sub(lambda found: " " * len(found[0]), text)
+    if not _SPINDLE.search(code):
+        return text
+    for found in _FIRST_SPINDLE.finditer(code):
+        text = f"{text[: found.start()]}{' ' * len(found[0])}{text[found.end() :]}"
+    return text
 
 
 def without_printer_text(text: str) -> str:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
+from cnc.gcode.syntax.fagor import HEAD, is_head, with_plain_tools
 from cnc.gcode.syntax.mending import (
     as_program_start,
     inner_slash,
@@ -28,6 +29,7 @@ from cnc.gcode.syntax.mending import (
     shown_message,
     to_first_bracket,
     with_whole_names,
+    without_first_spindle,
     without_printer_text,
 )
 from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
@@ -71,12 +73,10 @@ class Syntax:
     """The syntax of a dialect.
 
     Attributes:
-        flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, of
-            SINUMERIK, or none.
+        flavour: Language of parameters, expressions and control flow.
         siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
         dollar: Whether lines that begin with $ are commands for the board.
-        lenient: Whether comments that are nested or open, and text after %, are read with a
-            warning.
+        lenient: Whether nested or open comments and text after % are only warnings.
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
         variables: Variables that a program of SINUMERIK defines.
@@ -145,19 +145,16 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
             values raise the same kind of error when they are computed.
     """
     if len(text) > MAX_LINE:
-        raise fault(
-            "line-too-long", f"the line has more than {MAX_LINE} characters", column=MAX_LINE + 1
-        )
+        message = f"the line has more than {MAX_LINE} characters"
+        raise fault("line-too-long", message, column=MAX_LINE + 1)
     if syntax.lenient and not text.strip(_TAPE):
         return Statement()
     if control := _CONTROL.search(text):
         code = text.strip(_TAPE)
         if syntax.lenient and not _CONTROL.search(code):
             return parse_line(" " * text.index(code) + code, syntax)
-        message = f"control character U+{ord(control[0]):04X}"
-        raise fault(
-            "control-character", message, column=control.start() + 1, hint="is this a text file?"
-        )
+        message, hint = f"control character U+{ord(control[0]):04X}", "is this a text file?"
+        raise fault("control-character", message, column=control.start() + 1, hint=hint)
     if not text or text.isspace():
         return Statement()
     if text.strip(" \t") == "%":
@@ -175,16 +172,23 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.lenient and (shown := shown_message(text)) is not None:
         return Statement(remarks=(Remark("msg", shown, 1, len(text)),))
-    if syntax.lenient and syntax.dialect == "grbl" and text.lstrip(" \t").startswith("%"):
-        what = "a line with % and a text is for the sender program and has no effect here"
+    if text.lstrip(" \t").startswith("%") and (what := _meaning_of_head(text, syntax)):
         return Statement(remarks=(Remark(NOTED, what, 1, len(text)),))
     if syntax.dollar and (query := _QUERY.fullmatch(text)):
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
+    text = with_plain_tools(text) if syntax.dialect == "fagor" else text
     flavour = f"{syntax.flavour} {syntax.siemens} {syntax.lenient} {syntax.dialect}"
     return line_templates.statement(
         text, flavour, lambda open_numbers: _parse_mended(text, syntax, open_numbers)
     )
+
+
+def _meaning_of_head(text: str, syntax: Syntax) -> str:
+    """Return what a line with % and a text is; empty if it is an error."""
+    if syntax.lenient and syntax.dialect == "grbl":
+        return "a line with % and a text is for the sender program and has no effect here"
+    return HEAD if syntax.dialect == "fagor" and is_head(text) else ""
 
 
 @lru_cache(maxsize=8)
@@ -295,6 +299,8 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
         text = with_whole_names(text)
     if syntax.dialect == "marlin":
         text = without_printer_text(text)
+    if "$" in text and syntax.flavour == "ngc":
+        text = without_first_spindle(text)
     try:
         return _parse(text, syntax, open_numbers)
     except GcodeError as error:

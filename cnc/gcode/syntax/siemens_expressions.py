@@ -24,6 +24,9 @@ _COMPARED = {"==": "~EQ", "<>": "~NE", "<=": "~LE", ">=": "~GE", "<": "~LT", ">"
 _LEVELED = re.compile(r"==|<>|<=|>=|<|>|\b(?:AND|XOR|OR)\b", re.I)
 _LOGIC = ("AND", "XOR", "OR")
 """Logic operators, the one that binds tightest first. Comparisons bind less than all of them."""
+_OWN_FUNCTION = re.compile(r"(?<![A-Z0-9_])(POT|ATAN2)\s*(\()", re.I)
+_ARCTANGENT = "~~"
+"""Stands for ATAN of RS274/NGC, which is no function of SINUMERIK."""
 _TRUTHS = {"TRUE": "1", "FALSE": "0"}
 _WORD_OPERATORS = {"MOD", "AND", "OR", "XOR"}
 _FUNCTIONS = {
@@ -171,10 +174,24 @@ class Cursor:
         return known, indices
 
     def _without_arrays(self, text: str) -> str:
+        text = self._without_own_functions(text)
         text = re.sub(r"==|<>|<=|>=|<|>", lambda found: f" {_COMPARED[found[0]]} ", text)
-        return (
-            _NAME.sub(lambda found: self._named(found[0]), text).replace("(", "[").replace(")", "]")
-        )
+        text = _NAME.sub(lambda found: self._named(found[0]), text)
+        return text.replace("(", "[").replace(")", "]").replace(_ARCTANGENT, "ATAN")
+
+    def _without_own_functions(self, text: str) -> str:
+        """Return an expression with POT and ATAN2 in the functions of RS274/NGC."""
+        while found := _OWN_FUNCTION.search(text):
+            end = closing(text, found.start(2))
+            given = arguments(text[found.end() : end])
+            count = 1 if found[1].upper() == "POT" else 2
+            if len(given) != count:
+                raise self.fault(f"{found[1]} with {len(given)} values", len(found[1]), "")
+            new = (
+                f"(({given[0]})**2)" if count == 1 else f"({_ARCTANGENT}({given[0]})/({given[1]}))"
+            )
+            text = text[: found.start()] + new + text[end + 1 :]
+        return text
 
     def _named(self, written: str) -> str:
         """Return a name of an expression in the words of RS274/NGC."""

@@ -84,6 +84,11 @@ class Window:
         """Return a window of other lines in place of these."""
         return _window_of_lines(self.first, lines)
 
+    def leave_to_parser(self) -> None:
+        """Take no line for plain: words and comments have a meaning of their own."""
+        self.plain[:] = 0
+        self.simple[:] = 0
+
     def names(self, found: Names) -> list[str]:
         """Return different names in the lines, in small letters."""
         text, count = self._data.decode("latin-1").lower(), int(found.used[0])

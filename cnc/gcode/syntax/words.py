@@ -147,6 +147,8 @@ class LineWords:
             elif letter in words.rest and not (replace and replace(words.rest[letter], word)):
                 message = f"{letter} is given twice in this line"
                 hint = "remove one: FANUC takes the last one, other controllers refuse the line"
+                if letter == "T":
+                    hint = "write the tool to load beside M6, and the next tool in a line behind it"
                 raise fault("word-repeated", message, word, hint)
             else:
                 words.rest[letter] = word

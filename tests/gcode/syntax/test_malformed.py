@@ -304,6 +304,7 @@ wrapped-axis-range tip-control-active in-turn program-ends-once second-coolant
 rotary-axis-place optional-stop-off tool-direction singular-pose nurbs-rotary-axis nurbs-tip-rests
 cycle-level-assumed retraction-left-out subprogram-missing control-variable probe-alarm
 feed-assumed spindle-started tool-change-by-hand code-replaced main-program-later program-not-called
+units-doubtful tool-offset-other tool-length-open offset-without-motion cycle-plane
 """
 """Warnings, and errors of files and names. They have their own tests."""
 

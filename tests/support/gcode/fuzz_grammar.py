@@ -287,5 +287,6 @@ DIALECTS = {
     "mach3": {},
     "siemens": {},
     "marlin": {},
+    "fagor": {},
 }
 """Differences of the dialects."""

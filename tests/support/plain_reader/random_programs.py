@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 HEADS = {
     "fanuc": "O1000",
-    "haas": "O10000",
+    "haas": "O01000",
     "mach3": "N10 G71G91.1",
     "linuxcnc": "#<a>=1",
     "grbl": "; GRBL",
