@@ -222,6 +222,7 @@ JOBS = {
             "planner.corner_bends",
             "planner.corner_turning",
             "planner.corner_cubic",
+            "planner.corner_room",
         ),
         plan_corner,
     ),
