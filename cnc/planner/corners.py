@@ -41,9 +41,8 @@ class CornerBlending:
         ramps: whether the motion may pass stops.
         where: whether the path has blends at all, asked for each chunk.
         together: returns for each piece of a chunk whether the corner behind it is to be passed
-            with those beside it. Its second argument: whether
-            the motion rests at the start of the chunk.
-            None: at no corner.
+            with those beside it. Its second argument: whether the motion rests at the start of the
+            chunk. None: at no corner.
     """
 
     def __init__(
