@@ -78,6 +78,7 @@ class Choice:
             corner: (m,): the corners so far, to which these are added.
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
+        slower: set[tuple[int, int, bytes]] = set()
         again = True
         while again:
             # What is faster in one part depends on the parts beside it.
@@ -85,17 +86,32 @@ class Choice:
             for part in _parts(x[:, metrics], corner, self._tolerance):
                 first, last = part.first, part.last
                 if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
-                    faster = self._faster_broken(part, x, moves, metrics, corner)
-                    if faster:
+                    # With the moves beside it, corners at its ends are passed as they will be.
+                    low, high = _beside(corner, first, -1), _beside(corner, last, 1)
+                    key = first, low, corner[low : high + 1].tobytes()
+                    if key in slower:
+                        # Nothing has changed beside it, and each timing takes long.
+                        continue
+                    if self._faster_broken(part, (low, high), x, moves, metrics, corner):
                         corner[first : last + 1] |= part.turning
-                    again = again or faster
+                        again = True
+                    else:
+                        slower.add(key)
 
     def _faster_broken(
-        self, part: Part, x: Floats, moves: Moves, metrics: Flags, corner: Flags
+        self,
+        part: Part,
+        beside: tuple[int, int],
+        x: Floats,
+        moves: Moves,
+        metrics: Flags,
+        corner: Flags,
     ) -> bool:
-        """Return whether the motion is faster if the vertices of a part are corners."""
-        # With the moves beside it, corners at its ends are passed as they will be.
-        low, high = _beside(corner, part.first, -1), _beside(corner, part.last, 1)
+        """Return whether the motion is faster if the vertices of a part are corners.
+
+        ``beside``: the first and the last vertex of what is timed.
+        """
+        low, high = beside
         inside = slice(low, high + 1)
         some = Moves(moves.feed[low:high], moves.line[low:high])
         smooth = corner[inside].copy()

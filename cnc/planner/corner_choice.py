@@ -51,11 +51,14 @@ FASTER = 0.998
 """Corners are passed together where that takes less than this part of the time with blends."""
 
 
-def passed_together(path: PathChunk, limits: Limits, known: Known) -> NDArray[np.bool_]:
+def passed_together(
+    path: PathChunk, rests: bool, limits: Limits, known: Known
+) -> NDArray[np.bool_]:
     """Return for each piece of a path whether the corner behind it is passed with those beside it.
 
     Args:
         path: pieces that follow each other.
+        rests: whether the motion rests at their start.
         limits: of the columns of the path.
         known: receives the motions that were found.
     """
@@ -64,6 +67,11 @@ def passed_together(path: PathChunk, limits: Limits, known: Known) -> NDArray[np
         s = np.concatenate(([0.0], np.cumsum(path.length)))
         for first, last in _rows(path):
             far = BESIDE * path.tolerance[first : last + 1].max()
+            if (s[first + 1] < far and not rests) or (
+                s[-1] - s[last + 1] < far and not path.stop_after[-1]
+            ):
+                # The path goes on: from or to a rest at its end the times would be wrong.
+                continue
             begin = max(int(np.searchsorted(s, s[first + 1] - far, side="right")) - 1, 0)
             end = min(int(np.searchsorted(s, s[last + 1] + far)), len(path)) - 1
             legs = _alone(path, begin, end)
@@ -117,7 +125,7 @@ def _alone(path: PathChunk, first: int, last: int) -> PathChunk:
 def _time(legs: PathChunk, limits: Limits, known: Known, together: NDArray[np.bool_]) -> float:
     """Return the time of the motion past corners from rest to rest, s; infinity for none."""
     window, corners = Window(limits), CornerMotions(limits, Audit(limits), known)
-    blending = CornerBlending(limits, together=lambda _: together)
+    blending = CornerBlending(limits, together=lambda *_: together)
     time = 0.0
     try:
         for chunk in blending.blended(iter((legs,))):

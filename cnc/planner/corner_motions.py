@@ -60,7 +60,7 @@ class CornerMotions:
         """
         self._limits = limits
         self._audit = audit
-        self._known = known or new_known()
+        self._known = new_known() if known is None else known
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""

@@ -22,7 +22,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 
 Floats = NDArray[np.float64]
-Together = Callable[[PathChunk], NDArray[np.bool_]]
+Together = Callable[[PathChunk, bool], NDArray[np.bool_]]
 
 ACCURACY = 1e-12
 """mm; accuracy of the arc length of blends and its inverse."""
@@ -41,7 +41,8 @@ class CornerBlending:
         ramps: whether the motion may pass stops.
         where: whether the path has blends at all, asked for each chunk.
         together: returns for each piece of a chunk whether the corner behind it is to be passed
-            with those beside it. None: at no corner.
+            with those beside it. Its second argument: whether the motion rests at the start of the
+            chunk. None: at no corner.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class CornerBlending:
             return path
         limits, own = self._limits, len(path)
         arrays, bound = numbered(path), limits.feeds(path)
-        together = np.zeros(own, np.bool_) if self._together is None else self._together(path)
+        together = self._together(path, rests) if self._together else np.zeros(own, np.bool_)
         if following is not None:
             arrays = _with_first_piece(arrays, following)
             bound = np.append(bound, limits.feeds(following)[:1])

@@ -117,3 +117,20 @@ def test_parts_are_timed_again_when_one_beside_them_has_corners():
         return {2: 1.0, 3: 1.2, 4: 0.9, 5: 0.5}[int((chunk.kind == LINE).sum())]
 
     assert pieces(points, duration, 0.1).tolist() == [LINE] * 5
+
+
+def test_parts_with_nothing_changed_beside_them_are_timed_once():
+    # Three parts between turns of 170 degrees, the last one behind a long curve.
+    turns = [0.0, 60.0, 170.0, 60.0, 60.0, 170.0, *[4.0] * 16, 170.0, 60.0]
+    heading = np.radians(np.cumsum(turns))
+    points = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], 1), axis=0)
+    seen = []
+
+    def duration(chunk):
+        # The second part alone is faster with corners.
+        seen.append((chunk.kind.tobytes(), chunk.data.tobytes()))
+        return 0.5 if int((chunk.kind == LINE).sum()) == 5 else 1.0
+
+    assert (pieces(points, duration, 0.1) == LINE).sum() > 4
+    # Twice each, and the first part again.
+    assert len(seen) == len(set(seen)) == 8

@@ -27,7 +27,9 @@ def with_blends(monkeypatch, points, mill, feed):
     """The plan without the choice."""
     with monkeypatch.context() as patch:
         patch.setattr(
-            lookahead, "passed_together", lambda path, limits, known: np.zeros(len(path), np.bool_)
+            lookahead,
+            "passed_together",
+            lambda path, rests, limits, known: np.zeros(len(path), np.bool_),
         )
         return planned(points, EPS, mill, feed)[0]
 
@@ -54,7 +56,7 @@ def test_the_choice_is_never_slower_than_blends(seed, monkeypatch):
 def chosen(points, mill):
     (chunk,) = path_of([lines(points, 50.0)])
     tolerance = np.where(np.arange(len(chunk)) < len(chunk) - 1, EPS, 0.0)
-    return passed_together(replace(chunk, tolerance=tolerance), Limits.of(mill), new_known())
+    return passed_together(replace(chunk, tolerance=tolerance), True, Limits.of(mill), new_known())
 
 
 SLOW_TURNS = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)
@@ -77,3 +79,14 @@ def test_corners_that_one_motion_cannot_pass_have_blends():
 def test_limits_of_axes_leave_no_choice():
     axes = machine(axis=(5000.0, 826_000.0), tangential=None, normal=None, jerk=None)
     assert not chosen(polygon([160.0, 59.0], [3.7 * EPS] * 3), axes).any()
+
+
+def test_corners_beside_the_border_of_a_chunk_have_blends():
+    """From or to a rest there the times of both ways would be wrong, by up to a tenth."""
+    (chunk,) = path_of([lines(polygon([160.0, 59.0], [3.7 * EPS] * 3), 50.0)])
+    chunk = replace(chunk, tolerance=np.array([EPS, EPS, 0.0]))
+    goes_on = replace(chunk, stop_after=np.zeros(3, np.bool_))
+    limits = Limits.of(SLOW_TURNS)
+    assert passed_together(chunk, True, limits, new_known()).any()
+    assert not passed_together(chunk, False, limits, new_known()).any()
+    assert not passed_together(goes_on, True, limits, new_known()).any()

@@ -4,7 +4,9 @@ Each rate of :mod:`cnc.kernels.planner.corner_rates` depends on all four control
 So each of its rows has a gradient of its own. The rates are not convex; their second derivatives
 are left out, as those by the durations are (:mod:`cnc.kernels.planner.corner_motion`).
 
-Rows stand at the ends of each step, and one for each rate between them where it is largest.
+The jerk has rows at the ends of each step, and one between them where it is largest. The
+acceleration has rows at three fixed places (SHARES). Where a rate is larger between its rows,
+``tighten`` lowers their bounds.
 """
 
 from __future__ import annotations

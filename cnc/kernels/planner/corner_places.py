@@ -51,7 +51,7 @@ override waits for the end of a chain that has begun. Legs of less than BRIEF do
 """
 
 BRIEF = 5.0
-"""In tolerances. A motion past corners takes much less time for a leg that is shorter."""
+"""In tolerances. A motion past corners takes about half the time of the stops for a shorter leg."""
 
 SPARE = 0.01
 """Part of the reach by which more of a plan is held back: its start has to stay as it is."""
