@@ -69,6 +69,7 @@ class LookAhead:
         slice_s: float = SLICE,
         stops_known: float = STOPS_KNOWN,
         judged: bool = True,
+        chooses: bool = True,
     ) -> None:
         """Create a planner.
 
@@ -80,13 +81,14 @@ class LookAhead:
             stops_known: stopping distances that the window holds when it is planned.
             judged: whether a plan that breaks a limit is a fault. It is none where only the speeds
                 are needed, because the board plans for itself.
+            chooses: whether corners between short legs are timed in two ways, which takes long.
         """
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
         known = new_known()
-        together = partial(passed_together, limits=self.limits, known=known)
-        self._blending = CornerBlending(self.limits, together=together)
+        choice = partial(passed_together, limits=self.limits, known=known) if chooses else None
+        self._blending = CornerBlending(self.limits, together=choice)
         self._corners = CornerMotions(self.limits, self.audit, known)
         self._rewind = Rewind()
         self._factor = 1.0
@@ -94,9 +96,8 @@ class LookAhead:
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished = Finished()
-        self._allowed = Overrides(
-            "", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True
-        )
+        always = {"feed": True, "spindle": True, "adaptive_feed": False, "feed_stop": True}
+        self._allowed = Overrides("", 0, **always)
         self._follows_spindle = False
 
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:

@@ -79,7 +79,7 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     assert duration(chunks) <= duration(stops) * 1.05
     assert_legal(chunks, mill, (1e-3,))
     corners = np.concatenate((np.zeros((1, 3)), points))
-    fine = sampled(chunks, duration(chunks) / 20_000)
+    fine = sampled(chunks, min(duration(chunks) / 20_000, 2e-4))
     off, missed = distances(fine, corners)
     assert off.max() <= tolerance * (1 + 1e-6)
     # the chord of two samples cuts what lies between
