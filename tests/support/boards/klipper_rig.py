@@ -117,13 +117,19 @@ def played(
     return report, simulator
 
 
+def _is_backward(known: Machine, letter: str, motor: int) -> bool:
+    """Return whether a high level of the direction pin of a motor moves its axis backward."""
+    inverted = next(axis.invert for name, axis in known.axes.items() if name == letter)
+    return bool(getattr(pins(known), letter).direction[motor].startswith("!") != inverted)
+
+
 def steps_of(
     known: Machine, simulator: KlipperSimulator, letter: str, motor: int = 0
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return clocks (n,) and signs (n,) of the steps of a motor, from the edges of its pins."""
     axis = getattr(pins(known), letter)
     clock, level = simulator.edges(axis.step[motor].lstrip("!"))
-    backward = axis.direction[motor].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    backward = _is_backward(known, letter, motor)
     return clock, level.astype(np.int64) * (-1 if backward else 1)
 
 
@@ -151,7 +157,7 @@ def end_level(
         motor: The motor of the axis.
     """
     axis = getattr(pins(known), letter)
-    backward = axis.direction[motor].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    backward = _is_backward(known, letter, motor)
     sign = -1 if backward else 1
     towards, at = end
     step_pin = simulator.pin(axis.step[motor].lstrip("!"))
@@ -161,7 +167,7 @@ def end_level(
 def count(known: Machine, simulator: KlipperSimulator, letter: str) -> int:
     """Return the position of an axis by the simulator's own count, which is quick to read."""
     axis = getattr(pins(known), letter)
-    backward = axis.direction[0].startswith("!") != known.axes[letter].invert  # type: ignore[index]
+    backward = _is_backward(known, letter, 0)
     counted = simulator.positions.get(simulator.pin(axis.step[0].lstrip("!")), 0)
     return -counted if backward else counted
 
