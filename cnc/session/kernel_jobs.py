@@ -199,8 +199,8 @@ def _kernels(*names: str) -> frozenset[str]:
 
 
 JOBS = {
-    "expressions": Job(_kernels("gcode.coding", "gcode.program"), evaluate),
-    "lines": Job(_kernels("gcode.scanner", "gcode.line"), read),
+    "expressions": Job(_kernels("gcode.program"), evaluate),
+    "lines": Job(_kernels("gcode.automaton", "gcode.statements", "gcode.line"), read),
     "paths": Job(_kernels("path.curve", "path.arclength", "path.extremes"), build_simple),
     "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
     "refinement": Job(_kernels("planner.refine"), plan),

@@ -10,7 +10,7 @@ FOLDER = Path(__file__).parent
 FILES = [
     FOLDER / name
     for name in (
-        "syntax/test_scanner.py",
+        "reader/test_lines.py",
         "syntax/test_source_text.py",
         "program/test_plain_lines.py",
         *share(("program/test_compiled_lines_in_programs.py",), ()),
@@ -20,7 +20,7 @@ FILES = [
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"
 LONG = (
     " and not (polyline_is_full and True) and not (power_on_arrays and True) and not on_demand "
-    "and not memoised and not label_of_random and not cut_at_the_same"
+    "and not memoised and not label_of_random"
 )
 
 

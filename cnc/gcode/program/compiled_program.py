@@ -31,9 +31,9 @@ from cnc.gcode.program.parameter_mirror import ParameterMirror
 from cnc.gcode.program.subprograms import Return
 from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
 from cnc.kernels.gcode import program_text as kernel
-from cnc.kernels.gcode.coding import CONTROL, UNKNOWN
 from cnc.kernels.gcode.program import run
 from cnc.kernels.gcode.rows import MOST_ROWS as MOST_LINE_ROWS
+from cnc.kernels.gcode.statements import CONTROL, UNKNOWN
 
 MOST_LINES = 100_000
 """Lines that are executed at once. Ctrl-C takes effect between."""

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from cnc.gcode.program.call_stack import Loop, Step
 from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode import program_text as kernel
-from cnc.kernels.gcode.coding import UNKNOWN, Coded
-from cnc.kernels.gcode.expressions import NAMED, Code
-from cnc.kernels.gcode.scanner import Words
+from cnc.kernels.gcode.statements import NAMED, UNKNOWN, Code, Coded, Words
 
 MOST_CALLS = 8
 """Calls within each other in compiled code."""
@@ -128,7 +126,7 @@ def table_of(window: Window, coded: Coded, slots: NDArray[np.int32]) -> Table:
         coded: Its lines as instructions.
         slots: Slots of the names in its lines.
     """
-    count, words = window.count, window.scan.words
+    count, words = window.count, window.sorted.words
     own = coded._replace(
         kind=np.append(coded.kind, np.uint8(UNKNOWN)),
         first=np.append(coded.first, coded.first[count]),
@@ -136,7 +134,7 @@ def table_of(window: Window, coded: Coded, slots: NDArray[np.int32]) -> Table:
     )
     labels = window.names(coded.labels)
     lines = np.arange(window.first, window.first + count + 1)
-    first = np.append(window.scan.lines.first[: count + 1], window.scan.lines.first[count])
+    first = np.append(window.sorted.lines.first[: count + 1], window.sorted.lines.first[count])
     text = kernel.Text(lines, first, words, own, _control(count + 1, len(labels)))
     return Table(window, text, slots, labels, frames_of(np.zeros(0, np.int32)))
 

@@ -95,6 +95,7 @@ class LineIndex:
         self.name = text.name
         self._text = text
         self._syntax = syntax
+        text.language = syntax.language
         self._block_delete = _ALL_SWITCHES if block_delete is True else block_delete or frozenset()
         self._definitions: Definitions | None = None
         self._is_control_letter = np.zeros(256, np.bool_)
@@ -224,7 +225,8 @@ class LineIndex:
             index = 0
             while index < window.count:
                 found = window.find(_PERCENT, index, window.count)
-                code = code or bool(window.scan.lines.first[found] > window.scan.lines.first[index])
+                words = window.sorted.lines.first
+                code = code or bool(words[found] > words[index])
                 if found < window.count:
                     if opened or code:
                         return window.first + found

@@ -159,7 +159,7 @@ class StepMaker:
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
-            letters, numbers = window.scan.line_words(index)
+            letters, numbers = window.line_words(index)
             if not letters:
                 return NOTHING
             if move := move_of(letters, numbers, self._kinds):

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.source_text import Window
-from cnc.kernels.gcode.coding import Coded
 from cnc.kernels.gcode.evaluation import Parameters as Values
-from cnc.kernels.gcode.expressions import LAST_PARAMETER
 from cnc.kernels.gcode.program_text import Changes, Frames
+from cnc.kernels.gcode.statements import LAST_PARAMETER, Coded
 
 _SET, _OF_INTERPRETER = 1, 2
 """Flags: compiled code has set the parameter; it must not, because a function shows it."""

@@ -34,7 +34,7 @@ class PlainLines:
 
     def leaves(self, window: Window, index: int) -> bool:
         """Return whether compiled code does not know a word of a line, in whatever mode."""
-        return self._machine.leaves(*window.scan.line_words(index))
+        return self._machine.leaves(*window.line_words(index))
 
     def run(self, window: Window, index: int) -> int:
         """Execute consecutive plain lines.
@@ -56,7 +56,7 @@ class PlainLines:
         if interpreter.points_wanted:
             end = self._without_point(window, index, end)
         job = self._machine.begin(min(MOST_ROWS, ROWS_OF_LINE * (end - index)))
-        first, words = window.scan.lines.first, window.scan.words
+        first, words = window.sorted.lines.first, window.sorted.words
         setup, state, position, rows, _ = job
         count = int(
             execute_lines(

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import difflib
 import re
+import string
 import unicodedata
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from bisect import bisect_left
+from collections.abc import Iterable
 
 from cnc.gcode.syntax.arithmetic import FUNCTIONS, MACRO_FUNCTIONS, MACRO_OPERATORS, OPERATORS
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
-
-if TYPE_CHECKING:
-    from lark.exceptions import UnexpectedInput
 
 O_KEYWORDS = (
     "SUB",
@@ -62,7 +60,27 @@ _TYPOGRAPHIC = {
 DIGITS = "0123456789."
 LETTERS = re.compile(r"[A-Z]+")
 
+_PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
+_CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
 _TOKEN = re.compile(r"\([^()]*\)|(?:SD|PL|PW|[ABC]3)=|[A-Z]+|[0-9.]+|\*\*|<[^<>]*>|.")
+
+
+def squeeze(text: str) -> tuple[str, list[int]]:
+    """Remove blanks and make capitals, except in comments.
+
+    Returns:
+        The text, and the position in the line of each of its characters and of the line's end.
+    """
+    kept: list[str] = []
+    columns: list[int] = []
+    for piece in _PIECE.finditer(text):
+        part = piece[0]
+        if part[0] in " \t":
+            continue
+        kept.append(part if part[0] in "(;" else part.translate(_CAPITALS))
+        columns.extend(range(*piece.span()))
+    columns.append(columns[-1] + 1 if columns else len(text))
+    return "".join(kept), columns
 
 
 class ErrorContext:
@@ -82,17 +100,23 @@ class ErrorContext:
     """
 
     def __init__(
-        self, text: str, columns: Sequence[int], error: UnexpectedInput, *, macro: bool
+        self, line: str, place: int, wanted: frozenset[str], *, macro: bool, at: int | None = None
     ) -> None:
-        token = getattr(error, "token", None)
-        ended = token is not None and token.type == "$END"
-        self.text, self.columns, self.macro = text, columns, macro
-        self.at = len(text) if ended else error.pos_in_stream or 0
+        """Create a context.
+
+        Args:
+            line: The line.
+            place: Position at which the grammar stopped.
+            wanted: Names of the tokens that it would have accepted there.
+            macro: Whether the language is FANUC's macro B.
+            at: Place that the error names, if the line is a translation.
+        """
+        text, columns = squeeze(line)
+        self.text, self.macro = text, macro
+        self.at = bisect_left(columns, place) if place < len(line.rstrip(" \t")) else len(text)
+        self.columns = columns if at is None else [at] * len(columns)
         self.char = text[self.at : self.at + 1]
-        self.wanted = {
-            str(name)
-            for name in getattr(error, "allowed", None) or getattr(error, "expected", None) or ()
-        }
+        self.wanted = wanted
         self.before = [
             found.span()
             for found in _TOKEN.finditer(text[: self.at])

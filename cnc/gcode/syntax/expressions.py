@@ -10,7 +10,6 @@ distinguish it from 0. Words and assignments receive it as vacant; all else take
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from cnc.gcode.syntax.arithmetic import (
@@ -85,22 +84,21 @@ def constant(number: float, begin: int, end: int) -> Node:
 class Builder:
     """Builds the nodes of one line."""
 
-    def __init__(self, columns: Sequence[int], *, macro: bool, translated: bool) -> None:
+    def __init__(self, *, macro: bool, translated: bool, at: int | None = None) -> None:
         """Create a builder.
 
         Args:
-            columns: Position in the line, from 0, of each character of the text without blanks.
+            at: Place that all errors name, if the line is a translation.
             macro: Whether the language is FANUC's macro B.
             translated: Whether the line is a translation of one of SINUMERIK.
         """
-        self.columns = columns
+        self._at = at
         self.macro = macro
         self._translated = translated
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
         """Return column (from 1) and length of a part of the line."""
-        first = self.columns[begin]
-        return first + 1, self.columns[end - 1] + 1 - first
+        return (begin + 1, end - begin) if self._at is None else (self._at + 1, 1)
 
     def fault(self, code: str, message: str, begin: int, end: int, hint: str = "") -> GcodeError:
         """Return an error at a part of the line."""
@@ -123,10 +121,10 @@ class Builder:
             node = replace(node, raw=lambda p: -raw(p))
         return self._folded(node, operand)
 
-    def binary(self, left: Node, operator: str, right: Node, begin: int) -> Node:
-        """Return two operands with an operator, which stands at ``begin``."""
+    def binary(self, left: Node, operator: str, right: Node, begin: int, end: int) -> Node:
+        """Return two operands with an operator and its place."""
         self._refuse_mark(operator, begin)
-        place = self.place(begin, begin + len(operator))
+        place = self.place(begin, end)
         if operator in ("EQ", "NE") and self.macro:
             a, b = left.result, right.result
         else:
@@ -144,17 +142,20 @@ class Builder:
         node = Node(value, left.begin, right.end, depth=max(left.depth, right.depth) + 1)
         return self._folded(node, left, right)
 
-    def call(self, name: str, argument: Node, begin: int, *, increments: bool = False) -> Node:
+    def call(
+        self, name: str, argument: Node, begin: int, end: int, *, increments: bool = False
+    ) -> Node:
         """Return the call of a function.
 
         Args:
             name: The function.
             argument: Its argument.
             begin: Position of the function.
+            end: Position after its name.
             increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
         self._refuse_mark(name, begin)
-        column, length = self.place(begin, begin + len(name))
+        column, length = self.place(begin, end)
         a = argument.value
         if increments and name in ("ROUND", "RND"):
             return self._folded(

@@ -1,23 +1,17 @@
-"""The parser: a line of text to a statement, by the Lark grammars.
-
-The tables of the grammars are kept in the user's cache folder, since it takes long to make them. If
-the folder cannot be written, they are made at each start. Parsed lines are memoised by their text.
-"""
+"""A line of text to a statement. Parsed lines are memoised by their text."""
 
 from __future__ import annotations
 
 import math
-import os
 import re
-import string
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from cnc.gcode.syntax import line_templates
+from cnc.gcode.reader.lines import MACRO, MAX_LINE, NGC, Language, read_line
+from cnc.gcode.reader.statements import Translator
+from cnc.gcode.syntax.error_context import ErrorContext
 from cnc.gcode.syntax.expressions import Builder
 from cnc.gcode.syntax.fagor import HEAD, is_head, with_plain_tools
 from cnc.gcode.syntax.mending import (
@@ -36,17 +30,12 @@ from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
-from cnc.version import __version__
 
 if TYPE_CHECKING:
-    from lark import Lark
-
     from cnc.gcode.syntax.siemens import Translation
     from cnc.gcode.syntax.siemens_control import ControlLine
     from cnc.gcode.syntax.siemens_variables import Variables
 
-MAX_LINE = 4096
-"""Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
 MEMO = 4096
 """Parsed lines that are kept."""
 
@@ -56,9 +45,7 @@ _SWITCH = re.compile(r"([ \t]*/)[1-9](?=[ \t]*[A-Za-z(#])")
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _TAPE = "\0\2\3\4\x0c\x11\x12\x13\x14\x1a\x7f \t"
 """Characters of paper tape, printers and serial links, which mean nothing around a line."""
-_PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
-_CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
-_FOREIGN = re.compile(r"\([^()]*\)|[(;].*|([\[#O])", re.DOTALL)
+_FOREIGN = re.compile(r"\([^()]*\)|[(;].*|([\[#Oo])", re.DOTALL)
 _FOREIGN_NAMES = {
     "[": "expressions are",
     "#": "parameters are",
@@ -93,47 +80,19 @@ class Syntax:
     translated: bool = False
 
     @property
+    def language(self) -> Language:
+        """How lines are read by compiled code."""
+        if self.flavour == "macro-b":
+            return MACRO
+        return NGC._replace(joined=self.flavour == "siemens")
+
+    @property
     def skips_inside(self) -> bool:
         """Whether a ``/`` may stand inside a line, which block delete then skips from there."""
         return self.lenient or self.flavour == "macro-b"
 
 
 AUTO = Syntax(siemens=True)
-
-
-def cache_folder() -> Path:
-    """Return the user's cache folder: ``XDG_CACHE_HOME``, or the usual one of the platform."""
-    if named := os.environ.get("XDG_CACHE_HOME"):
-        return Path(named) / "cnc"
-    if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
-        return Path(local) / "cnc" / "cache"
-    return Path(os.path.expanduser("~")) / ".cache" / "cnc"
-
-
-@lru_cache(maxsize=2)
-def _grammar(name: str) -> Lark:
-    """Return a grammar, from the cache if possible.
-
-    Lark recognises an old or damaged cache, and works without one that cannot be written.
-    """
-    import lark
-
-    folder = cache_folder()
-    python = f"py{sys.version_info[0]}{sys.version_info[1]}"
-    file = f"{name}-{__version__}-lark{lark.__version__}-{python}.bin"
-    cache: str | bool = str(folder / file)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        cache = False
-    return lark.Lark.open_from_package(
-        "cnc",
-        f"{name}.lark",
-        ("grammars", "../grammars"),
-        parser="lalr",
-        maybe_placeholders=False,
-        cache=cache,
-    )
 
 
 @lru_cache(maxsize=MEMO)
@@ -178,10 +137,7 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
     text = with_plain_tools(text) if syntax.dialect == "fagor" else text
-    flavour = f"{syntax.flavour} {syntax.siemens} {syntax.lenient} {syntax.dialect}"
-    return line_templates.statement(
-        text, flavour, lambda open_numbers: _parse_mended(text, syntax, open_numbers)
-    )
+    return _parse_mended(text, syntax)
 
 
 def _meaning_of_head(text: str, syntax: Syntax) -> str:
@@ -287,7 +243,7 @@ def _siemens_control(
     return Control(found.keyword, found.label, values, column, length)
 
 
-def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
+def _parse_mended(text: str, syntax: Syntax) -> Statement:
     """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
     if syntax.skips_inside:
         text = as_program_start(text)
@@ -302,7 +258,7 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
     if "$" in text and syntax.flavour == "ngc":
         text = without_first_spindle(text)
     try:
-        return _parse(text, syntax, open_numbers)
+        return _parse(text, syntax, None)
     except GcodeError as error:
         mended = None
         if syntax.lenient:
@@ -311,7 +267,7 @@ def _parse_mended(text: str, syntax: Syntax, open_numbers: dict[int, int] | None
             mended = to_first_bracket(text, error.diagnostic)
         if mended is None:
             raise
-    found = _parse(mended.text, syntax, open_numbers)
+    found = _parse(mended.text, syntax, None)
     return replace(found, remarks=(*found.remarks, mended.remark))
 
 
@@ -330,48 +286,18 @@ def _parse(
         place: Position of the line's first character, from 0, if the text is a translation, of
             which no other place is known.
     """
-    squeezed, columns = squeeze(text)
-    if place is not None:
-        columns = [place] * len(columns)
     if syntax.flavour == "none":
-        _refuse_foreign(squeezed, columns, syntax)
-    from lark.exceptions import UnexpectedInput, VisitError
-
-    from cnc.gcode.syntax.tree_to_statement import Translator, mark_rounding
-
+        _refuse_foreign(text, syntax)
     macro = syntax.flavour == "macro-b"
-    try:
-        tree = _grammar("macro" if macro else "ngc").parse(squeezed)
-    except UnexpectedInput as error:
-        raise describe(squeezed, columns, error, macro=macro) from None
-    if macro and "R" in squeezed:
-        mark_rounding(tree)
-    build = Builder(columns, macro=macro, translated=syntax.translated)
-    try:
-        statement: Statement = Translator(
-            squeezed, build, open_numbers, siemens=syntax.siemens, dialect=syntax.dialect
-        ).transform(tree)
-    except VisitError as error:
-        raise error.orig_exc from None
-    return statement
-
-
-def squeeze(text: str) -> tuple[str, list[int]]:
-    """Remove blanks and make capitals, except in comments.
-
-    Returns:
-        The text, and the position in the line of each of its characters and of the line's end.
-    """
-    kept: list[str] = []
-    columns: list[int] = []
-    for piece in _PIECE.finditer(text):
-        part = piece[0]
-        if part[0] in " \t":
-            continue
-        kept.append(part if part[0] in "(;" else part.translate(_CAPITALS))
-        columns.extend(range(*piece.span()))
-    columns.append(columns[-1] + 1 if columns else len(text))
-    return "".join(kept), columns
+    reading = read_line(text, "macro" if macro else "ngc")
+    results = reading.results
+    if results.status[0]:
+        wanted = reading.grammar.wanted[results.state[0]]
+        raise describe(ErrorContext(text, int(results.place[0]), wanted, macro=macro, at=place))
+    build = Builder(macro=macro, translated=syntax.translated, at=place)
+    return Translator(
+        text, build, open_numbers, siemens=syntax.siemens, dialect=syntax.dialect
+    ).statement(reading, 0)
 
 
 def _board_line(text: str, syntax: Syntax) -> Statement:
@@ -386,15 +312,14 @@ def _board_line(text: str, syntax: Syntax) -> Statement:
     return Statement(board=text.strip(" \t"))
 
 
-def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
+def _refuse_foreign(text: str, syntax: Syntax) -> None:
     """Raise the error for parameters, expressions and O-words in a dialect without them."""
-    for found in _FOREIGN.finditer(squeezed):
+    for found in _FOREIGN.finditer(text):
         if found[1]:
-            message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"
-            column = columns[found.start()] + 1
+            message = f"{_FOREIGN_NAMES[found[1].upper()]} not in the {syntax.dialect} dialect"
             raise fault(
                 "syntax-not-in-dialect",
                 message,
-                column=column,
+                column=found.start() + 1,
                 hint="use --dialect linuxcnc, or auto",
             )

@@ -15,22 +15,25 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from itertools import islice
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.gcode.reader.lines import NGC, Language, Positions, Reading, Sorted, read, sort_lines
+from cnc.gcode.reader.statements import squeezed
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
-from cnc.gcode.syntax.scanner import Scan, code, scan
 from cnc.gcode.syntax.statement import Statement
-from cnc.kernels.gcode.coding import Coded
-from cnc.kernels.gcode.names import Names
+from cnc.gcode.syntax.words import Word
+from cnc.kernels.gcode.statements import Coded, Names
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 WINDOW_BYTES = 1 << 18
 KEPT_WINDOWS = 4
 
+_LF, _CR = 10, 13
 _BOM = b"\xef\xbb\xbf"
 _NOT_UTF8 = "latin-1"
 _NOT_BYTES = b"\0"
@@ -41,44 +44,124 @@ program starts soon.
 """
 
 
+class Splits(NamedTuple):
+    """The lines of some bytes.
+
+    Attributes:
+        begin: (lines,) position of the first byte of each line.
+        end: (lines,) position after the last byte.
+        size: Number of bytes, line ends included.
+    """
+
+    begin: Positions
+    end: Positions
+    size: int
+
+
+def split(data: bytes, *, whole: bool) -> Splits:
+    r"""Return the lines of some bytes. They end in ``\n``, ``\r\n`` or ``\r``.
+
+    Args:
+        data: The bytes.
+        whole: Whether they end the text. If not, a last line without an end is left out, and one
+            that ends in a ``\r`` at the end of the bytes: a ``\n`` may follow.
+    """
+    chars = np.frombuffer(data, np.uint8)
+    marks = np.flatnonzero((chars == _LF) | (chars == _CR))
+    second = (chars[marks] == _LF) & (marks > 0) & (chars[marks - 1] == _CR)
+    ends = marks[~second]
+    after = ends + 1
+    after[np.isin(after, marks[second])] += 1
+    if not whole and len(ends) and ends[-1] + 1 == len(data) and chars[-1] == _CR:
+        ends, after = ends[:-1], after[:-1]
+    if whole and (not len(after) or after[-1] < len(data)) and len(data):
+        ends, after = np.append(ends, len(data)), np.append(after, len(data))
+    begins = np.concatenate([[0], after[:-1]]) if len(after) else after
+    size = int(after[-1]) if len(after) else 0
+    return Splits(begins.astype(np.int32), ends.astype(np.int32), size)
+
+
 class Window:
     """Consecutive lines of a text. Methods take the index of a line in the window, from 0.
 
     Attributes:
         first: Number of the first line, from 1.
         count: Number of lines.
-        scan: The scanned lines and words.
-        head: See :class:`cnc.kernels.gcode.scanner.Lines`, as for the next three.
-        label: N numbers.
-        plain: Numbers of consecutive plain lines.
-        simple: Numbers of consecutive lines in which no word is repeated.
+        language: The language in which the lines are read.
         has_expressions: Whether a line may have parameters or expressions.
     """
 
     def __init__(
-        self, first: int, data: bytes, found: Scan, texts: dict[int, str] | None = None
+        self,
+        first: int,
+        data: bytes,
+        lines: Splits,
+        texts: dict[int, str] | None = None,
     ) -> None:
         """Create a window.
 
         Args:
             first: Number of the first line.
             data: The bytes of the lines.
-            found: The scan of the bytes.
+            lines: Places of the lines in them.
             texts: Text by index of the lines whose bytes differ from the text.
         """
-        count = found.count
-        self.first, self.count, self.scan = first, count, found
-        self.head: NDArray[np.uint8] = found.lines.head[:count]
-        self.label: NDArray[np.int64] = found.lines.label[:count]
-        self.plain: NDArray[np.int32] = found.lines.plain[:count]
-        self.simple: NDArray[np.int32] = found.lines.simple[:count]
-        self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
+        self.first, self.count = first, len(lines.begin)
+        self.language = NGC
+        self._data, self._begin, self._end = data, lines.begin, lines.end
         self._texts = texts or {}
         self.has_expressions = b"#" in data or b"[" in data or b"=" in data
 
+    def read_as(self, language: Language) -> Window:
+        """Read the lines in a language."""
+        if language != self.language:
+            self.language = language
+            for name in ("reading", "sorted"):
+                self.__dict__.pop(name, None)
+        return self
+
+    @cached_property
+    def reading(self) -> Reading:
+        """The events of the lines."""
+        return read(
+            np.frombuffer(self._data, np.uint8), self._begin, self._end, self.language.grammar
+        )
+
+    @cached_property
+    def sorted(self) -> Sorted:
+        """The lines as words and items."""
+        data = np.frombuffer(self._data, np.uint8)
+        return sort_lines(data, self._begin, self._end, self.reading, self.language)
+
+    @property
+    def head(self) -> NDArray[np.uint8]:
+        """See :class:`cnc.kernels.gcode.statements.Lines`, as for the next three."""
+        return self.sorted.lines.head
+
+    @property
+    def label(self) -> NDArray[np.int64]:
+        """N numbers."""
+        return self.sorted.lines.label
+
+    @property
+    def plain(self) -> NDArray[np.int32]:
+        """Numbers of consecutive plain lines."""
+        return self.sorted.lines.plain
+
+    @property
+    def simple(self) -> NDArray[np.int32]:
+        """Numbers of consecutive lines in which no word is repeated."""
+        return self.sorted.lines.simple
+
+    def line_words(self, index: int) -> tuple[list[int], list[float]]:
+        """Return the codes of the letters and the numbers of the words of a plain line."""
+        lines, words, _ = self.sorted
+        begin, end = lines.first[index : index + 2].tolist()
+        return words.letter[begin:end].tolist(), words.number[begin:end].tolist()
+
     def code(self) -> Coded:
         """Return the lines as instructions."""
-        return code(self._data, self.scan)
+        return self.sorted.coded
 
     def with_lines(self, lines: list[str]) -> Window:
         """Return a window of other lines in place of these."""
@@ -127,7 +210,19 @@ class Window:
     def _plain(self, index: int, text: str) -> Statement:
         found = _memo.get(text)
         if found is None:
-            found = self.scan.statement(index, text)
+            lines, words, _ = self.sorted
+            span = slice(lines.first[index], lines.first[index + 1])
+            found = Statement(
+                tuple(
+                    Word(
+                        chr(letter), number, squeezed(text[column - 1 : column - 1 + length]),
+                        column, length,
+                    )
+                    for letter, number, column, length in zip(
+                        *(values[span].tolist() for values in words), strict=True
+                    )
+                )
+            )  # fmt: skip
             if len(_memo) >= MEMO:
                 _memo.clear()
             _memo[text] = found
@@ -144,6 +239,7 @@ class Text:
     Attributes:
         name: The text as messages call it.
         lines: Number of lines read so far.
+        language: The language in which its lines are read.
     """
 
     def __init__(
@@ -158,6 +254,7 @@ class Text:
         """
         self.name = name
         self.lines = 0
+        self.language = NGC
         self._firsts: list[int] = []
         self._kept: OrderedDict[int, Window] = OrderedDict()
         self._windows, self._again = windows, again
@@ -202,7 +299,7 @@ class Text:
         if found is None:
             found = self._again(index)
         self._keep(index, found)
-        return found
+        return found.read_as(self.language)
 
     def all_lines(self) -> Iterator[str]:
         """Yield all lines."""
@@ -284,10 +381,10 @@ class _File:
 
         The size is 0 if its only line continues after the bytes.
         """
-        found = scan(data, whole=len(data) < WINDOW_BYTES)
-        if found.count:
-            return Window(line, data[: found.size], found), found.size
-        return Window(line, data, scan(data, whole=True)), 0
+        lines = split(data, whole=len(data) < WINDOW_BYTES)
+        if lines.size:
+            return Window(line, data[: lines.size], lines), lines.size
+        return Window(line, data, split(data, whole=True)), 0
 
     def _end_of_line(self, offset: int) -> int:
         """Return the position of the line after the one at ``offset``."""
@@ -323,4 +420,4 @@ def _window_of_lines(first: int, lines: list[str]) -> Window:
             piece = piece.replace(b"\n", b" ").replace(b"\r", b" ") + _NOT_BYTES
         pieces.append(piece + b"\n")
     data = b"".join(pieces)
-    return Window(first, data, scan(data, whole=True), texts)
+    return Window(first, data, split(data, whole=True), texts)

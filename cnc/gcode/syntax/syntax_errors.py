@@ -7,8 +7,6 @@ have accepted there. These tokens classify the error; the characters around the 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from cnc.gcode.syntax.error_context import (
     DIGITS,
@@ -19,9 +17,6 @@ from cnc.gcode.syntax.error_context import (
 from cnc.gcode.syntax.expression_errors import argument, label, operator, parameter, value
 from cnc.gcode.syntax.keyword_errors import continuation, o_word_keyword
 from cnc.model.diagnostics import GcodeError
-
-if TYPE_CHECKING:
-    from lark.exceptions import UnexpectedInput
 
 _ZERO_FOR_O = re.compile(r"[ \t]*0([0-9]{4,5})[ \t]*(?:[(;].*)?", re.DOTALL)
 _CHECKSUM = re.compile(r"\*[0-9]{1,3}")
@@ -44,21 +39,7 @@ _NAMED = {"#": parameter, "O": label}
 """Tokens that need a number or a name after them."""
 
 
-def describe(
-    text: str, columns: Sequence[int], error: UnexpectedInput, *, macro: bool
-) -> GcodeError:
-    """Describe a syntax error.
-
-    Args:
-        text: The line without blanks.
-        columns: Positions of its characters (:func:`cnc.gcode.syntax.parser.squeeze`).
-        error: The error of the grammar.
-        macro: Whether the language is FANUC's macro B.
-    """
-    return _describe(ErrorContext(text, columns, error, macro=macro))
-
-
-def _describe(context: ErrorContext) -> GcodeError:
+def describe(context: ErrorContext) -> GcodeError:
     """Classify the error by the tokens that the grammar would have accepted."""
     return foreign_comment(context) or _of_part(context) or _of_line(context)
 

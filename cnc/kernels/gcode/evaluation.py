@@ -1,4 +1,4 @@
-"""Values of instructions (:mod:`cnc.kernels.gcode.expressions`).
+"""Values of instructions (:mod:`cnc.kernels.gcode.statements`).
 
 The arithmetic is that of :mod:`cnc.gcode.syntax.arithmetic`, operation by operation, so that the
 bits of the results are equal. A result that does not exist is NaN here. The line is then left to
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.expressions import (
+from cnc.kernels.gcode.statements import (
     ABS,
     ACOS,
     ADD,

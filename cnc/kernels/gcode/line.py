@@ -27,7 +27,7 @@ from cnc.kernels.gcode.rows import (
     Rows,
     Setup,
 )
-from cnc.kernels.gcode.scanner import Words
+from cnc.kernels.gcode.statements import Words
 from cnc.kernels.jit import njit
 
 _A = 65

@@ -9,17 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.coding import (
-    CONTROL,
-    MOST_ITEMS,
-    NUMBERED_ASSIGNMENT,
-    SIMPLE,
-    UNKNOWN,
-    WORDS,
-    Coded,
-)
 from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
-from cnc.kernels.gcode.expressions import MOST_VALUES, NAMED, PARAMETER
 from cnc.kernels.gcode.line import execute_line
 from cnc.kernels.gcode.program_text import (
     DO,
@@ -41,6 +31,18 @@ from cnc.kernels.gcode.program_text import (
     Text,
 )
 from cnc.kernels.gcode.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
+from cnc.kernels.gcode.statements import (
+    CONTROL,
+    MOST_ITEMS,
+    MOST_VALUES,
+    NAMED,
+    NUMBERED_ASSIGNMENT,
+    PARAMETER,
+    SIMPLE,
+    UNKNOWN,
+    WORDS,
+    Coded,
+)
 from cnc.kernels.jit import njit
 
 Ints = NDArray[np.int64]

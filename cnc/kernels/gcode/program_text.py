@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.coding import Coded
-from cnc.kernels.gcode.scanner import Words
+from cnc.kernels.gcode.statements import Coded, Words
 
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]

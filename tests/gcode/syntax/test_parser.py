@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.gcode.syntax import parser
+from cnc.gcode.reader import tables
 from cnc.gcode.syntax.parser import MAX_LINE, MEMO, Syntax, parse_line
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.diagnostics import GcodeError
@@ -104,14 +104,14 @@ def test_an_unwritable_cache_folder(tmp_path: Path) -> None:
 
 def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert parser.cache_folder() == tmp_path / "cnc"
+    assert tables.cache_folder() == tmp_path / "cnc"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(sys, "platform", "linux")
-    assert parser.cache_folder() == tmp_path / ".cache" / "cnc"
+    assert tables.cache_folder() == tmp_path / ".cache" / "cnc"
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
-    assert parser.cache_folder() == tmp_path / "local" / "cnc" / "cache"
+    assert tables.cache_folder() == tmp_path / "local" / "cnc" / "cache"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The compiled scanner against the grammar: equal words, bit for bit, or none."""
+"""Plain lines of a window: their words, heads and labels."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from functools import partial
 
 import pytest
 
-from cnc.gcode.syntax.parser import MAX_LINE, parse_line
-from cnc.gcode.syntax.scanner import scan
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.lines import MAX_LINE
+from cnc.gcode.syntax.parser import Syntax, parse_line
+from cnc.gcode.syntax.source_text import Text, Window, split
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.adversary import (
     SYNTAXES,
@@ -41,14 +41,14 @@ G2 X1 Y1 I.5 J0
 E5 H3 D2 L1 P1 Q1 R1 U0 V0 W0 A1 B1 C1 K1
 X9007199.254740992
 X1000000000
-""".splitlines()
-
-NOT_PLAIN = """\
 X 1
 X1 .5
 X1. 5
 X- 1
 X1 2
+""".splitlines()
+
+NOT_PLAIN = """\
 X1.2.3
 X--1
 X
@@ -96,6 +96,10 @@ X`1
 """.splitlines()
 
 
+def window_of(data: bytes) -> Window:
+    return Window(1, data, split(data, whole=True))
+
+
 def test_typical_cam_lines_are_plain() -> None:
     text = Text.of_lines(PLAIN, "t")
     window = text.window(1)
@@ -121,13 +125,12 @@ def test_typical_cam_lines_are_plain() -> None:
     ],
 )
 def test_other_lines_are_not_plain(line: str) -> None:
-    assert scan(line.encode("latin-1") + b"\n", whole=True).lines.plain[0] == 0
+    assert window_of(line.encode("latin-1") + b"\n").plain[0] == 0
 
 
 def test_the_longest_line_is_plain() -> None:
-    assert scan(
-        b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True
-    ).lines.plain[:2].tolist() == [2, 1]
+    data = b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1)
+    assert window_of(data).plain[:2].tolist() == [2, 1]
 
 
 @pytest.mark.timeout(3600)
@@ -138,14 +141,14 @@ def test_plain_lines_have_the_words_of_the_grammar() -> None:
     syntaxes = itertools.cycle(SYNTAXES)
     for seed in range(amount // batch):
         data = Adversary(seed).data(batch)
-        found = scan(data, whole=True)
+        found, places = window_of(data), split(data, whole=True)
         lines = data.splitlines()
-        assert (found.count, found.size) == (len(lines), len(data))
+        assert (found.count, places.size) == (len(lines), len(data))
         for index, line in enumerate(lines):
-            assert data[found.lines.begin[index] : found.lines.end[index]] == line
-            if found.lines.plain[index]:
-                text = decoded(line)
-                agree(text, found.statement(index, text), next(syntaxes))
+            assert data[places.begin[index] : places.end[index]] == line
+            if found.plain[index]:
+                syntax = next(syntaxes)
+                agree(decoded(line), found.statement(index, syntax), syntax)
                 plain += 1
     assert amount * 0.3 < plain < amount * 0.9, (
         "a test of nothing but plain lines, or of none, tests little"
@@ -200,8 +203,8 @@ def test_other_lines_have_the_statement_of_the_grammar(tmp_path) -> None:  # typ
     ],
 )
 def test_head_and_label(line: str, head: str | int, label: int) -> None:
-    found = scan(line.encode() + b"\n", whole=True)
-    assert (int(found.lines.head[0]), int(found.lines.label[0])) == (
+    found = window_of(line.encode() + b"\n")
+    assert (int(found.head[0]), int(found.label[0])) == (
         ord(head) if isinstance(head, str) else head,
         label,
     )
@@ -210,7 +213,7 @@ def test_head_and_label(line: str, head: str | int, label: int) -> None:
 def test_the_label_of_random_lines_is_the_n_word() -> None:
     for seed in range(share(200, 6)):
         data = Adversary(seed).data(200)
-        found = scan(data, whole=True)
+        found = window_of(data)
         for index, line in enumerate(data.splitlines()):
             try:
                 statement = parse_line(decoded(line), SYNTAXES[0])
@@ -220,13 +223,13 @@ def test_the_label_of_random_lines_is_the_n_word() -> None:
             if statement.assignments or statement.control:
                 continue
             if not words or words[0].letter != "N":
-                assert found.lines.label[index] == -1, line
+                assert found.label[index] == -1, line
                 # @ and ^ are words, but no letters.
-                assert not words or found.lines.head[index] == (
+                assert not words or found.head[index] == (
                     ord(words[0].letter) if words[0].letter.isalpha() else 0
                 ), line
             elif words[0].written[1:].isdigit():
-                assert found.lines.label[index] == words[0].number, line
+                assert found.label[index] == words[0].number, line
 
 
 SIMPLE = [
@@ -247,37 +250,38 @@ NOT_SIMPLE = ["N-0", "N1.5", "X1 X2", "F1 f2", "%", "X[1]", "#1=2", "O5"]
 
 
 def test_simple_lines_are_marked() -> None:
-    assert scan("\n".join(SIMPLE).encode() + b"\n", whole=True).lines.simple[
-        : len(SIMPLE)
-    ].tolist() == list(range(len(SIMPLE), 0, -1))
+    found = window_of("\n".join(SIMPLE).encode() + b"\n")
+    assert found.simple.tolist() == list(range(len(SIMPLE), 0, -1))
     for line in NOT_SIMPLE:
-        assert scan(line.encode() + b"\n", whole=True).lines.simple[0] == 0, line
+        assert window_of(line.encode() + b"\n").simple[0] == 0, line
 
 
 def test_a_run_ends_at_a_line_that_is_not_plain() -> None:
-    found = scan(b"G0X1\nX2\nX3X3\nX3\nO1 sub\nX1\n", whole=True)
-    assert found.lines.plain[:6].tolist() == [4, 3, 2, 1, 0, 1]
-    assert found.lines.simple[:6].tolist() == [2, 1, 0, 1, 0, 1]
+    found = window_of(b"G0X1\nX2\nX3X3\nX3\nO1 sub\nX1\n")
+    assert found.plain.tolist() == [4, 3, 2, 1, 0, 1]
+    assert found.simple.tolist() == [2, 1, 0, 1, 0, 1]
 
 
-def test_a_partial_scan_takes_complete_lines_only() -> None:
-    found = scan(b"G0 X1\r\nG0 Y2\r", whole=False)
-    assert (found.count, found.size) == (1, 7), "the \\r may be the first half of a line end"
-    assert scan(b"G0 X1", whole=False).count == 0
-    assert scan(b"", whole=True).count == 0
+@pytest.mark.parametrize(
+    ("data", "whole", "lines", "size"),
+    [
+        (b"G0 X1\r\nG0 Y2\r", False, [b"G0 X1"], 7),
+        (b"G0 X1\r\nG0 Y2\r", True, [b"G0 X1", b"G0 Y2"], 13),
+        (b"G0 X1", False, [], 0),
+        (b"", True, [], 0),
+        (b"\r\r\n\n\rX", True, [b"", b"", b"", b"", b"X"], 6),
+        (b"\n\rX", False, [b"", b""], 2),
+    ],
+)
+def test_lines_end_in_three_ways(data: bytes, whole: bool, lines: list[bytes], size: int) -> None:
+    found = split(data, whole=whole)
+    places = zip(found.begin.tolist(), found.end.tolist(), strict=True)
+    assert [data[begin:end] for begin, end in places] == lines
+    assert found.size == size
 
 
-def test_a_scan_takes_fewer_lines_if_they_are_short() -> None:
-    data = b"\n" * 1000 + b"X1Y1" * 1000
-    found = scan(data, whole=False)
-    assert 0 < found.count == found.size < 1000
-    assert scan(data, whole=True).count == 1001
-
-
-def test_a_scan_takes_fewer_lines_if_they_have_many_words() -> None:
-    line = b"X1" * 2000 + b"\n"
-    found = scan(line * 20, whole=False)
-    assert 0 < found.count < 20
-    assert found.size == found.count * len(line)
-    assert found.lines.first[found.count] == found.count * 2000
-    assert (found.lines.plain[: found.count] > 0).all()
+def test_a_blank_inside_a_word_is_of_no_siemens_program() -> None:
+    """There a blank ends a name, so the line is left to the parser of that language."""
+    found = window_of(b"G1 X 5\nG1 X5\n")
+    found.read_as(Syntax("siemens").language)
+    assert found.plain.tolist() == [0, 1]

@@ -1,0 +1,1 @@
+"""The reader: program text to statements, by the tables of the Lark grammars."""

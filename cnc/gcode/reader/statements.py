@@ -1,0 +1,371 @@
+"""The events of a line to a statement.
+
+A token becomes a :class:`Token`, a number at once a node. A rule calls the method with its name,
+with its parts; no rule of the grammar has another list of parts than its method.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import string
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
+
+from cnc.gcode.reader.lines import Reading
+from cnc.gcode.reader.tables import Grammar
+from cnc.gcode.syntax.expressions import Builder, Node, ParameterNode, constant
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Statement, Value
+from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
+
+LENGTHS = "XYZUVWABCIJKRQ"
+"""Letters of words in which FANUC's ROUND rounds to the least input increment."""
+
+_REMARK = re.compile(
+    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py"
+    r"|abort(?=[ \t]*,))"
+    r"(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
+    re.IGNORECASE | re.ASCII,
+)
+"""A command in a comment: its first word, and the text after a comma. With PROBEOPEN a blank
+is enough; ABORT needs the comma.
+"""
+
+CHECKED_NOW = -1
+"""A key of the open numbers that is no position in the line: the line has a constant that must be
+checked when it is parsed, so it can have no template.
+"""
+
+Item = tuple[Word, Value | None]
+
+
+class Token(NamedTuple):
+    """A token: its terminal, its text in capitals, and its place in the line, from 0."""
+
+    terminal: str
+    text: str
+    begin: int
+    end: int
+
+
+_SQUEEZED: dict[int, str | None] = {
+    **{ord(char): char.upper() for char in string.ascii_lowercase},
+    ord(" "): None,
+    ord("\t"): None,
+}
+_COMMENTS = frozenset(("COMMENT", "TAIL"))
+
+
+def squeezed(text: str) -> str:
+    """Return a text without blanks, in capitals."""
+    return text.translate(_SQUEEZED)
+
+
+class Translator:
+    """Makes the statement of one line."""
+
+    def __init__(
+        self,
+        text: str,
+        build: Builder,
+        open_numbers: dict[int, int] | None = None,
+        *,
+        shift: int = 0,
+        siemens: bool,
+        dialect: str,
+    ) -> None:
+        """Create a translator.
+
+        Args:
+            text: The line.
+            build: Builds the expressions.
+            open_numbers: Indices of open numbers by position in the line. Those that the grammar
+                reads as numbers are removed.
+            shift: Position of the line in the text of the events.
+            siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
+            dialect: Name of the dialect for messages.
+        """
+        self._open = open_numbers
+        self._opened = -1
+        self._letter = ""
+        self._comments: list[Token] = []
+        self._shift = shift
+        self._text = text
+        self._build = build
+        self._siemens = siemens
+        self._dialect = dialect
+
+    def statement(self, reading: Reading, line: int) -> Statement:
+        """Return the statement of a line that was read without an error.
+
+        Args:
+            reading: The events.
+            line: Index of the line in them.
+        """
+        found, events = reading.grammar, reading.events
+        span = slice(*reading.results.first[line : line + 2].tolist())
+        shift = self._shift
+        parts: list[Any] = []
+        for kind, begin, end, value in zip(
+            events.kind[span].tolist(), events.begin[span].tolist(), events.end[span].tolist(),
+            events.value[span].tolist(), strict=True,
+        ):  # fmt: skip
+            if kind > 0:
+                parts.append(self._token(found, kind - 1, begin - shift, end - shift, value))
+            else:
+                at = len(parts) - int(value)
+                made = getattr(self, f"_{found.rules[-kind - 1]}")
+                parts[at:] = [made(begin - shift, end - shift, *parts[at:])]
+        statement: Statement = parts[0]
+        return statement
+
+    def _token(self, grammar: Grammar, terminal: int, begin: int, end: int, value: float) -> Any:
+        """Return a token; a number is a node."""
+        name = grammar.terminals[terminal]
+        if name == "NUMBER":
+            return self._number(begin, end, value)
+        if name in _COMMENTS:
+            return Token(name, self._text[begin:end], begin, end)
+        keyword = grammar.tables.spelling[terminal].max() >= 0
+        text = grammar.texts[int(value)] if keyword else squeezed(self._text[begin:end])
+        if name == "LETTER":
+            self._letter = text
+        elif name == "NAME" and ";" in text:
+            # Blanks behind a semicolon count.
+            raw = self._text[begin:end]
+            text = squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
+        return Token(name, text, begin, end)
+
+    # Expressions
+
+    def _number(self, begin: int, end: int, value: float) -> Node:
+        if value != value:
+            value = float(squeezed(self._text[begin:end]))
+        if value == math.inf:
+            before = self._text[:begin].rstrip(" \t")
+            first = len(before) - 1 if before[-1:].isalpha() else begin
+            raise self._build.fault("number-too-large", "this number is too large", first, end)
+        if self._open is not None and (index := self._open.pop(begin, None)) is not None:
+            self._opened = begin
+            return Node(lambda p: p.open_numbers[index], begin, end)
+        return constant(value, begin, end)
+
+    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
+        return inside.spanning(begin, end)
+
+    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
+        return self._build.sign(sign.text, operand, begin)
+
+    def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
+        return self._build.binary(left, operator.text, right, operator.begin, operator.end)
+
+    def _function(self, begin: int, end: int, function: Token, argument: Node) -> Node:
+        # FANUC's ROUND rounds a length in a word to the least input increment.
+        increments = self._build.macro and self._letter in LENGTHS and self._letter != ""
+        return self._build.call(
+            function.text, argument, function.begin, function.end, increments=increments
+        )
+
+    def _arctangent(
+        self, begin: int, end: int, function: Token, y: Node, *more: Node | Token
+    ) -> Node:
+        x = more[-1] if more else None
+        assert not isinstance(x, Token)
+        node = self._build.arctangent(y, x, begin)
+        return node.spanning(begin, end)
+
+    def _parameter(self, begin: int, end: int, index: Node | Token) -> ParameterNode:
+        if isinstance(index, Token):
+            return self._build.parameter(_name(index), begin, end)
+        if (
+            self._open is not None
+            and begin < self._opened
+            and "#" not in self._text[begin + 1 : index.end]
+        ):
+            self._open[CHECKED_NOW] = 0
+        return self._build.parameter(index, begin, end)
+
+    def _exists(self, begin: int, end: int, _function: Token, parameter: ParameterNode) -> Node:
+        return self._build.exists(parameter.index, begin, end)
+
+    # Lines
+
+    def _word(self, begin: int, end: int, letter: Token, number: Node) -> Item:
+        self._letter = ""
+        column, length = self._build.place(begin, end)
+        name, written = letter.text.rstrip("="), squeezed(self._text[begin:end])
+        if letter.terminal == "ADDRESS":
+            self._check_siemens(name, begin, letter.end)
+        digits = written[len(letter.text) :]
+        if "[" in digits or "#" in digits:
+            return Word(name, math.nan, written, column, length), number.result
+        value = float(digits)
+        if abs(value) > MAX_NUMBER:
+            raise self._build.fault(
+                "number-too-large",
+                f"the number after {name} is larger than {MAX_NUMBER:.0f}",
+                begin,
+                end,
+            )
+        return Word(name, value, written, column, length), None
+
+    def _bspline(self, begin: int, end: int, token: Token) -> Item:
+        self._check_siemens("BSPLINE", begin, end)
+        column, length = self._build.place(begin, end)
+        return Word("BSPLINE", 1.0, "BSPLINE", column, length), None
+
+    def _assignment(
+        self, begin: int, end: int, target: ParameterNode, _equal: Token, value: Node
+    ) -> Assignment:
+        column, length = self._build.place(target.begin, target.end)
+        index = target.index if isinstance(target.index, str) else target.index.value
+        return Assignment(index, value.result, column, length)
+
+    # Control
+
+    def _program(self, begin: int, end: int, letter: Token, number: Node | Token) -> Control:
+        return self._control("program", self._written(number), (), begin, end)
+
+    def _oword(
+        self, begin: int, end: int, letter: Token, label: Token | Node, keyword: Token,
+        *values: Node | Token,
+    ) -> Control:  # fmt: skip
+        results = tuple(value.value for value in values if isinstance(value, Node))
+        self._comments += [value for value in values if isinstance(value, Token)]
+        # A label in brackets or with # is computed.
+        at = self._text[letter.end :].lstrip(" \t")[:1]
+        name = label.value if isinstance(label, Node) and at in "#[" else self._written(label)
+        return self._control(cast(Keyword, keyword.text.lower()), name, results, begin, keyword.end)
+
+    def _jump(self, begin: int, end: int, goto: Token, target: Node) -> Control:
+        return self._control("goto", "", (target.value,), begin, goto.end)
+
+    def _branch(
+        self, begin: int, end: int, if_: Token, condition: Node, goto: Token, target: Node
+    ) -> Control:
+        return self._control("if-goto", "", (condition.value, target.value), begin, goto.end)
+
+    def _then(
+        self, begin: int, end: int, if_: Token, condition: Node, then: Token,
+        *assignments: Assignment,
+    ) -> Control:  # fmt: skip
+        return self._control(
+            "if-then", "", (condition.value,), begin, then.end, Statement(assignments=assignments)
+        )
+
+    def _loop(self, begin: int, end: int, *parts: Token | Node) -> Control:
+        """WHILE [..] DO m, or DO m, whose condition always holds."""
+        condition: Value = parts[1].value if len(parts) == 4 else _always  # type: ignore[union-attr]
+        return self._control("while-do", self._written(parts[-1]), (condition,), begin, end)
+
+    def _end(self, begin: int, end: int, keyword: Token, label: Node) -> Control:
+        return self._control("end", self._written(label), (), begin, end)
+
+    # The whole line
+
+    def _block(self, begin: int, end: int, *items: Any) -> Statement:
+        words: list[Word] = []
+        computed: list[tuple[int, Value]] = []
+        assignments: list[Assignment] = []
+        remarks: list[Remark] = []
+        control: Control | None = None
+        deletable = False
+        for item in (*items, *self._comments):
+            if isinstance(item, Token):
+                if item.terminal == "COMMENT":
+                    if remark := _REMARK.fullmatch(item.text):
+                        column, length = self._build.place(item.begin, item.end)
+                        text = (remark[2] or remark[3] or "").strip()
+                        remarks.append(Remark(remark[1].lower(), text, column, length))
+                elif item.terminal == "SLASH":
+                    deletable = True
+            elif isinstance(item, Assignment):
+                assignments.append(item)
+            elif isinstance(item, Control):
+                control = item
+            elif isinstance(item, tuple):
+                word, value = item
+                if value is not None:
+                    computed.append((len(words), value))
+                words.append(word)
+        if control is not None:
+            _check_alone(control, words, assignments)
+        return Statement(
+            tuple(words),
+            tuple(computed),
+            tuple(assignments),
+            tuple(remarks),
+            control,
+            deletable=deletable,
+        )
+
+    def _percent(self, begin: int, end: int, *items: Any) -> Statement:
+        return replace(self._block(begin, end, *items), percent=True)
+
+    def _control(
+        self,
+        keyword: Keyword,
+        label: str | Value,
+        values: tuple[Value, ...],
+        begin: int,
+        end: int,
+        then: Statement | None = None,
+    ) -> Control:
+        column, length = self._build.place(begin, end)
+        return Control(keyword, label, values, column, length, then)
+
+    def _written(self, label: Node | Token) -> str:
+        """Return a written label: ``100``, or ``<name>``."""
+        if isinstance(label, Token):
+            return f"<{_name(label)}>"
+        digits = squeezed(self._text[label.begin : label.end])
+        if "." in digits:
+            raise self._build.fault(
+                "label-malformed",
+                f"{digits} is not a label",
+                label.begin,
+                label.end,
+                "a label is a whole number",
+            )
+        return str(int(digits))
+
+    def _check_siemens(self, name: str, begin: int, end: int) -> None:
+        if not self._siemens:
+            raise self._build.fault(
+                "syntax-not-in-dialect", f"{name} is not in the {self._dialect} dialect", begin, end
+            )
+
+
+def _always(_: Parameters) -> float:
+    return 1.0
+
+
+def _check_alone(control: Control, words: list[Word], assignments: list[Assignment]) -> None:
+    """Raise the error for a control line with anything but a line number before it."""
+    number = (
+        words[0] if words and words[0].letter == "N" and words[0].column < control.column else None
+    )
+    if number is not None and not is_line_number(number.written):
+        raise fault(
+            "line-number-bad",
+            f"{number.written} is not a line number",
+            number,
+            "a line number is a number from 0, such as N100",
+        )
+    places = [(word.column, word.length) for word in words if word is not number]
+    places += [(assignment.column, assignment.length) for assignment in assignments]
+    if places:
+        column, length = min(places)
+        message = "a control line must stand alone in its line"
+        raise fault(
+            "control-not-alone",
+            message,
+            column=column,
+            length=length,
+            hint="write this in another line",
+        )
+
+
+def _name(token: Token) -> str:
+    return token.text[1:-1].lower()

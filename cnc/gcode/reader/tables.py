@@ -1,0 +1,428 @@
+"""Tables of a Lark grammar for the automaton (:mod:`cnc.kernels.gcode.automaton`).
+
+Lark makes the LALR table of a grammar, and interegular the finite automaton of each terminal. Their
+product is one automaton over bytes. The tables are kept as a file: making them takes a second.
+
+Rules that make no node are folded into the table of successors: those whose name begins with
+``_``, and those with ``?`` and a single symbol. A grammar with a conflict, or with two terminals
+for one text at one place, is an error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.gcode.automaton import OTHER, Tables
+
+if TYPE_CHECKING:
+    from lark import Lark
+
+_FOLDERS = (Path(__file__).parents[2] / "grammars", Path(__file__).parents[3] / "grammars")
+"""The grammars: in an installed package, and in a checkout."""
+_DIGEST = 32
+_FORMAT = 1
+"""Version of the tables' form."""
+_MOST_TEXTS = 64
+"""A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
+_FOREIGN = "\xff"
+"""A character that stands for all others."""
+_ROW = OTHER + 1
+"""Columns of the automaton: ASCII, and one for all other characters."""
+
+Ints = NDArray[np.int64]
+
+
+class GrammarError(Exception):
+    """A grammar that cannot be read without doubt. The text names the rule or the terminals."""
+
+
+class Grammar(NamedTuple):
+    """A grammar as tables.
+
+    Attributes:
+        tables: The tables of the automaton.
+        terminals: Names of the terminals.
+        rules: Name of each rule, or of its alternative (``-> name``).
+        texts: The texts of keywords; an event of a keyword has the index of its text.
+        wanted: Names of the terminals that each state of the parser accepts.
+    """
+
+    tables: Tables
+    terminals: tuple[str, ...]
+    rules: tuple[str, ...]
+    texts: tuple[str, ...]
+    wanted: tuple[frozenset[str], ...]
+
+
+def cache_folder() -> Path:
+    """Return the user's cache folder: ``XDG_CACHE_HOME``, or the usual one of the platform."""
+    if named := os.environ.get("XDG_CACHE_HOME"):
+        return Path(named) / "cnc"
+    if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
+        return Path(local) / "cnc" / "cache"
+    return Path(os.path.expanduser("~")) / ".cache" / "cnc"
+
+
+@cache
+def grammar(name: str) -> Grammar:
+    """Return a grammar by its name, from a file of tables if there is one.
+
+    A file that cannot be written is made anew at each start.
+    """
+    folder = next(each for each in _FOLDERS if each.is_dir())
+    texts = [file.read_bytes() for file in sorted(folder.glob("*.lark"))]
+    digest = hashlib.sha256(b"\0".join([str(_FORMAT).encode(), *texts])).hexdigest()[:16]
+    file_name = f"{name}-{digest}.tables"
+    for place in (folder, cache_folder()):
+        with suppress(OSError):
+            if (found := _unpacked((place / file_name).read_bytes())) is not None:
+                return found
+    made = make(folder / f"{name}.lark")
+    with suppress(OSError):
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        write(made, cache_folder() / file_name)
+    return made
+
+
+def write(made: Grammar, file: Path) -> None:
+    """Write a file of tables. It is written beside its place and renamed, so it is always whole."""
+    arrays = [np.ascontiguousarray(each) for each in made.tables]
+    head = {
+        "arrays": [(each.dtype.str, each.shape) for each in arrays],
+        "names": [made.terminals, made.rules, made.texts, [sorted(each) for each in made.wanted]],
+    }
+    body = b"\n".join([json.dumps(head).encode(), b"".join(each.tobytes() for each in arrays)])
+    part = tempfile.NamedTemporaryFile(dir=file.parent, delete=False)  # noqa: SIM115 renamed below
+    try:
+        with part:
+            part.write(hashlib.sha256(body).digest() + body)
+        os.replace(part.name, file)
+    except OSError:
+        os.unlink(part.name)
+        raise
+
+
+def _unpacked(data: bytes) -> Grammar | None:
+    """Return the grammar of a file; None for a damaged one."""
+    digest, body = data[:_DIGEST], data[_DIGEST:]
+    if hashlib.sha256(body).digest() != digest:
+        return None
+    line, _, numbers = body.partition(b"\n")
+    head = json.loads(line)
+    arrays: list[NDArray[Any]] = []
+    at = 0
+    for kind, shape in head["arrays"]:
+        count = math.prod(shape)
+        arrays.append(np.frombuffer(numbers, kind, count, at).reshape(shape))
+        at += arrays[-1].nbytes
+    terminals, rules, texts, wanted = head["names"]
+    return Grammar(
+        Tables(*arrays), tuple(terminals), tuple(rules), tuple(texts), tuple(map(frozenset, wanted))
+    )
+
+
+def make(file: Path) -> Grammar:
+    """Return the tables of a grammar file.
+
+    Raises:
+        GrammarError: The grammar has a conflict, or a text is two terminals at one place.
+    """
+    import lark
+
+    try:
+        parser = lark.Lark.open(
+            os.fspath(file), parser="lalr", maybe_placeholders=False, strict=True
+        )
+    except lark.exceptions.GrammarError as error:
+        raise GrammarError(f"{file.name}: {error}") from None
+    return _Maker(parser, file.name).grammar()
+
+
+class _Maker:
+    """Makes the tables of one grammar."""
+
+    def __init__(self, parser: Lark, name: str) -> None:
+        self._name = name
+        frontend: Any = parser.parser
+        self._table = frontend.parser.parser.parse_table
+        self._terminals = list(parser.terminals)
+        self._names = [each.name for each in self._terminals]
+        self._ignored = set(parser.ignore_tokens)
+        self._states = {state: index for index, state in enumerate(self._in_order())}
+        self._number = {name: index for index, name in enumerate([*self._names, "$END"])}
+        self._rules = sorted(
+            {target for _, target in self._acts() if not isinstance(target, int)}, key=str
+        )
+        self._nonterminals = {
+            name: index
+            for index, name in enumerate(
+                sorted(
+                    {symbol for symbol, _ in self._acts() if symbol not in self._number}
+                    | {rule.origin.name for rule in self._rules}
+                )
+            )
+        }
+
+    def _in_order(self) -> Iterator[Any]:
+        """Yield the states of the parser from the first one on, in an order that stays."""
+        table = self._table.states
+        waiting = [self._table.start_states["start"]]
+        seen = set(waiting)
+        for state in waiting:
+            yield state
+            for _, (_, target) in sorted(table[state].items()):
+                if isinstance(target, int) and target not in seen:
+                    seen.add(target)
+                    waiting.append(target)
+
+    def _acts(self) -> Iterator[tuple[str, Any]]:
+        """Yield all entries of the parser's table: symbol, and the next state or a rule."""
+        for state in self._states:
+            for symbol, (_, target) in self._table.states[state].items():
+                yield symbol, target
+
+    def grammar(self) -> Grammar:
+        """Return the grammar."""
+        action, goto = self._parser_tables()
+        moves, accepts, texts = self._automaton()
+        lexer_of, token, spelling = self._lexers(action, accepts)
+        pairs, after = self._successors(action, goto)
+        rules = [str(rule.alias or rule.origin.name) for rule in self._rules]
+        final = (moves < 0).all(axis=1)
+        start = self._table.start_states["start"]
+        end = self._table.end_states["start"]
+        tables = Tables(
+            moves=moves,
+            final=final.astype(np.uint8),
+            lexer=lexer_of,
+            token=token,
+            spelling=spelling,
+            action=action,
+            pair=pairs,
+            after=after,
+            length=np.array([len(rule.expansion) for rule in self._rules], np.int16),
+            left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
+            kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
+            kept=np.array([self._is_kept(name) for name in self._names], np.uint8),
+            ignored=np.array([name in self._ignored for name in self._names], np.uint8),
+            number=np.array([name == "NUMBER" for name in self._names], np.uint8),
+            ends=np.array([self._states[start], self._states[end]], np.int64),
+        )
+        names = [name.lstrip("_") for name in self._names]
+        wanted = tuple(frozenset(names[k] for k in np.flatnonzero(row[:-1])) for row in action)
+        return Grammar(tables, tuple(self._names), tuple(rules), tuple(texts), wanted)
+
+    def _parser_tables(self) -> tuple[NDArray[np.int16], dict[tuple[int, int], int]]:
+        """Return the actions (state + 1 of a shift, -rule - 1, 0 for an error) and the gotos."""
+        action = np.zeros((len(self._states), len(self._names) + 1), np.int16)
+        rules = {rule: index for index, rule in enumerate(self._rules)}
+        gotos: dict[tuple[int, int], int] = {}
+        for state, index in self._states.items():
+            for symbol, (_, target) in sorted(self._table.states[state].items()):
+                if symbol not in self._number:
+                    gotos[index, self._nonterminals[symbol]] = self._states[target]
+                elif isinstance(target, int):
+                    action[index, self._number[symbol]] = self._states[target] + 1
+                else:
+                    action[index, self._number[symbol]] = -rules[target] - 1
+        return action, gotos
+
+    @staticmethod
+    def _kind(rule: Any) -> int:
+        """Return 0 for a rule that makes no node, 1 for one with ?, 2 for another one."""
+        if rule.origin.name.startswith("_"):
+            return 0
+        return 1 if rule.options.expand1 and not rule.alias else 2
+
+    def _is_kept(self, name: str) -> bool:
+        """Return whether a terminal is a node: Lark leaves out those without a name."""
+        for rule in self._rules:
+            for symbol in rule.expansion:
+                if symbol.is_term and symbol.name == name:
+                    return not symbol.filter_out
+        return False
+
+    def _successors(
+        self, action: NDArray[np.int16], gotos: dict[tuple[int, int], int]
+    ) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+        """Return the row of each goto, and by row and next terminal the state after it.
+
+        It is the state after all reductions of a single symbol that make no node.
+        """
+        count, columns = action.shape
+        pairs = np.full((count, len(self._nonterminals)), -1, np.int16)
+        after = np.empty((len(gotos), columns), np.int16)
+        silent = [len(rule.expansion) == 1 and self._kind(rule) < 2 for rule in self._rules]
+        left = [self._nonterminals[rule.origin.name] for rule in self._rules]
+        for row, ((below, nonterminal), target) in enumerate(gotos.items()):
+            pairs[below, nonterminal] = row
+            for column in range(columns):
+                state = target
+                while (act := int(action[state, column])) < 0 and silent[-act - 1]:
+                    state = gotos[below, left[-act - 1]]
+                after[row, column] = state
+        return pairs, after
+
+    def _automaton(self) -> tuple[NDArray[np.int16], list[dict[int, int]], list[str]]:
+        """Return the moves of the automaton over all terminals, what its states accept, and texts.
+
+        What a state accepts is the index of the text of each terminal, -1 if it has none.
+        """
+        parts: list[_Keyword | _Pattern] = []
+        texts: list[str] = []
+        for number, terminal in enumerate(self._terminals):
+            fsm = _fsm(terminal.pattern.to_regexp())
+            if words := _texts(fsm):
+                for word in words:
+                    parts.append(_Keyword(number, word, len(texts)))
+                    texts.append(word)
+            else:
+                parts.append(_Pattern(number, fsm))
+        begin = tuple((index, part.begin) for index, part in enumerate(parts))
+        numbers = {begin: 0}
+        waiting = [begin]
+        rows: list[NDArray[np.int16]] = []
+        accepts: list[dict[int, int]] = []
+        for state in waiting:
+            row = np.full(_ROW, -1, np.int16)
+            for column in range(_ROW):
+                following = tuple(
+                    (index, after)
+                    for index, at in state
+                    if (after := parts[index].step(at, column)) is not None
+                )
+                if following:
+                    if following not in numbers:
+                        numbers[following] = len(numbers)
+                        waiting.append(following)
+                    row[column] = numbers[following]
+            rows.append(row)
+            accepts.append(
+                {
+                    parts[index].terminal: parts[index].text
+                    for index, at in state
+                    if parts[index].accepts(at)
+                }
+            )
+        return np.array(rows), accepts, texts
+
+    def _lexers(
+        self, action: NDArray[np.int16], accepts: list[dict[int, int]]
+    ) -> tuple[NDArray[np.int16], NDArray[np.int16], NDArray[np.int16]]:
+        """Return the lexer of each parser state, and by lexer and state the terminal and its text.
+
+        A parser state reads only the terminals that it accepts, and those that are ignored.
+        """
+        lexers: dict[frozenset[int], int] = {}
+        lexer_of = np.empty(len(action), np.int16)
+        ignored = {self._number[name] for name in self._ignored}
+        for state, row in enumerate(action[:, :-1]):
+            accepted = frozenset(np.flatnonzero(row).tolist()) | ignored
+            lexer_of[state] = lexers.setdefault(accepted, len(lexers))
+        token = np.full((len(lexers), len(accepts)), -1, np.int16)
+        spelling = np.full((len(self._names), len(accepts)), -1, np.int16)
+        for state, accepted_here in enumerate(accepts):
+            for terminal, text in accepted_here.items():
+                spelling[terminal, state] = text
+            for wanted, lexer in lexers.items():
+                found = [number for number in accepted_here if number in wanted]
+                if found:
+                    token[lexer, state] = self._chosen(found)
+        return lexer_of, token, spelling
+
+    def _chosen(self, found: Iterable[int]) -> int:
+        """Return the terminal of highest priority.
+
+        Raises:
+            GrammarError: Two terminals of one priority have a text in common.
+        """
+        ranked = sorted(found, key=lambda number: -self._terminals[number].priority)
+        best = [
+            number
+            for number in ranked
+            if self._terminals[number].priority == self._terminals[ranked[0]].priority
+        ]
+        if len(best) > 1:
+            names = " and ".join(self._names[number] for number in best)
+            raise GrammarError(f"{self._name}: {names} have a text in common: give one a priority")
+        return best[0]
+
+
+class _Keyword:
+    """A terminal's text."""
+
+    begin = 0
+
+    def __init__(self, terminal: int, word: str, text: int) -> None:
+        self.terminal, self.text, self._word = terminal, text, word
+
+    def step(self, at: int, column: int) -> int | None:
+        """Return the place after a character, or None."""
+        is_next = at < len(self._word) and ord(self._word[at]) == column
+        return at + 1 if is_next else None
+
+    def accepts(self, at: int) -> bool:
+        """Return whether the text is complete."""
+        return at == len(self._word)
+
+
+class _Pattern:
+    """A terminal with a regular expression."""
+
+    text = -1
+
+    def __init__(self, terminal: int, fsm: Any) -> None:
+        from interegular.fsm import anything_else
+
+        self.terminal, self._finals = terminal, fsm.finals
+        self.begin = fsm.initial
+        alphabet = fsm.alphabet
+        chars = [chr(column) if column < OTHER else _FOREIGN for column in range(_ROW)]
+        keys = [alphabet[char if char in alphabet else anything_else] for char in chars]
+        live = {state for state in fsm.states if fsm.islive(state)}
+        self._after = {
+            state: [after if (after := moves.get(key)) in live else None for key in keys]
+            for state, moves in fsm.map.items()
+        }
+
+    def step(self, at: int, column: int) -> int | None:
+        """Return the state after a character, or None."""
+        return self._after[at][column] if at in self._after else None
+
+    def accepts(self, at: int) -> bool:
+        """Return whether the text may end here."""
+        return at in self._finals
+
+
+def _fsm(pattern: str) -> Any:
+    import interegular
+
+    return interegular.parse_pattern(pattern).to_fsm()
+
+
+def _texts(fsm: Any) -> list[str]:
+    """Return all texts of an automaton; none if there are many."""
+    from interegular.fsm import anything_else
+
+    try:
+        if fsm.cardinality() > _MOST_TEXTS:
+            return []
+    except OverflowError:
+        return []
+    found = list(fsm.strings())
+    if any(anything_else in parts for parts in found):
+        return []
+    return sorted("".join(parts) for parts in found)

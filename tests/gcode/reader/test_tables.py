@@ -1,0 +1,161 @@
+"""The tables of a grammar: Lark itself is the oracle of what they read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import lark
+import numpy as np
+import pytest
+
+from cnc.gcode.reader.lines import Reading, read_line
+from cnc.gcode.reader.tables import GrammarError, grammar, make, write
+from tests.support.gcode.adversary import SYNTAXES, Adversary, decoded
+from tests.support.gcode.expression_cases import grow, spell
+from tests.support.soak import share
+
+FOLDER = Path(__file__).parents[3] / "grammars"
+
+
+def events_of(reading: Reading) -> list[tuple[str, int]]:
+    """Names of the events of a line, each with its number of parts; -1 for a token."""
+    found, events = reading.grammar, reading.events
+    return [
+        (found.terminals[kind - 1], -1) if kind > 0 else (found.rules[-kind - 1], int(value))
+        for kind, value in zip(
+            events.kind[: reading.results.first[1]].tolist(),
+            events.value[: reading.results.first[1]].tolist(),
+            strict=True,
+        )
+    ]
+
+
+def events_of_tree(tree: lark.Tree[lark.Token] | lark.Token) -> list[tuple[str, int]]:
+    """The same of a tree of Lark."""
+    if isinstance(tree, lark.Token):
+        return [(tree.type, -1)]
+    inside = [event for child in tree.children for event in events_of_tree(child)]
+    return [*inside, (str(tree.data), len(tree.children))]
+
+
+@pytest.fixture(scope="module", params=["ngc", "macro"])
+def oracle(request: pytest.FixtureRequest) -> tuple[str, lark.Lark]:
+    name = str(request.param)
+    return name, lark.Lark.open(
+        str(FOLDER / f"{name}.lark"), parser="lalr", maybe_placeholders=False
+    )
+
+
+def squeezed(text: str) -> str:
+    """Without blanks and in capitals outside of comments, as Lark's grammar wants it."""
+    out: list[str] = []
+    closing = ""
+    for char in text:
+        if closing or char not in " \t":
+            out.append(char if closing or not char.isascii() else char.upper())
+        if not closing:
+            closing = {"(": ")", ";": "\n"}.get(char, "")
+        elif char == closing:
+            closing = ""
+    return "".join(out)
+
+
+def test_random_lines_are_read_as_by_lark(oracle: tuple[str, lark.Lark]) -> None:
+    name, parser = oracle
+    rng = Random(5)
+    lines = [
+        f"X{spell(grow(rng, rng.randint(1, 5), macro=name == 'macro'), macro=name == 'macro')}"
+        for _ in range(share(20_000, 200))
+    ]
+    lines += [decoded(line) for line in Adversary(3).data(share(50_000, 800)).splitlines()]
+    good = wrong = 0
+    for line in lines:
+        if "<" in line and ";" in line:  # its blanks have rules of their own
+            continue
+        reading = read_line(line, name)
+        text = squeezed(line)
+        try:
+            wanted = events_of_tree(parser.parse(text))
+        except lark.UnexpectedInput as error:
+            assert reading.results.status[0], line
+            token = getattr(error, "token", None)
+            at = len(text) if token is not None and token.type == "$END" else error.pos_in_stream
+            place = int(reading.results.place[0])
+            assert len(squeezed(line[:place])) == at or "(" in line, line
+            wrong += 1
+        else:
+            if any(ord(char) < 32 and char != "\t" or char == "\x7f" for char in line):
+                assert reading.results.status[0], "a control character"
+                continue
+            assert not reading.results.status[0], line
+            assert events_of(reading) == wanted, line
+            good += 1
+    assert min(good, wrong) > len(lines) / 20
+
+
+def test_numbers_have_the_bits_of_float() -> None:
+    rng = Random(8)
+    for _ in range(share(20_000, 500)):
+        digits = "".join(rng.choice("0123456789") for _ in range(rng.randint(1, 17)))
+        at = rng.randint(0, len(digits))
+        text = f"{digits[:at]}.{digits[at:]}"
+        value = float(read_line(f"X{text}", "ngc").events.value[1])
+        assert value == float(text) or (value != value and int(digits) > 1 << 53), text
+
+
+def test_a_file_of_tables_is_read_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    wanted = grammar.__wrapped__("macro")
+    (file,) = (tmp_path / "cnc").iterdir()
+    whole = file.read_bytes()
+    rng = Random(1)
+    cut = [whole[: rng.randrange(len(whole))] for _ in range(5)]
+    flipped = []
+    for _ in range(20):
+        at = rng.randrange(len(whole))
+        flipped.append(whole[:at] + bytes([whole[at] ^ 1 << rng.randrange(8)]) + whole[at + 1 :])
+    for data in (b"", *cut, *flipped):
+        file.write_bytes(data)
+        found = grammar.__wrapped__("macro")
+        assert found._replace(tables=()) == wanted._replace(tables=())  # type: ignore[arg-type]
+        for own, other in zip(found.tables, wanted.tables, strict=True):
+            assert np.array_equal(own, other)
+        assert file.read_bytes() == whole, "it is written anew"
+
+
+def test_an_unwritable_folder_leaves_no_file_behind(tmp_path: Path) -> None:
+    place = tmp_path / "a.tables"
+    place.mkdir()
+    with pytest.raises(OSError):
+        write(grammar("ngc"), place)
+    assert list(tmp_path.iterdir()) == [place]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('start: (A | B) \nA: /[xy]/\nB: "x"\n', "A and B have a text in common"),
+        ("start: a | b\na: N\nb: N\nN: /1+/\n", "Reduce/Reduce"),
+        ('start: e\ne: e "+" e | N\nN: /1+/\n', "Shift/Reduce"),
+    ],
+)
+def test_a_doubtful_grammar_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "some.lark"
+    file.write_text(text)
+    with pytest.raises(GrammarError, match=message):
+        make(file)
+
+
+def test_a_text_of_two_terminals_is_allowed_in_different_places(tmp_path: Path) -> None:
+    file = tmp_path / "some.lark"
+    file.write_text('start: A "-" B\nA: /[xy]/\nB: /x/\n')
+    assert make(file).terminals
+
+
+def test_the_grammars_have_no_conflict() -> None:
+    assert {file.stem for file in FOLDER.glob("*.lark")} >= {"ngc", "macro", "line"}
+    for syntax in SYNTAXES:
+        assert grammar(syntax.language.grammar).tables.moves.shape[1] == 129
