@@ -3,8 +3,8 @@
 The measurement is made after compilation, in one process whose other objects are frozen for the
 garbage collector, which looks for garbage as often as in the command line. The baseline is
 LinuxCNC's own interpreter on the same programs in the same run, its start included and its output
-discarded. If `rs274` is not installed, the baseline is this interpreter with every line read by the
-grammar.
+discarded. If `rs274` is not installed, the baseline is this interpreter without compiled code for
+runs of lines.
 
 python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
@@ -31,8 +31,6 @@ from cnc.cli.options import NEW_OBJECTS
 from cnc.gcode.program import line_steps
 from cnc.gcode.program.program import interpret
 from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.syntax import source_text
-from cnc.gcode.syntax.scanner import Scan, scan
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.session.kernel_cache import ensure_compiled
@@ -216,7 +214,7 @@ def measured(path: Path, lines: int, repeat: int) -> Speed:
 
 
 def baseline(path: Path, lines: int) -> Speed:
-    """Measure LinuxCNC's interpreter, or this one with the grammar for every line."""
+    """Measure LinuxCNC's interpreter, or this one line by line."""
     if rs274 := shutil.which("rs274"):
         command = [rs274, "-t", str(path.with_name("tools.tbl")), "-g", str(path)]
 
@@ -238,18 +236,10 @@ def baseline(path: Path, lines: int) -> Speed:
     few.write_text("\n".join(kept), newline="")
     fewer = lines * len(kept) / len(text)
     with (
-        patch.object(source_text, "scan", scan_without_plain_lines),
+        patch.object(line_steps, "SHORTEST", sys.maxsize),
         patch.object(line_steps, "MANY_LINES", sys.maxsize),
     ):
-        return Speed("grammar", fewer / seconds(lambda: moves_of(few)))
-
-
-def scan_without_plain_lines(data: bytes, *, whole: bool) -> Scan:
-    """Scan a text and mark every line for the grammar."""
-    found = scan(data, whole=whole)
-    found.lines.plain[: found.count] = 0
-    found.lines.simple[: found.count] = 0
-    return found
+        return Speed("interpreter", fewer / seconds(lambda: moves_of(few)))
 
 
 def peak_mb(path: Path) -> float:

@@ -103,6 +103,8 @@ def _meaning(language: Language) -> kernel.Meaning:
         rules,
         np.array([_OPERATIONS.get(text, 0) for text in found.texts], np.uint8),
         found.texts.index("CALL") if "CALL" in found.texts else -1,
+        found.terminals.index("LETTER") + 1,
+        found.terminals.index("NUMBER") + 1,
         int(language.joined),
     )
 
@@ -179,6 +181,9 @@ def sort_lines(
     )
     # A word and an item have two bytes at least. An item that is left out may have begun two more.
     items = size // 2 + 2
+    text = data.tobytes()
+    names = _names(text.count(b"<"))
+    labels = _names(text.count(b"o") + text.count(b"O"))
     words = kernel.Words(
         np.empty(items, np.uint8),
         np.empty(items),
@@ -192,9 +197,9 @@ def sort_lines(
         np.empty(items, np.int64),
         np.empty(items, np.int64),
         kernel.Code(np.empty(size + 1, np.uint8), np.empty(size + 1)),
-        _names(size),
+        names,
         np.empty(count, np.int32),
-        _names(size),
+        labels,
     )
     kernel.sort_events(
         data, begins, ends, reading.events, reading.results, _meaning(language),
@@ -203,14 +208,14 @@ def sort_lines(
     return Sorted(lines, words, coded)
 
 
-def _names(size: int) -> kernel.Names:
-    """Return space for the names in a text of ``size`` bytes."""
+def _names(most: int) -> kernel.Names:
+    """Return space for so many names."""
     places = 16
-    while places < size // 2:
+    while places < 2 * most:
         places *= 2
     return kernel.Names(
-        np.empty(size // 3 + 1, np.int32),
-        np.empty(size // 3 + 1, np.int32),
+        np.empty(most + 1, np.int32),
+        np.empty(most + 1, np.int32),
         np.full(places, -1, np.int32),
         np.zeros(1, np.int32),
     )

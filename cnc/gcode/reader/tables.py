@@ -25,7 +25,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.automaton import OTHER, Tables
+from cnc.kernels.gcode.automaton import (
+    INLINED,
+    NODE,
+    NODE_OF_SEVERAL,
+    NONE,
+    OTHER,
+    UNIT,
+    Tables,
+)
 
 if TYPE_CHECKING:
     from lark import Lark
@@ -33,7 +41,7 @@ if TYPE_CHECKING:
 _FOLDERS = (Path(__file__).parents[2] / "grammars", Path(__file__).parents[3] / "grammars")
 """The grammars: in an installed package, and in a checkout."""
 _DIGEST = 32
-_FORMAT = 1
+_FORMAT = 3
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -201,7 +209,7 @@ class _Maker:
         lexer_of, token, spelling = self._lexers(action, accepts)
         pairs, after = self._successors(action, goto)
         rules = [str(rule.alias or rule.origin.name) for rule in self._rules]
-        final = (moves < 0).all(axis=1)
+        final = (moves == NONE).all(axis=1)
         start = self._table.start_states["start"]
         end = self._table.end_states["start"]
         tables = Tables(
@@ -213,7 +221,7 @@ class _Maker:
             action=action,
             pair=pairs,
             after=after,
-            length=np.array([len(rule.expansion) for rule in self._rules], np.int16),
+            length=np.array([len(rule.expansion) for rule in self._rules], np.uint16),
             left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
             kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
             kept=np.array([self._is_kept(name) for name in self._names], np.uint8),
@@ -242,10 +250,12 @@ class _Maker:
 
     @staticmethod
     def _kind(rule: Any) -> int:
-        """Return 0 for a rule that makes no node, 1 for one with ?, 2 for another one."""
-        if rule.origin.name.startswith("_"):
-            return 0
-        return 1 if rule.options.expand1 and not rule.alias else 2
+        inlined = rule.origin.name.startswith("_")
+        if not inlined and (rule.alias or not rule.options.expand1):
+            return NODE
+        if len(rule.expansion) == 1:
+            return UNIT
+        return INLINED if inlined else NODE_OF_SEVERAL
 
     def _is_kept(self, name: str) -> bool:
         """Return whether a terminal is a node: Lark leaves out those without a name."""
@@ -257,15 +267,15 @@ class _Maker:
 
     def _successors(
         self, action: NDArray[np.int16], gotos: dict[tuple[int, int], int]
-    ) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
         """Return the row of each goto, and by row and next terminal the state after it.
 
         It is the state after all reductions of a single symbol that make no node.
         """
         count, columns = action.shape
-        pairs = np.full((count, len(self._nonterminals)), -1, np.int16)
-        after = np.empty((len(gotos), columns), np.int16)
-        silent = [len(rule.expansion) == 1 and self._kind(rule) < 2 for rule in self._rules]
+        pairs = np.full((count, len(self._nonterminals)), NONE, np.uint16)
+        after = np.empty((len(gotos), columns), np.uint16)
+        silent = [self._kind(rule) == UNIT for rule in self._rules]
         left = [self._nonterminals[rule.origin.name] for rule in self._rules]
         for row, ((below, nonterminal), target) in enumerate(gotos.items()):
             pairs[below, nonterminal] = row
@@ -276,7 +286,7 @@ class _Maker:
                 after[row, column] = state
         return pairs, after
 
-    def _automaton(self) -> tuple[NDArray[np.int16], list[dict[int, int]], list[str]]:
+    def _automaton(self) -> tuple[NDArray[np.uint16], list[dict[int, int]], list[str]]:
         """Return the moves of the automaton over all terminals, what its states accept, and texts.
 
         What a state accepts is the index of the text of each terminal, -1 if it has none.
@@ -294,10 +304,10 @@ class _Maker:
         begin = tuple((index, part.begin) for index, part in enumerate(parts))
         numbers = {begin: 0}
         waiting = [begin]
-        rows: list[NDArray[np.int16]] = []
+        rows: list[NDArray[np.uint16]] = []
         accepts: list[dict[int, int]] = []
         for state in waiting:
-            row = np.full(_ROW, -1, np.int16)
+            row = np.full(_ROW, NONE, np.uint16)
             for column in range(_ROW):
                 following = tuple(
                     (index, after)
@@ -321,18 +331,18 @@ class _Maker:
 
     def _lexers(
         self, action: NDArray[np.int16], accepts: list[dict[int, int]]
-    ) -> tuple[NDArray[np.int16], NDArray[np.int16], NDArray[np.int16]]:
+    ) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int16]]:
         """Return the lexer of each parser state, and by lexer and state the terminal and its text.
 
         A parser state reads only the terminals that it accepts, and those that are ignored.
         """
         lexers: dict[frozenset[int], int] = {}
-        lexer_of = np.empty(len(action), np.int16)
+        lexer_of = np.empty(len(action), np.uint16)
         ignored = {self._number[name] for name in self._ignored}
         for state, row in enumerate(action[:, :-1]):
             accepted = frozenset(np.flatnonzero(row).tolist()) | ignored
             lexer_of[state] = lexers.setdefault(accepted, len(lexers))
-        token = np.full((len(lexers), len(accepts)), -1, np.int16)
+        token = np.full((len(lexers), len(accepts)), NONE, np.uint16)
         spelling = np.full((len(self._names), len(accepts)), -1, np.int16)
         for state, accepted_here in enumerate(accepts):
             for terminal, text in accepted_here.items():

@@ -20,6 +20,7 @@ from cnc.kernels.jit import njit
 
 Bytes = NDArray[np.uint8]
 Small = NDArray[np.int16]
+States = NDArray[np.uint16]
 Counts = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -30,6 +31,13 @@ SKIPPED, REFUSED = 129, 130
 """Classes of bytes: a blank that has no meaning, and a control character."""
 OK, WRONG, TOO_LONG = 0, 1, 2
 """Status of a line."""
+NONE = 0xFFFF
+"""No state, no terminal. The tables have no signs, which makes them faster to index."""
+START = np.uint16(0)
+INLINED, NODE_OF_SEVERAL, NODE, UNIT = 0, 1, 2, 3
+"""Kinds of rules: without a node; with one unless it has a single part; with a node; with a single
+symbol and no node.
+"""
 DIGITS = 18
 """Most digits of a number: any number of so many digits fits into an int64."""
 EXACT = 1 << 53
@@ -40,35 +48,36 @@ _ZERO, _NINE, _DOT, _BLANK, _SEMICOLON, _LESS = 48, 57, 46, 32, 59, 60
 class Tables(NamedTuple):
     """The tables of a grammar; n states of the lexers, s of the parser, t terminals, r rules.
 
+    NONE stands for no state and no terminal.
+
     Attributes:
-        moves: (n, 129) the next state of the lexers by character, -1 for none.
+        moves: (n, 129) the next state of the lexers by character.
         final: (n,) 1 if no longer token can follow.
         lexer: (s,) lexer of each state of the parser.
-        token: (lexers, n) the terminal that a state accepts, -1 for none.
+        token: (lexers, n) the terminal that a state accepts.
         spelling: (t, n) index of the text of a keyword, -1 for another terminal.
         action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
         pair: (s, nonterminals) row of ``after``.
         after: (pairs, t + 1) state after a rule, by the next terminal.
         length: (r,) number of symbols of a rule.
         left: (r,) its nonterminal.
-        kind: (r,) 0 for a rule without a node, 1 for one with a node unless it has one part, 2 for
-            one with a node.
+        kind: (r,) its kind.
         kept: (t,) whether a terminal has an event.
         ignored: (t,) whether it may stand anywhere and means nothing.
         number: (t,) whether it is a number without a sign.
         ends: first and last state of the parser.
     """
 
-    moves: Small
+    moves: States
     final: Bytes
-    lexer: Small
-    token: Small
+    lexer: States
+    token: States
     spelling: Small
     action: Small
-    pair: Small
-    after: Small
-    length: Small
-    left: Small
+    pair: States
+    after: States
+    length: States
+    left: States
     kind: Bytes
     kept: Bytes
     ignored: Bytes
@@ -112,14 +121,66 @@ class Results(NamedTuple):
 @njit
 def _has_semicolon(data: Bytes, begin: int, end: int) -> bool:
     """Return whether a text has a semicolon."""
-    for i in range(begin, end):
+    for i in range(begin, end):  # noqa: SIM110 numba compiles no generator
         if data[i] == _SEMICOLON:
             return True
     return False
 
 
 @njit
-def read(
+def _longest_token(
+    data: Bytes, at: int, stop: int, own: int, tables: Tables, classes: Bytes, loose: bool
+) -> tuple[int, int, int]:
+    """Return the longest token at ``at``, its end, and the state of the lexers there.
+
+    The token is NONE if there is none. Blanks count if ``loose``.
+    """
+    token, end, there = NONE, at, START
+    here, place = START, at
+    while place < stop:
+        column = classes[data[place]]
+        place += 1
+        if column == REFUSED:
+            break
+        if column == SKIPPED:
+            loose = loose or (data[at] == _LESS and _has_semicolon(data, at, place))
+            if not loose:
+                continue
+            column = _BLANK
+        here = tables.moves[here, column]
+        if here == NONE:
+            break
+        found = tables.token[own, here]
+        if found != NONE:
+            token, end, there = found, place, here
+    return int(token), end, int(there)
+
+
+@njit
+def _number(data: Bytes, begin: int, end: int) -> float:
+    """Return a number without a sign; NaN for one with too many digits.
+
+    Numerator and power of ten are exact, so one division gives the correctly rounded number.
+    Source: Clinger, "How to read floating point numbers accurately", PLDI 1990.
+    """
+    mantissa = digits = decimals = 0
+    pointed = False
+    for k in range(begin, end):
+        char = int(data[k])
+        if _ZERO <= char <= _NINE:
+            mantissa = mantissa * 10 + char - _ZERO
+            digits += 1
+            decimals += pointed
+        elif char == _DOT:
+            pointed = True
+    # More digits than fit have overflowed by now, which is why they are counted.
+    if digits > DIGITS or mantissa > EXACT:
+        return math.nan
+    return mantissa / _POWERS[decimals]
+
+
+@njit
+def read(  # noqa: PLR0915 a call for each token takes longer than the token
     data: Bytes, begins: Counts, ends: Counts, longest: int, tables: Tables, classes: Bytes,
     stack: Ints, events: Events, results: Results,
 ) -> int:  # fmt: skip
@@ -164,53 +225,44 @@ def read(
             token, end, value = end_token, at, 0.0
             if at < stop:
                 own = lexer[state]
-                place, here, there = at, 0, 0
-                token = -1
+                here, place = START, at
                 while place < stop:
                     column = classes[data[place]]
-                    place += 1
                     if column >= SKIPPED:
-                        if column == REFUSED:
+                        if column == REFUSED or loose or data[at] == _LESS:
                             break
-                        if not loose and data[at] == _LESS:
-                            loose = _has_semicolon(data, at, place)
-                        if not loose:
-                            continue
-                        column = _BLANK
-                    here = moves[here, column]
-                    if here < 0:
+                        place += 1
+                        continue
+                    following = moves[here, column]
+                    if following == NONE:
                         break
-                    found = token_of[own, here]
-                    if found >= 0:
-                        token, end, there = found, place, here
-                        if final[here]:
-                            break
-                if token < 0:
+                    here = following
+                    place += 1
+                    end = place
+                    if final[here]:
+                        break
+                token, there = int(token_of[own, here]), int(here)
+                if token == NONE or loose or data[at] == _LESS:
+                    # The text goes on after its longest token, or it is a name.
+                    token, end, there = _longest_token(data, at, stop, own, tables, classes, loose)
+                if token == NONE:
                     break
                 if tables.ignored[token]:
                     at = end
                     continue
                 if tables.number[token]:
-                    mantissa = digits = decimals = 0
-                    pointed = False
-                    for k in range(at, end):
-                        char = int(data[k])
-                        if _ZERO <= char <= _NINE:
-                            mantissa = mantissa * 10 + char - _ZERO
-                            digits += 1
-                            decimals += pointed
-                        elif char == _DOT:
-                            pointed = True
-                    # More digits than fit have overflowed by now, which is why they are counted.
-                    if digits > DIGITS or mantissa > EXACT:
-                        value = math.nan
-                    else:
-                        value = mantissa / _POWERS[decimals]
+                    value = _number(data, at, end)
                 else:
                     value = float(tables.spelling[token, there])
             act = action[state, token]
             while act < 0:
                 rule = -act - 1
+                sort = tables.kind[rule]
+                if sort == UNIT:
+                    state = after[pair[states[top - 1], tables.left[rule]], token]
+                    states[top] = state
+                    act = action[state, token]
+                    continue
                 length = tables.length[rule]
                 parts = 0
                 first, last = at, at
@@ -219,8 +271,7 @@ def read(
                     for k in range(top - length + 1, top + 1):
                         parts += nodes[k]
                 top -= length
-                sort = tables.kind[rule]
-                if sort == 2 or (sort == 1 and parts != 1):
+                if sort == NODE or (sort == NODE_OF_SEVERAL and parts != 1):
                     kind[count], value_of[count] = -rule - 1, parts
                     begin_of[count], end_of[count] = first, last
                     count += 1

@@ -11,7 +11,7 @@ A line that compiled code does not execute is only marked; the interpreter execu
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,8 @@ class Meaning(NamedTuple):
         rule: (r,) meaning of each rule.
         text: (texts,) letter of a word, operation of an operator or function, or 0, by the text.
         call: Index of the text CALL; -1 for none.
+        letter: Kind of the events of a word's letter.
+        number: Kind of those of a number.
         joined: 1 if no blank may stand inside a word.
     """
 
@@ -82,6 +84,8 @@ class Meaning(NamedTuple):
     rule: Bytes
     text: Bytes
     call: int
+    letter: int
+    number: int
     joined: int
 
 
@@ -173,6 +177,30 @@ class Coded(NamedTuple):
     labels: Names
 
 
+Record = Any
+"""A record of _LINE."""
+_LINE = np.dtype(
+    [(name, np.int64) for name in ("head", "label", "words", "simple", "items", "count")]
+)
+"""What is known about a line: for a plain line its head, label, number of words, and whether it is
+simple; for another one the numbers of items and instructions after it.
+"""
+
+
+class Stacks(NamedTuple):
+    """What waits while a line is coded.
+
+    Attributes:
+        keys: Letters and operators.
+        brackets: Position of each bracket that no operator has taken.
+        closes: Number of instructions at its end.
+    """
+
+    keys: Bytes
+    brackets: Ints
+    closes: Ints
+
+
 @njit
 def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
     """Return the index of a name, which is added if it is new; -1 if the arrays are full."""
@@ -221,7 +249,7 @@ def _is_idle(data: Bytes, begin: int, end: int) -> bool:
             same += 1
         if data[begin] == _OPEN and (same == 3 or (same == 2 and _ACTIVE[row, 2] == 0)):
             return False
-    for k in range(i, end):
+    for k in range(i, end):  # noqa: SIM110 numba compiles no generator
         if data[k] >= OTHER:
             return False
     return True
@@ -239,7 +267,7 @@ def _has_blank(data: Bytes, begin: int, end: int) -> bool:
 @njit
 def _is_blank(data: Bytes, begin: int, end: int) -> bool:
     """Return whether a text has nothing but blanks."""
-    for i in range(begin, end):
+    for i in range(begin, end):  # noqa: SIM110 numba compiles no generator
         if data[i] != _BLANK and data[i] != _TAB:
             return False
     return True
@@ -294,6 +322,248 @@ def _run_lengths(flags: Counts, count: int) -> None:
 
 
 @njit
+def _word_of(events: Events, e: int, b: int, meaning: Meaning) -> tuple[int, float]:
+    """Return the number of events of the word at event ``e``, and its number; 0 for another part.
+
+    Only a word with a written number counts.
+    """
+    kind = events.kind
+    if e + 2 < b and kind[e] == meaning.letter:
+        after = int(kind[e + 2])
+        if kind[e + 1] == meaning.number and after < 0 and meaning.rule[-after - 1] == WORD:
+            return 3, events.value[e + 1]
+        if e + 4 < b and after == meaning.number:
+            last = int(kind[e + 4])
+            if last < 0 and meaning.rule[-last - 1] == WORD:
+                minus = meaning.text[int(events.value[e + 1])] == SUBTRACT
+                return 5, -events.value[e + 2] if minus else events.value[e + 2]
+    return 0, 0.0
+
+
+@njit
+def _plain_line(
+    data: Bytes, a: int, b: int, begin: int, found: int, events: Events, meaning: Meaning,
+    largest: float, words: Words, known: Record,
+) -> bool:  # fmt: skip
+    """Fill the words of a line, if it is plain.
+
+    Args:
+        data: The text.
+        a: Its first event.
+        b: The event after its last one.
+        begin: Position of its first byte.
+        found: Number of words before.
+        events: The events.
+        meaning: What the grammar's symbols mean.
+        largest: Largest number.
+        words: Takes the words.
+        known: Takes the head, the label, the number of words and whether the line is simple.
+
+    Returns:
+        Whether it is plain.
+    """
+    word, e, seen = found, a, 0
+    head, label, simple = 0, -1, True
+    while e < b - 1:
+        count, value = _word_of(events, e, b, meaning)
+        if count == 0:
+            kind = int(events.kind[e])
+            if (
+                kind < 0
+                or meaning.terminal[kind - 1] != REMARK
+                or not _is_idle(data, int(events.begin[e]), int(events.end[e]))
+            ):
+                return False
+            e += 1
+            continue
+        letter = int(meaning.text[int(events.value[e])])
+        at, end = int(events.begin[e]), int(events.end[e + count - 1])
+        # Not for NaN, too.
+        if not abs(value) <= largest or (meaning.joined and _has_blank(data, at, end)):
+            return False
+        bit = 1 << (letter - _A)
+        if letter == _N:
+            if word > found:
+                return False
+            # A line number with a minus is wrong, even -0.
+            simple = value == math.floor(value) and math.copysign(1.0, value) > 0.0
+            if value >= 0.0 and value == math.floor(value):
+                label = int(value)
+        else:
+            simple = simple and (seen & bit == 0 or letter == _G or letter == _M)
+            head = letter if head == 0 else head
+        seen |= bit
+        words.letter[word], words.number[word] = letter, value
+        words.column[word], words.length[word] = at - begin + 1, end - at
+        word += 1
+        e += count
+    if b == a or meaning.rule[-int(events.kind[b - 1]) - 1] != BLOCK:
+        return False
+    known["head"], known["label"], known["words"], known["simple"] = head, label, word, simple
+    return True
+
+
+@njit
+def _coded_line(  # noqa: C901, PLR0912, PLR0915 a call passes all arrays, and takes longer than an event
+    data: Bytes, k: int, a: int, b: int, events: Events, meaning: Meaning, largest: float,
+    coded: Coded, stacks: Stacks, now: Record,
+) -> int:  # fmt: skip
+    """Append the items of line ``k``, whose events are those from ``a`` to before ``b``.
+
+    The numbers of items and instructions in ``now`` are brought up to date.
+
+    Returns:
+        The kind of the line. If it is UNKNOWN, what was appended has no meaning.
+    """
+    operation, number = coded.code.operation, coded.code.number
+    first_item, items, count = int(now["items"]), int(now["items"]), int(now["count"])
+    keys, brackets, closes = stacks
+    keyed = opened = height = seen = split = 0
+    first, kind = count, UNKNOWN
+    numbered = calls = False
+    label, label_end = 0, -1
+    for e in range(a, b):
+        sort = int(events.kind[e])
+        begin, end, value = int(events.begin[e]), int(events.end[e]), events.value[e]
+        role = int(meaning.terminal[sort - 1]) if sort > 0 else int(meaning.rule[-sort - 1])
+        if role == LEFT_ALONE or count - first > MOST_INSTRUCTIONS:
+            return UNKNOWN
+        if items - first_item + 3 > MOST_ITEMS or keyed == MOST_ITEMS or opened == MOST_ITEMS:
+            return UNKNOWN
+        if role == KEY:
+            # A / that begins the line is that of block delete.
+            if e == a and data[begin] == _SLASH:
+                return UNKNOWN
+            keys[keyed] = meaning.text[int(value)]
+            keyed += 1
+            calls = calls or int(value) == meaning.call
+        elif (role == DIGITS or role == NAME) and label_end == 0:
+            label, label_end = begin, end
+            # The label may be computed: #1 or [..].
+            if not _is_blank(data, int(events.end[e - 1]), begin):
+                return UNKNOWN
+        elif role == DIGITS:
+            operation[count], number[count] = NUMBER, value
+            count += 1
+            height += 1
+            # Not for NaN, too.
+            if not value <= largest or height > MOST_VALUES:
+                return UNKNOWN
+        elif role == NAME:
+            index = -1
+            if not _has_blank(data, begin + 1, end - 1):
+                index = index_of_name(data, begin + 1, end - 1, coded.names)
+            operation[count], number[count] = NAMED, index
+            count += 1
+            height += 1
+            if index < 0 or height > MOST_VALUES:
+                return UNKNOWN
+        elif role == LETTER_O:
+            label_end = 0
+        elif role == EQUALS:
+            split = count
+        elif role == REMARK:
+            if not _is_idle(data, begin, end):
+                return UNKNOWN
+        elif role == INDEX:
+            while opened > 0 and brackets[opened - 1] >= begin:
+                opened -= 1
+            before = int(events.kind[e - 1])
+            if operation[count - 1] == NUMBER:
+                index = number[count - 1]
+                operation[count - 1] = PARAMETER
+                if index != math.floor(index) or not 1.0 <= index <= LAST_PARAMETER:
+                    return UNKNOWN
+            elif before < 0 or meaning.terminal[before - 1] != NAME:
+                operation[count] = INDIRECT
+                count += 1
+        elif role == BRACKET:
+            while opened > 0 and brackets[opened - 1] >= begin:
+                opened -= 1
+            brackets[opened], closes[opened] = begin, count
+            opened += 1
+        elif role == SIGN:
+            keyed -= 1
+            if keys[keyed] == SUBTRACT and operation[count - 1] == NUMBER:
+                number[count - 1] = -number[count - 1]
+            elif keys[keyed] == SUBTRACT:
+                operation[count] = MINUS
+                count += 1
+        elif role == BINARY or role == FUNCTION or role == ARCTANGENT:
+            while opened > 0 and brackets[opened - 1] >= begin:
+                opened -= 1
+            keyed -= 2 if role == ARCTANGENT else 1
+            operation[count] = keys[keyed]
+            count += 1
+            height -= role != FUNCTION
+            if keys[keyed] == 0:
+                return UNKNOWN
+        elif role == WORD:
+            keyed -= 1
+            letter = int(keys[keyed])
+            is_code = letter == _G or letter == _M
+            if letter == 0 or (kind != UNKNOWN and kind != WORDS):
+                return UNKNOWN
+            if letter == _N:
+                # Digits alone make a line number.
+                plain = count == first + 1 and operation[first] == NUMBER
+                for i in range(begin + 1, end):
+                    plain = plain and (data[i] == _BLANK or 0 <= int(data[i]) - _ZERO <= 9)
+                if not plain or end - begin > _LINE_DIGITS or kind != UNKNOWN or numbered:
+                    return UNKNOWN
+                numbered = True
+                count = first
+            else:
+                bit = 1 << (letter - _A)
+                # A computed code has rules of its own.
+                if (seen & bit and not is_code) or (is_code and operation[first] != NUMBER):
+                    return UNKNOWN
+                seen |= bit
+                kind = WORDS
+                coded.letter[items] = letter
+                coded.begin[items], coded.end[items] = first, count
+                items += 1
+            first, height, opened = count, 0, 0
+        elif role == ASSIGN:
+            if kind != UNKNOWN and kind != ASSIGNMENT:
+                return UNKNOWN
+            kind = ASSIGNMENT
+            coded.letter[items], coded.letter[items + 1] = TARGET, EQUAL
+            coded.begin[items], coded.end[items] = first, split
+            coded.begin[items + 1], coded.end[items + 1] = split, count
+            items += 2
+            first, height, opened = count, 0, 0
+        elif role == O_WORD:
+            if kind != UNKNOWN or not _is_label(data, label, label_end):
+                return UNKNOWN
+            if calls:
+                while label < label_end and data[label] == _ZERO:
+                    label += 1
+                if label == label_end:
+                    return UNKNOWN
+                coded.label[k] = index_of_name(data, label, label_end, coded.labels)
+            kind = CONTROL
+            if opened + 2 > MOST_ITEMS:
+                return UNKNOWN
+            for i in range(opened):
+                coded.letter[items] = VALUE
+                coded.begin[items], coded.end[items] = first, closes[i]
+                first = int(closes[i])
+                items += 1
+    now["items"], now["count"] = items, count
+    return NUMBERED_ASSIGNMENT if kind == ASSIGNMENT and numbered else kind
+
+
+@njit
+def _is_label(data: Bytes, begin: int, end: int) -> bool:
+    """Return whether a text is a label without a blank or a point."""
+    for i in range(begin, end):
+        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] == _DOT:
+            return False
+    return end > begin
+
+
+@njit
 def sort_events(
     data: Bytes, begins: Counts, ends: Counts, events: Events, results: Results, meaning: Meaning,
     largest: float, lines: Lines, words: Words, coded: Coded,
@@ -313,11 +583,13 @@ def sort_events(
         coded: Filled with the other lines: space for an item for two bytes and two more, and for an
             instruction for each byte.
     """
-    code = coded.code
-    operation, number = code.operation, code.number
-    keys, brackets, closes = np.empty(4200, np.uint8), np.empty(4200, np.int64), np.empty(
-        4200, np.int64
-    )  # fmt: skip
+    space = np.zeros(1, _LINE)
+    now = space[0]
+    stacks = Stacks(
+        np.empty(MOST_ITEMS, np.uint8),
+        np.empty(MOST_ITEMS, np.int64),
+        np.empty(MOST_ITEMS, np.int64),
+    )
     found = items = count = 0
     for k in range(len(begins)):
         lines.first[k], coded.first[k] = found, items
@@ -325,207 +597,19 @@ def sort_events(
         lines.plain[k] = lines.simple[k] = 0
         begin = int(begins[k])
         a, b = int(results.first[k]), int(results.first[k + 1])
-        first_item, first_code = items, count
-        word = found
-        height = keyed = opened = split = 0
-        item_code, seen, simple = count, 0, True
-        known = plain = results.status[k] == OK
-        kind, head, label = UNKNOWN, 0, -1
-        numbered = False
-        name_begin, name_end, calls = 0, -1, False
-        for e in range(a, b):
-            if not known and not plain:
-                break
-            sort = int(events.kind[e])
-            value = events.value[e]
-            if sort > 0:
-                role = int(meaning.terminal[sort - 1])
-                if role == KEY:
-                    keys[keyed] = meaning.text[int(value)]
-                    keyed += 1
-                    calls = calls or int(value) == meaning.call
-                    # A / that begins the line is that of block delete.
-                    if e == a and data[events.begin[e]] == _SLASH:
-                        known = plain = False
-                elif role == DIGITS:
-                    if name_end == 0:
-                        name_begin, name_end = int(events.begin[e]), int(events.end[e])
-                        # The label may be computed: #1 or [..].
-                        known = known and _is_blank(data, int(events.end[e - 1]), name_begin)
-                    else:
-                        operation[count], number[count] = NUMBER, value
-                        count += 1
-                        height += 1
-                        # Not for NaN, too.
-                        if not value <= largest or height > MOST_VALUES:
-                            known = plain = False
-                elif role == NAME:
-                    plain = False
-                    if name_end == 0:
-                        name_begin, name_end = int(events.begin[e]), int(events.end[e])
-                        known = known and _is_blank(data, int(events.end[e - 1]), name_begin)
-                    else:
-                        at, end = int(events.begin[e]) + 1, int(events.end[e]) - 1
-                        index = -1
-                        if not _has_blank(data, at, end):
-                            index = index_of_name(data, at, end, coded.names)
-                        operation[count], number[count] = NAMED, index
-                        count += 1
-                        height += 1
-                        known = known and index >= 0 and height <= MOST_VALUES
-                elif role == REMARK:
-                    if not _is_idle(data, int(events.begin[e]), int(events.end[e])):
-                        known = plain = False
-                elif role == LETTER_O:
-                    name_end, plain = 0, False
-                elif role == EQUALS:
-                    split = count
-                else:
-                    known = plain = False
-                continue
-            role = int(meaning.rule[-sort - 1])
-            if role == WORD:
-                keyed -= 1
-                letter = int(keys[keyed])
-                alone = count == item_code + 1 and operation[item_code] == NUMBER
-                plain = plain and alone
-                if letter == 0:
-                    known = plain = False
-                    continue
-                known = known and items - first_item + 2 <= MOST_ITEMS
-                if meaning.joined and _has_blank(data, int(events.begin[e]), int(events.end[e])):
-                    known = plain = False
-                is_code = letter == _G or letter == _M
-                bit = 1 << (letter - _A)
-                if letter == _N:
-                    # A line number with a minus is wrong, even -0.
-                    whole = alone and number[item_code] == math.floor(number[item_code])
-                    simple = whole and math.copysign(1.0, number[item_code]) > 0.0
-                    if whole and number[item_code] >= 0.0:
-                        label = int(number[item_code])
-                    is_first = items == first_item and not numbered
-                    known = known and simple and is_first
-                    plain = plain and is_first
-                    for i in range(events.begin[e], events.end[e]):
-                        known = known and data[i] != _DOT
-                    known = known and events.end[e] - events.begin[e] <= _LINE_DIGITS
-                    numbered = True
-                else:
-                    if seen & bit != 0 and not is_code:
-                        known = simple = False
-                    seen |= bit
-                    head = letter if head == 0 else head
-                    known = known and (kind == UNKNOWN or kind == WORDS)
-                    kind = WORDS
-                    # A computed code has rules of its own.
-                    if is_code and operation[item_code] != NUMBER:
-                        known = False
-                    coded.letter[items] = letter
-                    coded.begin[items], coded.end[items] = item_code, count
-                    items += 1
-                if plain:
-                    words.letter[word], words.number[word] = letter, number[item_code]
-                    words.column[word] = events.begin[e] - begin + 1
-                    words.length[word] = events.end[e] - events.begin[e]
-                    word += 1
-                if letter == _N:
-                    count = item_code
-                item_code, height, opened = count, 0, 0
-            elif role == SIGN:
-                keyed -= 1
-                if keys[keyed] == SUBTRACT:
-                    if operation[count - 1] == NUMBER:
-                        number[count - 1] = -number[count - 1]
-                    else:
-                        operation[count] = MINUS
-                        count += 1
-            elif role == BINARY:
-                keyed -= 1
-                operation[count] = keys[keyed]
-                known = known and keys[keyed] != 0
-                count += 1
-                height -= 1
-                while opened > 0 and brackets[opened - 1] >= events.begin[e]:
-                    opened -= 1
-            elif role == FUNCTION:
-                keyed -= 1
-                opened -= 1
-                operation[count] = keys[keyed]
-                known = known and keys[keyed] != 0
-                count += 1
-            elif role == ARCTANGENT:
-                keyed -= 2
-                opened -= 2
-                operation[count] = ATAN
-                count += 1
-                height -= 1
-            elif role == INDEX:
-                plain = False
-                while opened > 0 and brackets[opened - 1] >= events.begin[e]:
-                    opened -= 1
-                last = count - 1
-                of_name = int(events.kind[e - 1])
-                if operation[last] == NUMBER:
-                    operation[last] = PARAMETER
-                    known = known and number[last] == math.floor(number[last])
-                    known = known and 1.0 <= number[last] <= LAST_PARAMETER
-                elif of_name < 0 or meaning.terminal[of_name - 1] != NAME:
-                    operation[count] = INDIRECT
-                    count += 1
-            elif role == BRACKET:
-                plain = False
-                while opened > 0 and brackets[opened - 1] >= events.begin[e]:
-                    opened -= 1
-                brackets[opened], closes[opened] = events.begin[e], count
-                opened += 1
-            elif role == ASSIGN:
-                known = known and (kind == UNKNOWN or kind == ASSIGNMENT)
-                known = known and items - first_item + 3 <= MOST_ITEMS
-                plain = False
-                kind = ASSIGNMENT
-                if known:
-                    coded.letter[items], coded.letter[items + 1] = TARGET, EQUAL
-                    coded.begin[items], coded.end[items] = item_code, split
-                    coded.begin[items + 1], coded.end[items + 1] = split, count
-                    items += 2
-                item_code, height, opened = count, 0, 0
-            elif role == O_WORD:
-                plain = False
-                known = known and kind == UNKNOWN and name_end > name_begin
-                known = known and not _has_blank(data, name_begin, name_end)
-                known = known and opened + 2 <= MOST_ITEMS
-                kind = CONTROL
-                if known and calls:
-                    while name_begin < name_end and data[name_begin] == _ZERO:
-                        name_begin += 1
-                    known = name_end > name_begin
-                for i in range(name_begin, name_end):
-                    known = known and data[i] != _DOT
-                if known:
-                    if calls:
-                        coded.label[k] = index_of_name(data, name_begin, name_end, coded.labels)
-                    for i in range(opened):
-                        coded.letter[items] = VALUE
-                        coded.begin[items], coded.end[items] = item_code, closes[i]
-                        item_code = closes[i]
-                        items += 1
-            elif role != BLOCK:
-                known = plain = False
-            if height > MOST_VALUES or count - item_code > MOST_INSTRUCTIONS:
-                known = plain = False
-        if plain:
-            lines.plain[k] = 1
-            lines.simple[k] = int(simple)
-            lines.head[k], lines.label[k] = head, label
-            coded.kind[k] = SIMPLE if simple else UNKNOWN
-            found = word
-            items, count = first_item, first_code
-        else:
-            lines.head[k], lines.label[k] = _head(data, begin, int(ends[k]))
-            if known and kind != UNKNOWN:
-                coded.kind[k] = kind + (kind == ASSIGNMENT and numbered)
-            else:
-                items, count = first_item, first_code
+        is_read = results.status[k] == OK
+        if is_read and _plain_line(data, a, b, begin, found, events, meaning, largest, words, now):
+            lines.plain[k], lines.simple[k] = 1, now["simple"]
+            lines.head[k], lines.label[k] = now["head"], now["label"]
+            coded.kind[k] = SIMPLE if now["simple"] else UNKNOWN
+            found = int(now["words"])
+            continue
+        lines.head[k], lines.label[k] = _head(data, begin, int(ends[k]))
+        now["items"], now["count"] = items, count
+        if is_read:
+            coded.kind[k] = _coded_line(data, k, a, b, events, meaning, largest, coded, stacks, now)
+            if coded.kind[k] != UNKNOWN:
+                items, count = int(now["items"]), int(now["count"])
     lines.first[len(begins)], coded.first[len(begins)] = found, items
     _run_lengths(lines.plain, len(begins))
     _run_lengths(lines.simple, len(begins))
