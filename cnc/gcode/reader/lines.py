@@ -82,12 +82,19 @@ class Sorted(NamedTuple):
 
 
 @cache
-def classes() -> NDArray[np.uint8]:
-    """Return the class of each byte: RS274 ignores blanks and case outside of comments."""
+def classes(grammar_name: str) -> NDArray[np.uint8]:
+    """Return the class of each byte in the automaton of a grammar.
+
+    RS274 ignores blanks and case outside of comments. A language that ignores a terminal of blanks
+    has names that end at a blank.
+    """
     found = np.arange(256).astype(np.uint8)
     found[ord("a") : ord("z") + 1] -= ord("a") - ord("A")
     found[:32] = found[127] = automaton.REFUSED
-    found[[9, 32]] = automaton.SKIPPED
+    if not grammar(grammar_name).tables.ignored.any():
+        found[[9, 32]] = automaton.SKIPPED
+    else:
+        found[9] = 32
     found[128:] = automaton.OTHER
     return found
 
@@ -138,7 +145,9 @@ def read(data: NDArray[np.uint8], begins: Positions, ends: Positions, name: str)
         np.empty(lines, np.int32),
         np.empty(lines, np.int16),
     )
-    automaton.read(data, begins, ends, MAX_LINE, found.tables, classes(), _stack(), events, results)
+    automaton.read(
+        data, begins, ends, MAX_LINE, found.tables, classes(name), _stack(), events, results
+    )
     return Reading(found, events, results)
 
 

@@ -10,7 +10,7 @@ import math
 import re
 import string
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 from cnc.gcode.reader.lines import Reading
 from cnc.gcode.reader.tables import Grammar
@@ -54,12 +54,75 @@ _SQUEEZED: dict[int, str | None] = {
     ord(" "): None,
     ord("\t"): None,
 }
-_COMMENTS = frozenset(("COMMENT", "TAIL"))
+_RAW = frozenset(("COMMENT", "TAIL", "STRING"))
+"""Terminals whose text stays as it is written."""
 
 
 def squeezed(text: str) -> str:
     """Return a text without blanks, in capitals."""
     return text.translate(_SQUEEZED)
+
+
+class Rules(Protocol):
+    """The meaning of a language's rules: a method ``_name`` for each rule with a node.
+
+    It takes begin and end of the rule in the line, from 0, and its parts.
+    """
+
+    def token(self, token: Token, value: float) -> Any:
+        """Return what stands for a token among the parts of a rule; a NUMBER has a value."""
+
+
+def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int = 0) -> Any:
+    """Return what the rules of a language make of a line that was read without an error.
+
+    Args:
+        reading: The events.
+        line: Index of the line in them.
+        text: The line.
+        rules: The rules.
+        shift: Position of the line in the text of the events.
+    """
+    grammar, events = reading.grammar, reading.events
+    span = slice(*reading.results.first[line : line + 2].tolist())
+    parts: list[Any] = []
+    for kind, begin, end, value in zip(
+        events.kind[span].tolist(),
+        events.begin[span].tolist(),
+        events.end[span].tolist(),
+        events.value[span].tolist(),
+        strict=True,
+    ):
+        begin, end = begin - shift, end - shift
+        if kind > 0:
+            parts.append(_token(grammar, text, kind - 1, (begin, end), value, rules))
+        else:
+            at = len(parts) - int(value)
+            made = getattr(rules, f"_{grammar.rules[-kind - 1]}")
+            parts[at:] = [made(begin, end, *parts[at:])]
+    (whole,) = parts
+    return whole
+
+
+def _token(
+    grammar: Grammar, text: str, terminal: int, place: tuple[int, int], value: float, rules: Rules
+) -> Any:
+    """Return what stands for a token."""
+    name, raw = grammar.terminals[terminal], text[slice(*place)]
+    if name in _RAW:
+        return rules.token(Token(name, raw, *place), value)
+    if name == "NUMBER":
+        written = squeezed(raw)
+        return rules.token(
+            Token(name, written, *place), value if value == value else float(written)
+        )
+    if grammar.is_keyword[terminal]:
+        return rules.token(Token(name, grammar.texts[int(value)], *place), value)
+    if name == "NAME" and ";" in raw:
+        # Blanks behind a semicolon count.
+        written = squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
+        return rules.token(Token(name, written, *place), value)
+    return rules.token(Token(name, squeezed(raw), *place), value)
 
 
 class Translator:
@@ -103,45 +166,20 @@ class Translator:
             reading: The events.
             line: Index of the line in them.
         """
-        found, events = reading.grammar, reading.events
-        span = slice(*reading.results.first[line : line + 2].tolist())
-        shift = self._shift
-        parts: list[Any] = []
-        for kind, begin, end, value in zip(
-            events.kind[span].tolist(), events.begin[span].tolist(), events.end[span].tolist(),
-            events.value[span].tolist(), strict=True,
-        ):  # fmt: skip
-            if kind > 0:
-                parts.append(self._token(found, kind - 1, begin - shift, end - shift, value))
-            else:
-                at = len(parts) - int(value)
-                made = getattr(self, f"_{found.rules[-kind - 1]}")
-                parts[at:] = [made(begin - shift, end - shift, *parts[at:])]
-        statement: Statement = parts[0]
-        return statement
+        return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
 
-    def _token(self, grammar: Grammar, terminal: int, begin: int, end: int, value: float) -> Any:
+    def token(self, token: Token, value: float) -> Any:
         """Return a token; a number is a node."""
-        name = grammar.terminals[terminal]
-        if name == "NUMBER":
-            return self._number(begin, end, value)
-        if name in _COMMENTS:
-            return Token(name, self._text[begin:end], begin, end)
-        keyword = grammar.tables.spelling[terminal].max() >= 0
-        text = grammar.texts[int(value)] if keyword else squeezed(self._text[begin:end])
-        if name == "LETTER":
-            self._letter = text
-        elif name == "NAME" and ";" in text:
-            # Blanks behind a semicolon count.
-            raw = self._text[begin:end]
-            text = squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
-        return Token(name, text, begin, end)
+        if token.terminal == "NUMBER":
+            return self._number(token, value)
+        if token.terminal == "LETTER":
+            self._letter = token.text
+        return token
 
     # Expressions
 
-    def _number(self, begin: int, end: int, value: float) -> Node:
-        if value != value:
-            value = float(squeezed(self._text[begin:end]))
+    def _number(self, token: Token, value: float) -> Node:
+        begin, end = token.begin, token.end
         if value == math.inf:
             before = self._text[:begin].rstrip(" \t")
             first = len(before) - 1 if before[-1:].isalpha() else begin

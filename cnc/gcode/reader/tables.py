@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _FOLDERS = (Path(__file__).parents[2] / "grammars", Path(__file__).parents[3] / "grammars")
 """The grammars: in an installed package, and in a checkout."""
 _DIGEST = 32
-_FORMAT = 3
+_FORMAT = 4
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -66,6 +66,7 @@ class Grammar(NamedTuple):
         rules: Name of each rule, or of its alternative (``-> name``).
         texts: The texts of keywords; an event of a keyword has the index of its text.
         wanted: Names of the terminals that each state of the parser accepts.
+        is_keyword: Whether each terminal is one of the texts.
     """
 
     tables: Tables
@@ -73,6 +74,7 @@ class Grammar(NamedTuple):
     rules: tuple[str, ...]
     texts: tuple[str, ...]
     wanted: tuple[frozenset[str], ...]
+    is_keyword: tuple[bool, ...]
 
 
 def cache_folder() -> Path:
@@ -110,7 +112,10 @@ def write(made: Grammar, file: Path) -> None:
     arrays = [np.ascontiguousarray(each) for each in made.tables]
     head = {
         "arrays": [(each.dtype.str, each.shape) for each in arrays],
-        "names": [made.terminals, made.rules, made.texts, [sorted(each) for each in made.wanted]],
+        "names": made.terminals,
+        "rules": made.rules,
+        "texts": made.texts,
+        "wanted": [sorted(each) for each in made.wanted],
     }
     body = b"\n".join([json.dumps(head).encode(), b"".join(each.tobytes() for each in arrays)])
     part = tempfile.NamedTemporaryFile(dir=file.parent, delete=False)  # noqa: SIM115 renamed below
@@ -136,10 +141,18 @@ def _unpacked(data: bytes) -> Grammar | None:
         count = math.prod(shape)
         arrays.append(np.frombuffer(numbers, kind, count, at).reshape(shape))
         at += arrays[-1].nbytes
-    terminals, rules, texts, wanted = head["names"]
+    return _grammar(Tables(*arrays), head["names"], head["rules"], head["texts"], head["wanted"])
+
+
+def _grammar(
+    tables: Tables, terminals: Iterable[str], rules: Iterable[str], texts: Iterable[str],
+    wanted: Iterable[Iterable[str]],
+) -> Grammar:  # fmt: skip
+    keywords = (tables.spelling.max(axis=1) >= 0).tolist()
     return Grammar(
-        Tables(*arrays), tuple(terminals), tuple(rules), tuple(texts), tuple(map(frozenset, wanted))
-    )
+        tables, tuple(terminals), tuple(rules), tuple(texts), tuple(map(frozenset, wanted)),
+        tuple(keywords),
+    )  # fmt: skip
 
 
 def make(file: Path) -> Grammar:
@@ -230,8 +243,8 @@ class _Maker:
             ends=np.array([self._states[start], self._states[end]], np.int64),
         )
         names = [name.lstrip("_") for name in self._names]
-        wanted = tuple(frozenset(names[k] for k in np.flatnonzero(row[:-1])) for row in action)
-        return Grammar(tables, tuple(self._names), tuple(rules), tuple(texts), wanted)
+        wanted = [[names[k] for k in np.flatnonzero(row[:-1])] for row in action]
+        return _grammar(tables, self._names, rules, texts, wanted)
 
     def _parser_tables(self) -> tuple[NDArray[np.int16], dict[tuple[int, int], int]]:
         """Return the actions (state + 1 of a shift, -rule - 1, 0 for an error) and the gotos."""

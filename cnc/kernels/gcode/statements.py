@@ -404,7 +404,7 @@ def _plain_line(
 
 
 @njit
-def _coded_line(  # noqa: C901, PLR0912, PLR0915 a call passes all arrays, and takes longer than an event
+def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
     data: Bytes, k: int, a: int, b: int, events: Events, meaning: Meaning, largest: float,
     coded: Coded, stacks: Stacks, now: Record,
 ) -> int:  # fmt: skip

@@ -85,7 +85,7 @@ def test_random_lines_are_read_as_by_lark(oracle: tuple[str, lark.Lark]) -> None
             assert len(squeezed(line[:place])) == at or "(" in line, line
             wrong += 1
         else:
-            if any(ord(char) < 32 and char != "\t" or char == "\x7f" for char in line):
+            if any((ord(char) < 32 and char != "\t") or char == "\x7f" for char in line):
                 assert reading.results.status[0], "a control character"
                 continue
             assert not reading.results.status[0], line
