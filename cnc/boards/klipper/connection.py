@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 from cnc.boards.errors import board_error
 from cnc.boards.klipper.clock import MAX_DRIFT, USUAL_DRIFT, BoardClock
@@ -127,7 +128,10 @@ class Connection:
         found: list[Message] = []
         for block in self.link.receive(data, now):
             try:
-                messages = list(self.dictionary.decode_responses(block.contents))
+                messages = [
+                    replace(message, acknowledged=block.acknowledged)
+                    for message in self.dictionary.decode_responses(block.contents)
+                ]
             except RemoteError as error:
                 if self.board_clock.known:
                     raise self._foreign(str(error)) from error

@@ -144,8 +144,9 @@ class Supervisor(PulseSupervisor):
         if message.name == "shutdown":
             clock = self.connection.board_clock
             self.sender.stopped_clock = clock.extend(message["clock"], self.connection.clock.now())
+        triggered = self.guards.is_trigger(message)
         if self._stopping:
-            self._stop.take(message)
+            self._stop.take(message, triggered=triggered)
         match message.name:
             case "shutdown" | "is_shutdown" if not self._stopping:
                 raise self._shut_down(message["static_string_id"])
@@ -154,7 +155,7 @@ class Supervisor(PulseSupervisor):
                 raise self._lost(reset_error(self.connection.name), point)
             case "tmcuart_response" | "spi_transfer_response":
                 self._driver_fault(self.drivers.take(message))
-            case "trsync_state" if not message["can_trigger"] and self.sender.running:
+            case "trsync_state" if triggered and self.sender.running:
                 self._triggered(message["trigger_reason"])
 
     def _triggered(self, reason: int) -> None:
@@ -254,7 +255,7 @@ class Supervisor(PulseSupervisor):
 
     def end_cut(self) -> NDArray[np.int64]:
         """End a motion that an armed input has ended; return the grid point (axes,) there."""
-        self.guards.disarm()
+        self._disarm()
         point = self.take_position()
         self.sender.stop()
         return point
