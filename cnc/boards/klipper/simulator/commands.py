@@ -69,7 +69,7 @@ class Commands:
             is_config=int(board.finalized),
             crc=board.crc,
             is_shutdown=int(bool(board.reason)),
-            move_count=board.firmware.slots,
+            move_count=board.firmware.slots if board.finalized else 0,
         )
 
     def _allocate_oids(self, message: Message) -> None:
