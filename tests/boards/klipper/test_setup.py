@@ -150,8 +150,16 @@ def test_profiles_have_the_commands_of_real_firmware() -> None:
         assert "reset" not in other
 
 
-@pytest.mark.parametrize(("by", "resets"), [("reset", 1), ("config_reset", 0)])
-@pytest.mark.parametrize("lost", ["all", "trigger", "motor", "input"])
+@pytest.mark.parametrize(
+    ("lost", "by", "resets"),
+    [
+        ("all", "reset", 1),
+        ("all", "config_reset", 0),
+        ("trigger", "reset", 1),
+        ("motor", "reset", 1),
+        ("input", "reset", 1),
+    ],
+)
 def test_board_that_lost_its_objects_is_configured_anew(
     lost: str, by: str, resets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
