@@ -62,6 +62,7 @@ class TravelCheck:
         self._highest = np.array([high for _, high in travels]) + slack
         self._reported: set[tuple[int, int]] = set()
         self._pitch = 0.0
+        self._begun = False
         self._max_velocity = np.array([axis.max_velocity for _, _, axis in self._tables])
 
     def add(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
@@ -88,6 +89,11 @@ class TravelCheck:
             lo, hi = lo - turns, hi - turns
             hi = np.where(self._repeats & (self._highest - self._lowest >= TURN), lo, hi)
         outside = (lo < self._lowest) | (hi > self._highest)
+        start = None
+        if not self._begun and len(chunk):
+            self._begun = True
+            first = int(chunk.at[0]) + START
+            start = chunk.data[first : first + outside.shape[1]]
         if outside.any():
             for piece, axis in np.argwhere(outside).tolist():
                 line = int(chunk.line[piece])
@@ -96,6 +102,11 @@ class TravelCheck:
                     # A move of joints consists of several pieces.
                     whole = (chunk.line == line) & (not self._repeats[axis])
                     whole[piece] = True
+                    if start is not None and piece == 0:
+                        place = float(start[axis])
+                        if not self._repeats[axis] and not self._allows(axis, place):
+                            yield self._begins_outside(chunk, line, axis, place)
+                            continue
                     lowest, highest = lo[whole, axis].min(), hi[whole, axis].max()
                     yield self._fault(chunk, line, axis, float(lowest), float(highest))
 
@@ -138,6 +149,26 @@ class TravelCheck:
                 self.machine.axes, self.lo.tolist(), self.hi.tolist(), strict=False
             )
         }
+
+    def _allows(self, axis: int, place: float) -> bool:
+        return bool(self._lowest[axis] <= place <= self._highest[axis])
+
+    def _begins_outside(
+        self, chunk: PathChunk, line: int, axis: int, place: float
+    ) -> MotionLimitError:
+        """Return the fault of a program that begins outside the travel of an axis."""
+        table, letter, limits = self._tables[axis]
+        lowest, highest = limits.travel or (-np.inf, np.inf)
+        name = f"joint {letter} " if table == "joints" else letter.upper()
+        message = (
+            f"the program begins at {name}{_plain(place)}; "
+            f"the travel is {_plain(lowest)} to {_plain(highest)}"
+        )
+        hint = (
+            "write where the machine stands into [machine] start of the machine file, home it "
+            f"before the program, or correct {table}.{letter}.travel"
+        )
+        return MotionLimitError(Diagnostic("soft-limit", message, chunk.file, line, hint=hint))
 
     def _fault(
         self, chunk: PathChunk, line: int, axis: int, lo: float, hi: float

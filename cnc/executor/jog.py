@@ -62,7 +62,8 @@ def jog(
     fastest = min(machine.board.max_step_rate, board.capabilities.max_step_rate)
     planner = LookAhead(machine, control, slice_s=board.capabilities.slice_s or SLICE)
     block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
-    path = joints.path(build([block], axes=machine.axis_names, start=start), start)
+    line = build([block], axes=machine.axis_names, start=start)
+    path = joints.path(line, start, certain=False)
     pulses = ReferencePulse(
         joints.machine.steps_per_mm,
         joints.at(start),

@@ -43,6 +43,18 @@ class Kinematics(ABC):
         A joint is not a number where the tip is out of reach.
         """
 
+    def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Return the straight moves out of a singular pose on which the joints stay linear.
+
+        Args:
+            start: Tips at which moves begin (m, axes).
+            end: Tips at which they end.
+
+        Returns:
+            Whether each move is such a move (m,), and the joints at its start (m, joints).
+        """
+        return np.zeros(len(start), np.bool_), np.zeros((len(start), len(self.turning)))
+
     @abstractmethod
     def forward(self, joints: Sequence[Floats]) -> list[Floats]:
         """Return the tip of joints; not a number where the joints can't have these positions.

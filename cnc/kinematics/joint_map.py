@@ -108,6 +108,23 @@ class JointMap:
         found = self.series([Series([column]) for column in tip.T])
         return np.stack([np.asarray(series.terms[0]) for series in found], axis=-1)
 
+    def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Return the straight moves out of a singular pose on which the joints stay linear.
+
+        Args:
+            start: Tips at which moves begin (m, axes).
+            end: Tips at which they end.
+
+        Returns:
+            Whether each move is such a move (m,), and the joints at its start (m, joints).
+        """
+        taken = list(self._taken)
+        found, own = self._kinematics.leaving(start[:, taken], end[:, taken])
+        joints = np.empty((len(start), len(self.names)))
+        joints[:, list(self._own)] = own
+        joints[:, list(self._rest)] = start[:, list(self._others)]
+        return found, joints
+
     def forward(self, joints: Floats) -> Floats:
         """Return the tips (m, axes) of joints (m, joints)."""
         tip = np.empty((len(joints), len(self._taken) + len(self._others)))

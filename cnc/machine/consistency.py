@@ -17,6 +17,7 @@ RATE_ROUNDING = 1e-12
 def inconsistencies(machine: Machine) -> Iterator[Inconsistency]:
     """Yield the contradictions between keys; none for a machine that can run."""
     yield from _joint_names(machine)
+    yield from _start(machine)
     for table, name, joint in _motors(machine):
         yield from _axis_limits(machine, table, name, joint)
         pull_off = (joint.homing or Homing()).pull_off
@@ -82,6 +83,27 @@ def _joint_names(machine: Machine) -> Iterator[Inconsistency]:
         if name in machine.axes and name not in machine.kinematics.axes:
             message = f"the kinematics has a joint {name}, too"
             yield Inconsistency(("axes", name), message, "choose another kinematics or axis")
+
+
+def _start(machine: Machine) -> Iterator[Inconsistency]:
+    """Compare the start with the axes and joints, and with their travel."""
+    tables = machine.axes | machine.joint_tables
+    moved = [name for name in machine.start if name in machine.kinematics.axes]
+    joints = [name for name in machine.start if name in machine.kinematics.joints]
+    for name, place in machine.start.items():
+        key = ("machine", "start", name)
+        if name not in tables:
+            hint = f"there are {', '.join(tables)}"
+            yield Inconsistency(key, "there is no such axis or joint", hint)
+            continue
+        travel = tables[name].travel
+        if travel is not None and not travel[0] <= place <= travel[1]:
+            message = f"{place:g} is outside the travel, {travel[0]:g} to {travel[1]:g}"
+            yield Inconsistency(key, message, "give a place within the travel")
+    if moved and joints:
+        message = f"the joints {', '.join(joints)} move {', '.join(moved)}"
+        hint = "give places of the axes or of the joints, not of both"
+        yield Inconsistency(("machine", "start"), message, hint)
 
 
 def _axis_limits(machine: Machine, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:

@@ -43,6 +43,13 @@ class Header(Section):
             "evidently for another kind is refused."
         ),
     )
+    start: dict[str, FiniteFloat] = Field(
+        default={},
+        description=(
+            "Where the machine stands before a program while no board knows it: places of axes, "
+            "or of joints (mm, degrees). Without it: machine zero, or the nearest place in reach."
+        ),
+    )
 
 
 class Homing(Section):
@@ -199,6 +206,9 @@ class Machine(Section):
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
     file: str = Field(default="", description="Name of the machine file.", exclude=True)
+    start: dict[str, FiniteFloat] = Field(
+        default={}, description="Where the machine stands before a program."
+    )
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )

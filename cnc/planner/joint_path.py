@@ -56,6 +56,8 @@ MOST_PARTS = 8
 SEARCHED = 257
 """Places of a piece at which the reach is examined for an error message."""
 TURN = 360.0
+SAME_ANGLE = 1e-6
+"""Angles that differ by less are the same, degrees."""
 
 
 class JointPath:
@@ -63,13 +65,19 @@ class JointPath:
 
     Args:
         joints: the joints of the machine.
+        tip: (axes,): the tip before the path, mm or degrees.
         start: (joints,): the joints before the path, mm or degrees.
         limits: of the tip, for the choice of blends at its corners.
+        leaves: whether the joints are certain where the path begins in a singular pose.
     """
 
-    def __init__(self, joints: JointMap, start: Floats, limits: Limits) -> None:
+    def __init__(
+        self, joints: JointMap, tip: Floats, start: Floats, limits: Limits, *, leaves: bool
+    ) -> None:
         self._joints = joints
+        self._tip: Floats | None = tip
         self._now = start
+        self._leaves = leaves
         # A blend of the tip becomes a smooth path of joints. Where these are linear, blends are
         # made of their straight moves, which ramps may replace.
         self._blending = CornerBlending(limits, ramps=False, where=lambda: not self._joints.linear)
@@ -90,8 +98,10 @@ class JointPath:
             yield item
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
-        parts = self._parts(path)
-        pieces = self._pieces(path, parts)
+        leaving, joints = self._leaving(path)
+        parts = self._parts(path, leaving)
+        pieces = self._pieces(path, parts, leaving, joints)
+        self._tip = None
         data, at, length = _records(pieces)
         piece = parts.piece
         ends = np.append(piece[1:] != piece[:-1], True)
@@ -114,16 +124,37 @@ class JointPath:
             commands=commands,
         )
 
-    def _parts(self, path: PathChunk) -> Parts:
-        """Return the parts of all pieces, in order, on which the polynomials are exact enough."""
+    def _leaving(self, path: PathChunk) -> tuple[NDArray[np.bool_], Floats]:
+        """Return the pieces that leave a singular pose in the direction in which it is regular.
+
+        Only the first piece can, and only where its joints stand already.
+
+        Returns:
+            Whether each piece is such a piece (m,), and the joints at its start (m, joints).
+        """
+        columns = np.arange(START, START + len(path.axes))
+        start = path.data[path.at[:, None] + columns]
+        end = path.data[path.at[:, None] + columns + len(path.axes)]
+        found, joints = self._joints.leaving(start, end)
+        turned = (joints - self._now)[:, self._joints.turning]
+        turned = np.abs((turned + 0.5 * TURN) % TURN - 0.5 * TURN).max(axis=1, initial=0.0)
+        found &= (path.kind == LINE) & (turned < SAME_ANGLE)
+        found[1:] = False
+        found &= self._leaves and self._tip is not None
+        return found, joints
+
+    def _parts(self, path: PathChunk, leaving: NDArray[np.bool_]) -> Parts:
+        """Return the parts of all pieces, in order, on which the polynomials are exact enough.
+
+        Pieces that leave a singular pose are not cut.
+        """
         u0, u1 = path.data[path.at + U0], path.data[path.at + U1]
         shortest = SHORTEST * (u1 - u0)
         open_parts = Parts(np.arange(len(path)), u0.copy(), u1.copy())
         done: list[Parts] = []
-        if self._joints.linear:
-            lines = path.kind == LINE
-            done.append(open_parts.of(lines))
-            open_parts = open_parts.of(~lines)
+        whole = (path.kind == LINE) & self._joints.linear | leaving
+        done.append(open_parts.of(whole))
+        open_parts = open_parts.of(~whole)
         while len(open_parts.piece):
             error = self._remainder(path, open_parts)
             fits = error <= ACCURACY
@@ -170,11 +201,20 @@ class JointPath:
         there = self._tips(path, parts.of(np.array([0])).starts)[0]
         if outside.any():
             there = beyond[int(np.argmax(outside))]
+        begins = self._tip is not None and np.abs(there - self._tip).max() < ACCURACY
+        if self._tip is not None and begins:
+            there = self._tip
         each = zip(path.axes, there.tolist(), strict=True)
         named = " ".join(f"{axis.upper()}{value:.6g}" for axis, value in each)
         if not outside.any():
             code, message = "singular-pose", f"the joints turn without bound near {named}"
             hint = "keep the path clear of the pose in which the kinematics is singular"
+            if begins:
+                message = f"the program begins at {named}, where the kinematics is singular"
+                hint = (
+                    "write where the machine stands into [machine] start = { x = .., y = .. }, "
+                    "or home it before the program"
+                )
         else:
             code, message = "out-of-reach", f"the joints do not reach {named}"
             hint = "move the part or the work offset, or correct [kinematics] in the machine file"
@@ -187,15 +227,26 @@ class JointPath:
         series = tip_series(path, places, 0, bounds=False)
         return np.stack([np.asarray(each.terms[0]) for each in series], axis=-1)
 
-    def _pieces(self, path: PathChunk, parts: Parts) -> JointPieces:
-        """Return the pieces of all parts."""
+    def _pieces(
+        self, path: PathChunk, parts: Parts, leaving: NDArray[np.bool_], joints: Floats
+    ) -> JointPieces:
+        """Return the pieces of all parts.
+
+        Args:
+            path: the path.
+            parts: its parts.
+            leaving: whether each piece leaves a singular pose (pieces,).
+            joints: the joints at the start of these pieces (pieces, joints).
+        """
         at = path.at[parts.piece]
-        straight = np.zeros(len(at), np.bool_)
+        straight = leaving[parts.piece]
         if self._joints.linear:
             straight = path.kind[parts.piece] == LINE
         left = self._columns(tip_series(path, parts.starts, 3, bounds=False))
         right = self._columns(tip_series(path, parts.ends, 3, bounds=False))
         self._take_exact_ends(path, parts, left, right)
+        alone = np.flatnonzero(leaving[parts.piece])
+        left[0][alone, len(path.axes) :] = joints[parts.piece[alone]]
         self._count_turns(left, right)
         # Neighbours meet to the last bit.
         start, end = left[0], right[0]

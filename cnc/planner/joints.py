@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+WHERE = "write into [machine] start where the machine stands"
+SAME = 1e-3
+"""Joints that differ by less are the same pose, mm or degrees."""
 SHORT_LEGS = 4
 """So many vertices in a row are no curve, however short their legs are."""
 
@@ -79,10 +82,33 @@ class Joints:
             each = zip(self.tip_axes, tip.tolist(), strict=True)
             place = " ".join(f"{letter.upper()}{value:g}" for letter, value in each)
             message = f"the joints do not reach the start position {place}"
-            hint = "write axes.*.travel within the reach, or correct [kinematics]"
+            hint = f"{WHERE}, or correct [kinematics]"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
         found: Floats = self._map.inverse(tip[None])[0]
         return found
+
+    def tip_of_start(self, joints: Floats) -> Floats:
+        """Return the tip (axes,) at the joints (joints,) of the machine file; mm, degrees.
+
+        Raises:
+            MachineFileError: ``start-out-of-reach`` where the machine never has these joints.
+        """
+        tip = self.tip(joints)
+        if not np.allclose(self.at(tip), joints, rtol=0.0, atol=1e-6):
+            each = zip(self.machine.axes, joints.tolist(), strict=True)
+            place = " ".join(f"{name} = {value:g}" for name, value in each)
+            message = f"the joints of the start are no pose of this kinematics: {place}"
+            hint = "angles lie within half a turn of 0; an elbow bends to one side only"
+            raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
+        return tip
+
+    def determined(self, joints: Floats) -> bool:
+        """Return whether the tip determines the joints (joints,): not at the pole of a table."""
+        if self._map is None:
+            return True
+        apart = self.at(self.tip(joints)) - joints
+        apart[self._map.turning] = (apart[self._map.turning] + 180.0) % 360.0 - 180.0
+        return bool(np.abs(apart).max() < SAME)
 
     def reach(self, tip: Floats) -> bool:
         """Return whether the joints reach a position of the tip (axes,)."""
@@ -112,13 +138,14 @@ class Joints:
         return tip if self._map is None else np.concatenate((tip, self.at(tip)))
 
     def path(
-        self, stream: Iterator[PathChunk | Block], start: Floats
+        self, stream: Iterator[PathChunk | Block], start: Floats, *, certain: bool = True
     ) -> Iterator[PathChunk | Block]:
         """Yield a path of the tip with the columns of the joints, if they are not the axes.
 
         Args:
             stream: The path.
             start: The tip before the path (axes,), mm.
+            certain: Where the tip leaves a joint free, as at the pole of a table, it stands at 0.
 
         Raises:
             MotionLimitError: ``out-of-reach`` or ``singular-pose``.
@@ -127,7 +154,8 @@ class Joints:
             return stream
         from cnc.planner.joint_path import JointPath
 
-        return JointPath(self._map, self.at(start), self._limits).passed(stream)
+        joints = self.at(start)
+        return JointPath(self._map, start, joints, self._limits, leaves=certain).passed(stream)
 
 
 class ToolTipOf:

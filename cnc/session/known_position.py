@@ -19,7 +19,8 @@ def locate(context: SessionContext, board: RemembersPosition) -> None:
     """Set the start position: where the board knows it is, or where homing will leave it.
 
     Raises:
-        BoardError: ``not-homed`` if the board has lost a position that homing can find.
+        BoardError: ``not-homed`` if the board has lost a position that homing can find, or
+            ``singular-pose`` where the machine stands.
     """
     reader, machine = context.reader, context.reader.machine
     known, joints = board.known_steps, Joints(machine)
@@ -30,7 +31,14 @@ def locate(context: SessionContext, board: RemembersPosition) -> None:
         else ()
     )
     steps = homed_steps(machine, sequence, known, reader.start)
-    reader.start = joints.tip(steps / joints.machine.steps_per_mm)
+    place = steps / joints.machine.steps_per_mm
+    reader.start = joints.tip(place)
+    if not joints.determined(place):
+        names = zip(joints.machine.axes, place.tolist(), strict=True)
+        where = " ".join(f"{name} = {value:g}" for name, value in names)
+        message = f"the machine stands in a pose that its tip does not determine ({where})"
+        hint = "move it away from the pole by hand with the drivers off, then home it"
+        raise BoardError(Diagnostic("singular-pose", message, hint=hint))
     homed = {axis.letter for axis in sequence}
     lost = [
         name

@@ -52,22 +52,32 @@ InterpreterState = tuple[Parameters, ToolTable]
 def start_position(machine: Machine) -> Floats:
     """Return the assumed position before a program, (axes,) mm.
 
-    It is machine zero, or the nearest point of the travel. Where the joints do not reach it, it is
-    the zero of the joints, or the nearest point of their travel.
+    It is that of the machine file, else machine zero, or the nearest point of the travel. Where the
+    joints do not reach it, it is the zero of the joints, or the nearest point of their travel.
+
+    Raises:
+        MachineFileError: ``start-out-of-reach`` if no joints lead to the place of the machine file.
     """
-    start = _zero(machine)
+    start = _start_of(machine)
     if not machine.kinematics.joints:
         return start
     joints = Joints(machine)
-    return start if joints.reach(start) else joints.tip(_zero(joints.machine))
+    if machine.start.keys() & set(machine.kinematics.joints):
+        return joints.tip_of_start(_start_of(joints.machine))
+    if machine.start.keys() & set(machine.kinematics.axes) or joints.reach(start):
+        return start
+    return joints.tip(_start_of(joints.machine))
 
 
-def _zero(machine: Machine) -> Floats:
-    """Return machine zero (axes,), or the nearest point of the travel."""
+def _start_of(machine: Machine) -> Floats:
+    """Return the start of the axes (axes,): given, else zero or the nearest point of the travel."""
     return np.array(
         [
-            0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1])
-            for axis in machine.axes.values()
+            machine.start.get(
+                letter,
+                0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1]),
+            )
+            for letter, axis in machine.axes.items()
         ]
     )
 

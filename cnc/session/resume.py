@@ -344,7 +344,8 @@ class RestartPoint:
 
     def _restore(self, state: SkippedState, line: int, steps: list[str]) -> Iterator[Block]:
         """Yield the blocks that restore settings, spindle and coolant; add them to ``steps``."""
-        yield from state.settings.values()
+        for setting in state.settings.values():
+            yield replace(setting, file=self.file, line=line)
         if state.tool is not None:
             steps.append(f"tool {state.tool} must be in the spindle")
         spindle, coolant = state.spindle, state.coolant

@@ -50,6 +50,9 @@ class RunRecord:
         same_machine = (last.machine, last.board) == (reader.machine.name, known.board)
         if line is not None and unchanged and same_machine:
             self._last_run = last
+        if unchanged and last.line and not last.ended:
+            # A run that was killed has written the line itself, which may lie in a subprogram.
+            last = last.model_copy(update={"line": self._line_to_continue_at(last.line)})
         warning = _checkpoint_warning(last, line, unchanged=unchanged)
         if warning is not None:
             context.observer.warn(warning)
@@ -85,6 +88,8 @@ class RunRecord:
                 sha256=self._hash,
                 machine=machine.name,
                 board=known.board,
+                # The lines before were done by an earlier run.
+                line=context.options.from_line or 0,
             )
             context.observer.checkpoint = CheckpointWriter(first, machine.of_joints.axis_names)
 

@@ -121,7 +121,8 @@ def _with_source_line(fault: CncError, text: str) -> CncError:
     code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
     if found.text or not code.strip():
         return fault
-    letter = {"soft-limit": found.message[:1], "feed-unreachable": "F"}.get(found.code, "")
+    axis = re.match(r"[A-Z](?= would reach )", found.message)
+    letter = axis[0] if axis else "F" if found.code == "feed-unreachable" else ""
     word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(
         r"\S(?:.*\S)?", code
     )

@@ -51,6 +51,13 @@ WRONG = [
     ({"type": 'type = "scara"\narms = [1, -2]'}, "kinematics.arms: must be greater than 0"),
     ({"type": 'type = "scara"\narms = [1]'}, "kinematics.arms: has too few numbers"),
     ({"type": 'type = "scara"\narms = [1, 2e6]'}, "kinematics.arms: must be at most 1e+06"),
+    ({"more": "[machine]\nstart = {q = 1}"}, "machine.start.q: there is no such axis or joint"),
+    (
+        {"more": "[machine]\nstart = {x = -5}"},
+        "machine.start.x: -5 is outside the travel, 0 to 300",
+    ),
+    ({"more": "[machine]\nstart = {x = 1, a = 2}"}, "machine.start: the joints a move x"),
+    ({"more": "[machine]\nstart = {x = inf}"}, "machine.start.x: must be a finite number"),
     ({"type": 'type = "cartesian"'}, "axes.x.steps_per_mm: is missing"),
     ({"b": "b = {steps_per_mm=100, max_velocity=50}"}, "joints.b.max_acceleration: nothing limits"),
     ({"more": "[axes.a]\n" + AXIS[1:-1].replace(", ", "\n")}, "axes.a: the kinematics has a joint"),

@@ -7,8 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Outputs, RunOptions, check, parse, start_position
+from cnc.api import Control, Outputs, RunOptions, check, parse, start_position
+from cnc.boards.loopback import Loopback
+from cnc.executor.jog import jog
 from cnc.kernels.path.curve import curve_eval, curve_range
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import MachineFileError, MotionLimitError
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.joint_path import ACCURACY
@@ -16,6 +20,7 @@ from cnc.planner.joints import Joints
 from tests.support.kinematics import MIDDLE, TABLES, machine_of, misfit
 from tests.support.planner.legality import compare_files
 from tests.support.planner.random_jobs import Job
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 NAMES = list(TABLES)
@@ -172,3 +177,113 @@ def test_an_angle_counts_its_turns(write) -> None:
     kind, at = int(last.kind[-1]), int(last.at[-1])
     curve_eval(kind, last.data, at, curve_range(kind, last.data, at)[1], out)
     assert out[0, 4] == pytest.approx(joints.at(start)[1] + 3 * 360.0, abs=1e-9)
+
+
+def turntable(**start: float) -> Machine:
+    """Return a turntable whose programs begin at a place, else at its centre."""
+    machine = machine_of("polar")
+    axes = {
+        letter: axis.model_copy(update={"travel": None}) for letter, axis in machine.axes.items()
+    }
+    return machine.model_copy(update={"axes": axes, "start": start})
+
+
+@pytest.mark.parametrize(
+    ("program", "ends"),
+    [
+        ("G0 X50\n", (50.0, 0.0, 0.0)),
+        ("G1 X30 Z5 F900\nG3 X0 Y30 R30\n", (30.0, 90.0, 5.0)),
+        ("G64 P0.02\nG1 X30 F900\nY20\n", (np.hypot(30.0, 20.0), np.degrees(np.arctan2(2, 3)), 0)),
+    ],
+)
+def test_a_path_leaves_the_centre_where_the_table_stands(
+    program: str, ends: tuple[float, ...], write
+) -> None:
+    """r = x and c = 0 on the way: the radius has the limits of a straight axis, c does not turn."""
+    machine = turntable()
+    board = Loopback(3)
+    report = run_with(write(f"G21 G90\n{program}M2\n"), machine, board=board)
+    assert report.ok, report.faults
+    steps = np.array(ends) * machine.of_joints.steps_per_mm
+    assert np.abs(board.position_steps - steps).max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    "line", ["G0 Y50", "G0 X-50", "G1 X50 Y1 F600", "G2 X20 Y0 R10 F600", "G0 X50\nX-50"]
+)
+def test_no_path_leaves_the_centre_in_another_direction(line: str, write) -> None:
+    report = check(write(f"G21 G90\n{line}\nM2\n"), turntable())
+    (fault,) = report.faults
+    assert fault.diagnostic.code == "singular-pose"
+    begins = "\n" not in line
+    assert fault.diagnostic.message.startswith("the program begins at X0 Y0 Z0") == begins
+    assert ("[machine] start" in fault.diagnostic.hint) == begins
+
+
+def test_no_path_ends_at_the_centre(write) -> None:
+    """The next program would not know where the table stands."""
+    report = check(write("G21 G90\nG0 X0 Y0\nM2\n"), turntable(x=0.0, y=40.0))
+    assert [fault.diagnostic.code for fault in report.faults] == ["singular-pose"]
+
+
+@pytest.mark.parametrize(
+    "start", [{"x": 30.0, "y": 40.0}, {"r": 50.0, "c": np.degrees(0.927295218)}]
+)
+def test_programs_begin_at_the_start_of_the_machine_file(start: dict[str, float]) -> None:
+    assert start_position(turntable(**start)) == pytest.approx([30.0, 40.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("start", [{"r": -50.0}, {"c": 200.0, "r": 10.0}, {"c": 90.0}])
+def test_a_start_of_joints_that_the_machine_never_has_is_refused(start: dict[str, float]) -> None:
+    with pytest.raises(MachineFileError) as caught:
+        start_position(turntable(**start))
+    assert caught.value.diagnostic.code == "start-out-of-reach"
+
+
+def test_a_start_with_the_elbow_on_the_other_side_is_refused() -> None:
+    machine = machine_of("scara").model_copy(update={"start": {"a": 10.0, "b": -90.0}})
+    with pytest.raises(MachineFileError) as caught:
+        start_position(machine)
+    assert caught.value.diagnostic.code == "start-out-of-reach"
+
+
+def test_a_jog_does_not_leave_the_centre() -> None:
+    """The board may know another angle of the table than 0."""
+    board, machine, zero = Loopback(3), turntable(), np.zeros(3)
+    end = np.array([20.0, 0.0, 0.0])
+    with pytest.raises(MotionLimitError) as caught:
+        jog(board, machine, zero, end, 10.0, control=Control())
+    assert caught.value.diagnostic.code == "singular-pose"
+
+
+def test_joints_at_the_centre_are_determined_only_at_angle_0() -> None:
+    """Else a program would begin with the table turned by the rest of the angle."""
+    joints = Joints(turntable())
+    assert joints.determined(np.array([0.0, 0.0, 3.0]))
+    assert joints.determined(np.array([20.0, 400.0, 3.0]))
+    assert not joints.determined(np.array([0.0, 30.0, 3.0]))
+    assert not joints.determined(np.array([-20.0, 0.0, 3.0]))
+
+
+def test_a_program_that_begins_outside_the_travel_names_the_start(write) -> None:
+    """The caret is not at a word of the line: the line does not lead outside."""
+    machine = machine_of("scara")
+    axes = {**machine.axes, "x": machine.axes["x"].model_copy(update={"travel": (-100.0, 100.0)})}
+    machine = machine.model_copy(update={"axes": axes, "start": {"x": 130.0, "y": 60.0}})
+    report = check(write("G21 G90\nG0 X90 Y70\nM2\n"), machine)
+    (fault,) = report.faults
+    assert fault.diagnostic.code == "soft-limit"
+    assert fault.diagnostic.message.startswith("the program begins at X130; the travel is -100 to")
+    assert (fault.diagnostic.column, fault.diagnostic.length) == (1, 10)
+
+
+def test_the_caret_of_a_joints_limit_is_not_at_the_word_j(write) -> None:
+    machine = machine_of("scara")
+    joints = dict(machine.joints)
+    joints["a"] = joints["a"].model_copy(update={"travel": (-1.0, 0.5)})
+    machine = machine.model_copy(update={"joints": joints, "start": {"a": 0.0, "b": 90.0}})
+    report = check(write("G21 G90\nG2 X140 Y100 I-20 J-10 F600\nM2\n"), machine)
+    fault = report.faults[0].diagnostic
+    assert fault.code == "soft-limit"
+    assert fault.message.startswith("joint a would reach")
+    assert (fault.column, fault.length) == (1, len("G2 X140 Y100 I-20 J-10 F600"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import jsonschema
@@ -199,6 +200,39 @@ def test_a_run_that_ends_in_a_subprogram_continues_at_the_call(tmp_path: Path) -
     report = run(program, board=Loopback(3, fail_after=5 * per_mm))
     assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
     assert report.resume_line == record(program)["line"] == 8
+
+
+def test_a_killed_run_in_a_subprogram_continues_at_the_call_without_a_warning(
+    tmp_path: Path,
+) -> None:
+    """Until its end, a run writes the line itself. The advice and the warning name one line."""
+    program = tmp_path / "p.ngc"
+    program.write_text(
+        "G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n"
+    )
+    per_mm = round(load_machine().axes["x"].steps_per_mm)
+    run_with(program, load_machine(), board=Loopback(3, fail_after=5 * per_mm))
+    killed = Checkpoint.model_validate(record(program) | {"line": 5, "ended": ""})
+    Path(f"{program}.checkpoint").write_text(killed.model_dump_json())
+    stop = Callbacks(on_beginning=lambda _: False)
+    again = partial(run_with, program, load_machine(), callbacks=stop)
+    (found,) = again(board=Loopback(3), from_line=9).warnings
+    assert found.code == "checkpoint-before"
+    assert "reached line 8" in found.message
+    assert again(board=Loopback(3), from_line=8).warnings == []
+    (found,) = again(board=Loopback(3, fail_after=1)).warnings
+    assert found.code == "run-unfinished"
+    assert "--from-line 8 continues there" in found.hint
+
+
+def test_a_run_that_ends_on_its_way_to_the_line_continues_at_this_line(program: Path) -> None:
+    """Settings of earlier lines are restored on the way; those lines are done."""
+    program.write_text(PROGRAM.replace("G1 X4 ", "G64 P0.02 G1 X4 "))
+    for after in (0, 1, 500, 3_000):
+        board = Loopback(3, fail_after=after)
+        report = run_with(program, load_machine(), board=board, from_line=10)
+        assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
+        assert report.resume_line == record(program)["line"] == 10
 
 
 def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> None:

@@ -11,6 +11,7 @@ from cnc.model.diagnostics import BoardError
 
 RELEASE = "release it when it is safe, then home the machine"
 DEAD_STOP = "the motors stopped without a ramp and may have lost steps: home the machine"
+SLOW = "reduce the load of this computer"
 KEPT = "the position is kept: find the cause, then start again"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 from cnc.boards.errors import board_error
 from cnc.boards.klipper.clock import MAX_DRIFT, USUAL_DRIFT, BoardClock
@@ -74,6 +75,7 @@ class Connection:
         link: State of the protocol.
         dictionary: The board's commands and responses.
         board_clock: Estimate of the board's clock.
+        heard_at: Time of this computer at which the board was last heard, before a restart, s.
     """
 
     def __init__(self, port: Port, clock: Clock, name: str, reopen: Reopen | None = None) -> None:
@@ -89,8 +91,7 @@ class Connection:
         self.dictionary = Dictionary()
         self.board_clock = BoardClock(1.0)
         self._asked_clock: tuple[int, float] | None = None
-        self._asked_at = self.clock.now()
-        self._answers: list[Message] = []
+        self._asked_at = self.heard_at = self.clock.now()
 
     def send(self, command: str, **values: Value) -> None:
         """Append a command."""
@@ -125,9 +126,13 @@ class Connection:
         data = self.port.read(seconds)
         now = self.clock.now()
         found: list[Message] = []
+        acknowledged = self.link.acknowledged
         for block in self.link.receive(data, now):
             try:
-                messages = list(self.dictionary.decode_responses(block.contents))
+                messages = [
+                    replace(message, acknowledged=block.acknowledged)
+                    for message in self.dictionary.decode_responses(block.contents)
+                ]
             except RemoteError as error:
                 if self.board_clock.known:
                     raise self._foreign(str(error)) from error
@@ -137,6 +142,10 @@ class Connection:
             for message in messages:
                 if message.name == "clock":
                     self._take_clock(message["clock"], block.acknowledged, now)
+        # A board that restarts begins with another number, which may seem to acknowledge blocks.
+        restarts = any(message.name == "starting" for message in found)
+        if not restarts and (found or self.link.acknowledged > acknowledged):
+            self.heard_at = now
         return found
 
     def _ask_clock(self) -> None:

@@ -197,8 +197,8 @@ class Klipper(PulseBoard):
                 self._sender.set_pace(RUN)
             else:
                 self._sender.set_pace(JOG, ramp_seconds(self._machine, feed))
-            supervisor.stopped_short = False
-            supervisor.active = self._began = True
+            supervisor.begin()
+            self._began = True
             supervisor.set_outputs(OutputState(enabled=True, fan=True))
             supervisor.pump(0.0)
 

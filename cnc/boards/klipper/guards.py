@@ -68,6 +68,7 @@ class Guards:
         self.armed: tuple[ArmedInput, ...] = ()
         self._renewed_at: float | None = None
         self._homing: list[InputObject] = []
+        self._started = 0
 
     def arm(self, clock: int) -> None:
         """Arm everything before a motion that begins at a clock."""
@@ -80,6 +81,7 @@ class Guards:
             report_ticks=round(REPORT_S * ticks),
             expire_reason=EXPIRED,
         )
+        self._started = self._connection.link.appended
         for motor in self._layout.motors:
             send("stepper_stop_on_trigger", oid=motor.oid, trsync_oid=trigger)
             send("reset_step_clock", oid=motor.oid, clock=clock % 2**32)
@@ -139,6 +141,17 @@ class Guards:
             )
         self._homing.clear()
 
+    def is_trigger(self, message: Message) -> bool:
+        """Return whether a message tells of a trigger since the last arming.
+
+        The board repeats the report of a trigger until the watch ends or the next one begins.
+        """
+        return (
+            message.name == "trsync_state"
+            and message.acknowledged >= self._started
+            and not message["can_trigger"]
+        )
+
     def is_armed(self, reason: int) -> bool:
         """Return whether a trigger for this reason comes from an armed input."""
         return any(each.input.reason == reason for each in self.armed)
@@ -157,7 +170,7 @@ class Guards:
         """End the watch of the motors, and return the reason of its trigger."""
         state = None
         # A report from before the command may come first.
-        while state is None or state["can_trigger"]:
+        while state is None or not self.is_trigger(state):
             state = self._connection.ask(
                 "trsync_trigger", "trsync_state", pump, oid=self._layout.trigger, reason=BY_HOST
             )

@@ -18,7 +18,10 @@ EXAMPLE = {"steps_per_mm": 80, "max_velocity": 50, "max_acceleration": 500, "max
 
 @dataclass(frozen=True, slots=True)
 class KlipperInfo:
-    """A board: its dictionary, the entries of its move queue, and its state."""
+    """A board: its dictionary, its state, and the entries of its move queue.
+
+    A board that is not configured has no queue yet: 0 entries.
+    """
 
     dictionary: Dictionary
     slots: int
@@ -54,7 +57,8 @@ def klipper_report(port: str, board: KlipperInfo, baud: int) -> Iterator[str]:
     frequency = known.constant("CLOCK_FREQ", 0.0) / 1e6
     state = "shut down" if board.shut_down else "configured" if board.configured else "ready"
     yield f"# Klipper firmware {known.version}  {known.constants.get('MCU', '')}  {state}"
-    yield f"# clock {frequency:g} MHz, {board.slots} entries of its move queue"
+    queue = f"{board.slots} entries" if board.slots else "size known after configuration"
+    yield f"# clock {frequency:g} MHz, move queue: {queue}"
     yield f"# pins: {pin_ranges(known.enumerations.get('pin', {}))}"
     buses = known.enumerations.get("spi_bus", {})
     if buses:

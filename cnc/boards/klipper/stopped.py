@@ -39,8 +39,8 @@ class Stop:
         """Whether something else than the host has stopped the motors."""
         return bool(self.shutdown or self.trigger)
 
-    def take(self, message: Message) -> None:
-        """Take a message.
+    def take(self, message: Message, *, triggered: bool) -> None:
+        """Take a message; ``triggered``: it tells of a trigger of this motion.
 
         Raises:
             ShutDownAgain: The board has shut down, and an answer is waited for.
@@ -49,11 +49,7 @@ class Stop:
             self.shutdown = message["static_string_id"]
             if self.reading:
                 raise ShutDownAgain
-        elif (
-            message.name == "trsync_state"
-            and not message["can_trigger"]
-            and message["trigger_reason"] not in (0, BY_HOST)
-        ):
+        elif triggered and message["trigger_reason"] not in (0, BY_HOST):
             self.trigger = message["trigger_reason"]
 
     def ask(

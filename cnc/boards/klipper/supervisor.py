@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, alarm_of, reset_error
+from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, SLOW, alarm_of, reset_error
 from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
-from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, LayoutBuilder, section
+from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, EXPIRED, LayoutBuilder, section
 from cnc.boards.klipper.motion_limits import MotionLimits
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
 from cnc.boards.klipper.position import MotorPosition
@@ -63,6 +63,7 @@ class Supervisor(PulseSupervisor):
         self.least_ns = 1e9 / machine.board.max_step_rate
         super().__init__(Loopback(axes, self.least_ns))
         self._stopping = False
+        self._spoilt_before = 0
         self._stop = Stop()
         self.connection = Connection(port, clock, name, reopen)
         self.connection.open()
@@ -106,9 +107,26 @@ class Supervisor(PulseSupervisor):
     def motion_state(self) -> MotionState:
         """State by the estimate of the board's clock."""
         sender = self.sender
-        point = sender.tracker.played(sender.last_clock) if sender.running else None
+        point = sender.tracker.played(self._alive_clock) if sender.running else None
         mm = self.position.mm(sender.position if point is None else point)
         return MotionState(sender.tracker.line, mm, sender.ahead_s)
+
+    @property
+    def _alive_clock(self) -> int:
+        """Clock at which the board was last heard; a board that is reset plays nothing after it."""
+        heard = self.connection.board_clock.at(self.connection.heard_at)
+        return min(self.sender.last_clock, heard)
+
+    @property
+    def _spoilt(self) -> int:
+        """Number of blocks that were damaged on the cable so far, in both directions."""
+        return self.connection.link.damaged + self.connection.link.refused
+
+    def begin(self) -> None:
+        """Begin a motion."""
+        self.stopped_short = False
+        self.active = True
+        self._spoilt_before = self._spoilt
 
     def close_port(self) -> None:
         """Close the port."""
@@ -144,17 +162,18 @@ class Supervisor(PulseSupervisor):
         if message.name == "shutdown":
             clock = self.connection.board_clock
             self.sender.stopped_clock = clock.extend(message["clock"], self.connection.clock.now())
+        triggered = self.guards.is_trigger(message)
         if self._stopping:
-            self._stop.take(message)
+            self._stop.take(message, triggered=triggered)
         match message.name:
             case "shutdown" | "is_shutdown" if not self._stopping:
                 raise self._shut_down(message["static_string_id"])
             case "starting" if not self._stopping:
-                point = self.sender.tracker.played(self.sender.now)
+                point = self.sender.tracker.played(self._alive_clock)
                 raise self._lost(reset_error(self.connection.name), point)
             case "tmcuart_response" | "spi_transfer_response":
                 self._driver_fault(self.drivers.take(message))
-            case "trsync_state" if not message["can_trigger"] and self.sender.running:
+            case "trsync_state" if triggered and self.sender.running:
                 self._triggered(message["trigger_reason"])
 
     def _triggered(self, reason: int) -> None:
@@ -254,7 +273,7 @@ class Supervisor(PulseSupervisor):
 
     def end_cut(self) -> NDArray[np.int64]:
         """End a motion that an armed input has ended; return the grid point (axes,) there."""
-        self.guards.disarm()
+        self._disarm()
         point = self.take_position()
         self.sender.stop()
         return point
@@ -320,20 +339,32 @@ class Supervisor(PulseSupervisor):
             f"the machine is at {self.position.text(point)}"
         )
         line = self.sender.tracker.line_at(point) or self.sender.tracker.line
-        hint = "reduce the load of this computer"
+        hint = self._bad_cable() or SLOW
         raise self.fail(board_error("board-underrun", message, line=line, hint=hint))
+
+    def _bad_cable(self) -> str:
+        """Return what to do if messages were damaged during the motion, "" if none was."""
+        spoilt = self._spoilt - self._spoilt_before
+        if not spoilt:
+            return ""
+        return f"check the cable and its shield: {spoilt} messages of this motion were damaged"
 
     def too_late(self) -> BoardError:
         """Stop at once, because moves are due before they can be sent."""
         message = "moves came too late; the motors stopped without a ramp"
-        hint = f"reduce the load of this computer; {DEAD_STOP}"
+        hint = f"{self._bad_cable() or SLOW}; {DEAD_STOP}"
         return self._dead_stop("board-underrun", message, hint)
 
     def _alarm(self, reason: int) -> BoardError:
         """End the use of the board by a trigger, with its cause and position."""
         alarm = alarm_of(reason, self.position.letter)
         held = reason != EMERGENCY
-        return self._dead_stop(alarm.code, alarm.message, alarm.hint, held=held)
+        hint = self._with_cable(alarm.hint) if reason == EXPIRED else alarm.hint
+        return self._dead_stop(alarm.code, alarm.message, hint, held=held)
+
+    def _with_cable(self, hint: str) -> str:
+        """Return a hint about a board that may have missed messages."""
+        return "; ".join(filter(None, (self._bad_cable(), hint)))
 
     def _dead_stop(self, code: str, message: str, hint: str, *, held: bool = True) -> BoardError:
         """Stop the motors, and read the position, which is not to be trusted if they moved."""
@@ -349,7 +380,7 @@ class Supervisor(PulseSupervisor):
         message = f"the board has shut down: {shutdown_reason(self.connection, number)}"
         self._begin_stop()
         self.connection.link.drop_waiting()
-        return self._stopped("klipper-shutdown", message, DEAD_STOP, held=True)
+        return self._stopped("klipper-shutdown", message, self._with_cable(DEAD_STOP), held=True)
 
     def _stopped(self, code: str, message: str, hint: str, *, held: bool) -> BoardError:
         """Read the position of motors that were stopped dead, and end the use of the board.
@@ -367,10 +398,12 @@ class Supervisor(PulseSupervisor):
             known = tracker.played(self.sender.last_clock)
             if known is not None:
                 self.sender.position, self.stopped_short = known, True
+                place = self.position.text(known)
+                message += f"; by its time the machine is at {place}, which may be wrong"
         else:
             kept = held and tracker.unmoved(point, self.sender.last_clock)
             line = tracker.line_at(point)
-            doubt = "and nothing has moved" if kept else "which may be wrong"
+            doubt = "and nothing has moved since its last rest" if kept else "which may be wrong"
             message += f"; the machine is at {self.position.text(point)}, {doubt}"
         finally:
             self._stopping = False
@@ -382,14 +415,15 @@ class Supervisor(PulseSupervisor):
 
     def _lost(self, error: BoardError, point: NDArray[np.int64] | None) -> BoardError:
         """End the use of a board that cannot be asked any more, and that stops at about a point."""
+        known = error.diagnostic
         if self.active and point is not None:
             self.sender.position = point
             self.stopped_short = True
+            place = self.position.text(point)
+            message = f"{known.message}; the machine is at about {place}, which may be wrong"
+            known = replace(known, message=message)
         self.position.forget()
-        known = error.diagnostic
-        if not known.line:
-            error = type(error)(replace(known, line=self.sender.tracker.line))
-        return self.fail(error)
+        return self.fail(type(error)(replace(known, line=known.line or self.sender.tracker.line)))
 
     def fail(self, error: BoardError) -> BoardError:
         """End the use of the board by a fault, and return the fault."""

@@ -276,7 +276,7 @@ def test_report_from_before_the_end_is_no_alarm(small: Path, tmp_path: Path) -> 
     end = commands._trsync_trigger
 
     def crossed(message: Message) -> None:
-        commands._report(simulator.triggers[0])
+        commands._report(simulator.triggers[0], simulator.clock)
         end(message)
 
     commands._trsync_trigger = crossed  # type: ignore[method-assign]

@@ -10,12 +10,13 @@ from cnc.boards.discovery import FoundBoard, port_report
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.port_report import read_info
+from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.firmware import FIRMWARES
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import MachineFileError
-from tests.support.boards.klipper_rig import MCUS
+from tests.support.boards.klipper_rig import MCUS, connected, machine
 
 
 @pytest.mark.parametrize("mcu", MCUS)
@@ -25,7 +26,9 @@ def test_report_is_a_machine_file(mcu: str, tmp_path: Path) -> None:
     info = read_info(Connection(port, port, "the port"), 1.0)
     found = FoundBoard("/dev/ttyACM0", "a board", klipper=info, baud=250_000)
     text = "\n".join(port_report(found))
-    assert f"{FIRMWARES[mcu].slots} entries" in text
+    # The firmware makes its queue of the memory that its configuration leaves.
+    assert info.slots == 0
+    assert "move queue: size known after configuration" in text
     (tmp_path / "mill.toml").write_text(text)
     known = load_machine(tmp_path / "mill.toml")
     assert known.board.kind == "klipper"
@@ -38,3 +41,13 @@ def test_report_is_a_machine_file(mcu: str, tmp_path: Path) -> None:
     assert "has no pin STEP_X" in caught.value.diagnostic.message
     assert caught.value.diagnostic.line
     assert not simulator.motors
+
+
+def test_report_on_a_configured_board_has_the_size_of_its_queue() -> None:
+    known = machine("atmega328p")
+    simulator = simulator_for(known)
+    connected(known, simulator).close()
+    port = KlipperSimulatorPort(simulator)
+    info = read_info(Connection(port, port, "the port"), 1.0)
+    text = "\n".join(port_report(FoundBoard("/dev/ttyUSB0", "a board", klipper=info, baud=250_000)))
+    assert f"move queue: {FIRMWARES['atmega328p'].slots} entries" in text

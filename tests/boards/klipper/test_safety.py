@@ -241,6 +241,55 @@ def test_pulled_cable_is_reported(tmp_path: Path) -> None:
     simulator.advance(simulator.now + 3.0)
     assert place(known, simulator) == moved
     assert moved[0] >= ended[0]
+    told = [
+        f"{letter.upper()}{mm:.4f}".rstrip("0").rstrip(".")
+        for letter, mm in report.end_position.items()
+    ]
+    assert f"the machine is at about {' '.join(told)}" in report.faults[0].diagnostic.message
+
+
+@pytest.mark.parametrize("moment", share([0.3, 0.9, 1.7], [0.9]))
+def test_next_run_does_not_skip_what_a_board_that_was_reset_has_not_played(
+    moment: float, tmp_path: Path
+) -> None:
+    """The board says that it starts half a second after its last step."""
+    known = machine("atmega2560")
+    lines = ["G21 G90", *(f"G1 X{0.5 * k} F1500" for k in range(1, 60)), "M2", ""]
+    (tmp_path / "p.ngc").write_text("\n".join(lines))
+    simulator = simulator_for(known)
+    after(simulator, moment, simulator.reset)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    assert report.faults[0].diagnostic.code == "board-reset"
+    reached = place(known, simulator)[0] / float(known.steps_per_mm[0])
+    assert report.resume_line is not None
+    # Line 2 ends at X0.5, line 3 at X1.
+    assert 0.0 <= reached - 0.5 * (report.resume_line - 2) <= 0.5 + 25.0 * 0.15
+    assert "the machine is at about X" in report.faults[0].diagnostic.message
+
+
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_cable_that_damages_most_messages_is_named(way: str, tmp_path: Path) -> None:
+    """The moves come too late, but the load of the computer is not the cause."""
+    known = machine("atmega328p")
+    (tmp_path / "p.ngc").write_text(LONG)
+    simulator = simulator_for(known)
+    cable, sends = simulator.cable, getattr(simulator.cable, way)
+    noise: list[float] = []
+
+    def damaged(data: bytes, now: float) -> object:
+        cable.noise.damaged = noise[0] if noise else 0.0
+        sent = sends(data, now)
+        cable.noise.damaged = 0.0
+        return sent
+
+    setattr(cable, way, damaged)
+    after(simulator, 0.3, lambda: noise.append(0.15))
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    fault = report.faults[0].diagnostic
+    assert fault.code in ("board-underrun", "board-silence", "board-silent", "klipper-shutdown")
+    assert "check cable" in fault.hint or "check the cable" in fault.hint
+    assert "load" not in fault.hint
+    assert "the machine is at" in fault.message
 
 
 @pytest.mark.parametrize(("mcu", "code"), [("atmega2560", "board-reset"), ("rp2040", "port-lost")])

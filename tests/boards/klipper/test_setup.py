@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cnc.boards.klipper.connection import Connection
@@ -147,6 +148,57 @@ def test_profiles_have_the_commands_of_real_firmware() -> None:
         other = replace(firmware, forgets_by="config_reset").dictionary.command_names
         assert "config_reset" in other
         assert "reset" not in other
+
+
+@pytest.mark.parametrize(
+    ("lost", "by", "resets"),
+    [
+        ("all", "reset", 1),
+        ("all", "config_reset", 0),
+        ("trigger", "reset", 1),
+        ("motor", "reset", 1),
+        ("input", "reset", 1),
+    ],
+)
+def test_board_that_lost_its_objects_is_configured_anew(
+    lost: str, by: str, resets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Damaged memory: its checksum is the same, but each command shuts the board down."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    known = machine("atmega328p")
+    simulator = simulated(known, forgets_by=by)
+    driver = connected(known, simulator, identity="the bench")
+    layout = driver._supervisor.layout
+    driver.prepare_next_start(watched=[True] * 3, known=[True] * 3)
+    driver.start(np.zeros(3, np.int64))
+    driver.finish()
+    assert driver.known_steps == (0, 0, 0)
+    driver.close()
+    oids = {"trigger": layout.trigger, "motor": layout.motors[1].oid, "input": layout.inputs[2].oid}
+    if lost == "all":
+        simulator.objects.clear()
+    else:
+        del simulator.objects[oids[lost]]
+    again = connected(known, simulator, identity="the bench")
+    assert (simulator.finalized, simulator.resets, simulator.reason) == (True, resets, "")
+    assert again.known_steps == (None, None, None)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 Y1 F300\nM2\n")
+    assert run_with(tmp_path / "p.ngc", known, board=again).ok
+    again.close()
+    assert place(known, simulator) == [400, 400, 0]
+
+
+def test_board_that_lost_an_output_is_configured_anew() -> None:
+    """Only the command to the output shows it: the board has shut down by its own reason."""
+    known = machine("atmega328p")
+    simulator = simulator_for(known)
+    connected(known, simulator).close()
+    simulator.shut_down("Invalid oid type")
+    connected(known, simulator).close()
+    assert (simulator.finalized, simulator.resets, simulator.reason) == (True, 1, "")
+    simulator.shut_down("Command request")
+    connected(known, simulator).close()
+    assert (simulator.finalized, simulator.resets, simulator.reason) == (True, 1, "")
 
 
 @pytest.mark.parametrize(("seconds", "connects"), [(1.5, True), (5.0, False)])

@@ -40,10 +40,12 @@ class Message:
     Attributes:
         name: Name of the message; "" for a message for people only.
         values: Value of each parameter by its name.
+        acknowledged: Number of the last command that the board had taken when it sent the message.
     """
 
     name: str
     values: Mapping[str, Value]
+    acknowledged: int = 0
 
     def __getitem__(self, name: str) -> int:
         """Return an integer of the message."""

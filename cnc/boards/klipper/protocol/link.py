@@ -109,6 +109,7 @@ class KlipperLink:
         appended: Number of commands so far.
         acknowledged: Number of the last command that the board has acknowledged.
         resent: Number of blocks that were sent again.
+        refused: Number of blocks that the board has received damaged, or not at all.
         synchronised: Whether the board has sent the sequence number that it expects.
         settled: Whether this number is certain. Before, bytes from earlier may tell an old one.
     """
@@ -116,7 +117,7 @@ class KlipperLink:
     def __init__(self) -> None:
         self.window = DEFAULT_WINDOW
         self.round_trip = RoundTrip()
-        self.appended = self.acknowledged = self.resent = 0
+        self.appended = self.acknowledged = self.resent = self.refused = 0
         self.synchronised = self.settled = False
         self._reader = BlockReader()
         self._base = 0
@@ -231,6 +232,8 @@ class KlipperLink:
         if done == 0:
             if empty and self._sent and now >= self._deaf_until:
                 self._again = True
+                # After a repetition, a block that comes twice is out of order.
+                self.refused += not self._sent[0].repeated
             return
         for _ in range(done):
             first = self._sent.popleft()

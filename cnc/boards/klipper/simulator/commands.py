@@ -69,7 +69,7 @@ class Commands:
             is_config=int(board.finalized),
             crc=board.crc,
             is_shutdown=int(bool(board.reason)),
-            move_count=board.firmware.slots,
+            move_count=board.firmware.slots if board.finalized else 0,
         )
 
     def _allocate_oids(self, message: Message) -> None:
@@ -171,27 +171,34 @@ class Commands:
         trigger.epoch += 1
         trigger.timeout_epoch += 1
         if trigger.report_ticks:
-            self._report_at(trigger, self._board.near(message["report_clock"]), trigger.epoch)
+            clock = self._board.near(message["report_clock"])
+            if clock < self._board.clock:
+                raise Shutdown("Timer too close")
+            self._report_at(trigger, clock, trigger.epoch)
 
     def _report_at(self, trigger: Trigger, clock: int, epoch: int) -> None:
+        """Report at a clock and from then on, after a trigger too, until the watch is ended."""
+
         def report() -> None:
-            if trigger.epoch == epoch and trigger.can_trigger:
-                self._report(trigger)
+            if trigger.epoch == epoch:
+                self._report(trigger, self._board.clock)
                 self._report_at(trigger, clock + trigger.report_ticks, epoch)
 
         self._board.at(clock, report)
 
-    def _report(self, trigger: Trigger) -> None:
+    def _report(self, trigger: Trigger, clock: int) -> None:
         self._board.respond(
             "trsync_state",
             oid=trigger.oid,
             can_trigger=int(trigger.can_trigger),
             trigger_reason=trigger.reason,
-            clock=self._board.clock % WRAP,
+            clock=clock % WRAP,
         )
 
     def _trsync_set_timeout(self, message: Message) -> None:
         trigger = self._object(message["oid"], Trigger)
+        if not trigger.can_trigger:
+            return
         trigger.timeout_epoch += 1
         epoch = trigger.timeout_epoch
         clock = self._board.near(message["clock"])
@@ -206,10 +213,18 @@ class Commands:
 
     def _trsync_trigger(self, message: Message) -> None:
         trigger = self._object(message["oid"], Trigger)
-        self._fire(trigger, message["reason"])
-        self._report(trigger)
+        self._stop(trigger, message["reason"])
+        trigger.epoch += 1
+        trigger.timeout_epoch += 1
+        self._report(trigger, 0)
 
     def _fire(self, trigger: Trigger, reason: int) -> None:
+        """Stop the motors for a reason that the board has seen itself, and report it."""
+        if trigger.can_trigger:
+            self._stop(trigger, reason)
+            self._report(trigger, self._board.clock)
+
+    def _stop(self, trigger: Trigger, reason: int) -> None:
         if not trigger.can_trigger:
             return
         board = self._board
@@ -218,7 +233,6 @@ class Commands:
         for motor in trigger.motors:
             board.slots_used -= motor.stop()
         trigger.motors.clear()
-        self._report(trigger)
 
     def _config_endstop(self, message: Message) -> None:
         switch = Switch(message["oid"], self._input_pin(message["pin"]), bool(message["pull_up"]))

@@ -142,6 +142,7 @@ class Motor:
         self._times = None
         self.due = NEVER
         self.needs_reset = True
+        self._next_forward = 0
         return freed
 
     def _load(self, move: Move) -> None:
