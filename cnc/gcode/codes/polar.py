@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from cnc.gcode.syntax.arithmetic import cosine, sine
 from cnc.gcode.syntax.words import POLAR, LineWords, Word, fault
+from cnc.kernels.gcode.arithmetic import cosine, sine
 
 
 def first_polar(words: LineWords) -> Word | None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
-from cnc.gcode.syntax.arithmetic import cosine, sine
 from cnc.gcode.syntax.words import Word, fault
+from cnc.kernels.gcode.arithmetic import cosine, sine
 
 Point = tuple[float, float]
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from cnc.gcode.program.call_stack import Loop, Step
 from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode import program_text as kernel
-from cnc.kernels.gcode.statements import NAMED, UNKNOWN, Code, Coded, Words
+from cnc.kernels.gcode.arithmetic import NAMED
+from cnc.kernels.gcode.statements import UNKNOWN, Code, Coded, Words
 
 MOST_CALLS = 8
 """Calls within each other in compiled code."""

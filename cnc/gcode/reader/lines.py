@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.reader.tables import Grammar, grammar
+from cnc.gcode.syntax.arithmetic import FUNCTIONS, OPERATORS
 from cnc.gcode.syntax.words import MAX_NUMBER
 from cnc.kernels.gcode import automaton
 from cnc.kernels.gcode import statements as kernel
+from cnc.kernels.gcode.arithmetic import ATAN
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
@@ -32,17 +34,13 @@ _RULES = {
     "function": kernel.FUNCTION, "arctangent": kernel.ARCTANGENT, "parameter": kernel.INDEX,
     "bracket": kernel.BRACKET, "assignment": kernel.ASSIGN, "oword": kernel.O_WORD,
 }  # fmt: skip
-_OPERATIONS = {
-    "+": kernel.ADD, "-": kernel.SUBTRACT, "*": kernel.MULTIPLY, "/": kernel.DIVIDE,
-    "**": kernel.POWER, "MOD": kernel.MODULO,
-    "EQ": kernel.EQ, "NE": kernel.NE, "GT": kernel.GT, "GE": kernel.GE, "LT": kernel.LT,
-    "LE": kernel.LE, "AND": kernel.AND, "OR": kernel.OR, "XOR": kernel.XOR,
-    "ABS": kernel.ABS, "ACOS": kernel.ACOS, "ASIN": kernel.ASIN, "COS": kernel.COS,
-    "EXP": kernel.EXP, "FIX": kernel.FIX, "FUP": kernel.FUP, "LN": kernel.LN,
-    "ROUND": kernel.ROUND, "SIN": kernel.SIN, "SQRT": kernel.SQRT, "TAN": kernel.TAN,
-    "ATAN": kernel.ATAN,
-    **{chr(code): code for code in range(ord("A"), ord("Z") + 1)},
-}  # fmt: skip
+_OPERATIONS = (
+    OPERATORS
+    | FUNCTIONS
+    | {"ATAN": ATAN}
+    | {chr(code): code for code in range(ord("A"), ord("Z") + 1)}
+)
+"""Operation or letter of the text of a keyword."""
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 """Meanings of rules of the languages whose expressions the interpreter alone computes."""
 

@@ -14,7 +14,14 @@ from typing import Any, NamedTuple, Protocol, cast
 
 from cnc.gcode.reader.lines import Reading
 from cnc.gcode.reader.tables import Grammar
-from cnc.gcode.syntax.expressions import Builder, Node, ParameterNode, constant
+from cnc.gcode.syntax.expressions import (
+    OPEN_NUMBER,
+    Builder,
+    Instruction,
+    Node,
+    ParameterNode,
+    constant,
+)
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Statement, Value
 from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
@@ -186,7 +193,8 @@ class Translator:
             raise self._build.fault("number-too-large", "this number is too large", first, end)
         if self._open is not None and (index := self._open.pop(begin, None)) is not None:
             self._opened = begin
-            return Node(lambda p: p.open_numbers[index], begin, end)
+            code = Instruction(OPEN_NUMBER, float(index), begin + 1, end - begin)
+            return Node((code,), begin, end)
         return constant(value, begin, end)
 
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:

@@ -1,274 +1,78 @@
-"""Operators and functions of expressions, on plain numbers; angles are in degrees.
+"""Names of operators and functions, and the errors of results that do not exist.
 
-The two families differ:
-
-===============  ==========================  ===================================
-operators        RS274/NGC                   FANUC
-===============  ==========================  ===================================
-EQ, NE           to within 1e-6              exactly
-AND, OR, XOR     any number but 0 is true    on the bits of whole numbers
-FIX, FUP         down, up                    toward zero, away from zero
-MOD              never negative              has the sign of its left side
-===============  ==========================  ===================================
-
-GE and LE compare exactly in both. Sources: LinuxCNC 2.9, "G-code overview"; FANUC, "Custom macro".
-
-SINUMERIK's comparisons have names of their own, with a ~ that no program writes, and so has TRUNC.
-They take numbers as equal whose relative difference is up to 1e-12: a loop that counts by 0.1 makes
-its last pass. Source: Siemens, "SINUMERIK 840D sl Programming Manual, Job Planning", "Comparison
-and logic operations" and "Precision correction on comparison errors (TRUNC)".
+The results are those of :mod:`cnc.kernels.gcode.arithmetic`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from cnc.kernels.gcode import arithmetic as kernel
 
-NEAR = 1e-6
-"""Numbers that differ by less are equal in RS274/NGC."""
-_RELATIVE = 1e-12
-"""Numbers whose relative difference is up to this are equal for SINUMERIK."""
-_QUADRANT = 90.0
+_SUMS = {
+    "+": kernel.ADD, "-": kernel.SUBTRACT, "*": kernel.MULTIPLY, "/": kernel.DIVIDE,
+}  # fmt: skip
+_BY_SIZE = {"GT": kernel.GT, "GE": kernel.GE, "LT": kernel.LT, "LE": kernel.LE}
+OPERATORS = {
+    **_SUMS, **_BY_SIZE, "**": kernel.POWER, "MOD": kernel.MODULO, "EQ": kernel.EQ,
+    "NE": kernel.NE, "AND": kernel.AND, "OR": kernel.OR, "XOR": kernel.XOR,
+}  # fmt: skip
+"""Operators of RS274/NGC."""
+MACRO_OPERATORS = {
+    **_SUMS, **_BY_SIZE, "MOD": kernel.MACRO_MODULO, "EQ": kernel.SAME, "NE": kernel.OTHER,
+    "AND": kernel.BITS_AND, "OR": kernel.BITS_OR, "XOR": kernel.BITS_XOR,
+}  # fmt: skip
+"""Operators of FANUC."""
+SIEMENS_OPERATORS = {
+    "~EQ": kernel.NEAR_EQ, "~NE": kernel.NEAR_NE, "~GT": kernel.NEAR_GT, "~GE": kernel.NEAR_GE,
+    "~LT": kernel.NEAR_LT, "~LE": kernel.NEAR_LE,
+}  # fmt: skip
+"""Comparisons of SINUMERIK in a line that is translated to RS274/NGC."""
+FUNCTIONS = {
+    "ABS": kernel.ABS, "ACOS": kernel.ACOS, "ASIN": kernel.ASIN, "COS": kernel.COS,
+    "EXP": kernel.EXP, "FIX": kernel.FIX, "FUP": kernel.FUP, "LN": kernel.LN,
+    "ROUND": kernel.ROUND, "SIN": kernel.SIN, "SQRT": kernel.SQRT, "TAN": kernel.TAN,
+}  # fmt: skip
+SIEMENS_FUNCTIONS = {"~FIX": kernel.TRUNC}
+"""TRUNC of SINUMERIK in a line that is translated to RS274/NGC."""
+MACRO_FUNCTIONS = {
+    **FUNCTIONS, "ASIN": kernel.MACRO_ASIN, "BCD": kernel.BCD, "BIN": kernel.BIN,
+    "FIX": kernel.TRUNC, "FUP": kernel.AWAY, "RND": kernel.ROUND, "SQR": kernel.SQRT,
+}  # fmt: skip
 
-Unary = Callable[[float], float]
-Binary = Callable[[float, float], float]
 
+def undefined(operation: int, a: float, b: float) -> tuple[str, str]:
+    """Return error code and message of a result that does not exist.
 
-class Undefined(Exception):
-    """The result does not exist. The arguments are error code, message and hint."""
-
-    def __init__(self, code: str, message: str, hint: str = "") -> None:
-        super().__init__(code, message, hint)
-
-
-def power(a: float, b: float) -> float:
-    """Return a power. Negative numbers have only whole powers; 0 has no negative ones."""
-    try:
-        return math.pow(a, b)
-    except OverflowError:
-        return math.inf
-    except ValueError:
+    Args:
+        operation: The operation.
+        a: Its first value.
+        b: Its second value; it has no meaning for an operation on one value.
+    """
+    if operation in (kernel.MODULO, kernel.MACRO_MODULO):
+        return "division-by-zero", "a division by zero (MOD)"
+    if operation == kernel.DIVIDE:
+        return "division-by-zero", "a division by zero"
+    if operation == kernel.POWER:
         reason = (
             "0 has no negative powers" if a == 0 else f"{a:g} is negative and has only whole powers"
         )
-        raise Undefined("power-undefined", f"{a:g}**{b:g}: {reason}") from None
+        return "power-undefined", f"{a:g}**{b:g}: {reason}"
+    reasons = {
+        kernel.TAN: f"TAN[{a:g}] is infinite",
+        kernel.SQRT: f"SQRT[{a:g}]: a negative number has no square root",
+        kernel.LN: f"LN[{a:g}]: only positive numbers have a logarithm",
+        kernel.ASIN: f"ASIN[{a:g}]: the argument must be from -1 to 1",
+        kernel.MACRO_ASIN: f"ASIN[{a:g}]: the argument must be from -1 to 1",
+        kernel.ACOS: f"ACOS[{a:g}]: the argument must be from -1 to 1",
+        kernel.BCD: f"BCD[{a:g}]: the argument has at most eight digits and no sign",
+        kernel.BIN: _about_digits(a),
+    }
+    too_large = f"{a:g} and {b:g} are too large for AND, OR and XOR, which take their bits"
+    return "argument-out-of-range", reasons.get(operation, too_large)
 
 
-def modulo(a: float, b: float) -> float:
-    """Return the remainder of a division; never negative."""
-    if b == 0:
-        raise Undefined("division-by-zero", "a division by zero (MOD)")
-    rest = math.fmod(a, b)
-    # The remainder may be -0.
-    return rest + abs(b) if rest < 0 else abs(rest)
-
-
-def macro_modulo(a: float, b: float) -> float:
-    """Return the remainder of a division of rounded numbers, with the sign of the first."""
-    divisor = half_away(b)
-    if divisor == 0:
-        raise Undefined("division-by-zero", "a division by zero (MOD)")
-    return math.fmod(half_away(a), divisor)
-
-
-def half_away(x: float) -> float:
-    """Return the nearest whole number; halves are rounded away from zero."""
-    below = math.floor(abs(x))
-    return math.copysign(below + (abs(x) - below >= 0.5), x)
-
-
-def down(x: float) -> float:
-    """Return the number rounded down."""
-    return float(math.floor(x))
-
-
-def up(x: float) -> float:
-    """Return the number rounded up."""
-    return float(math.ceil(x))
-
-
-def toward_zero(x: float) -> float:
-    """Return the number without its decimals."""
-    return float(math.trunc(x))
-
-
-def away_from_zero(x: float) -> float:
-    """Return the number rounded away from zero."""
-    return math.copysign(math.ceil(abs(x)), x)
-
-
-def sine(x: float) -> float:
-    """Return the sine; exact if it is -1, 0 or 1."""
-    if x % _QUADRANT == 0:
-        return (0.0, 1.0, 0.0, -1.0)[int(x / _QUADRANT % 4)]
-    return math.sin(math.radians(x))
-
-
-def cosine(x: float) -> float:
-    """Return the cosine; exact if it is -1, 0 or 1."""
-    if x % _QUADRANT == 0:
-        return (1.0, 0.0, -1.0, 0.0)[int(x / _QUADRANT % 4)]
-    return math.cos(math.radians(x))
-
-
-def tangent(x: float) -> float:
-    """Return the tangent; it is undefined at 90 degrees."""
-    if x % _QUADRANT == 0:
-        if x / _QUADRANT % 2:
-            raise Undefined("argument-out-of-range", f"TAN[{x:g}] is infinite")
-        return 0.0
-    return math.tan(math.radians(x))
-
-
-def square_root(x: float) -> float:
-    """Return the square root."""
-    if x < 0:
-        raise Undefined(
-            "argument-out-of-range", f"SQRT[{x:g}]: a negative number has no square root"
-        )
-    return math.sqrt(x)
-
-
-def exponential(x: float) -> float:
-    """Return the power of e."""
-    try:
-        return math.exp(x)
-    except OverflowError:
-        return math.inf
-
-
-def logarithm(x: float) -> float:
-    """Return the natural logarithm."""
-    if x <= 0:
-        raise Undefined(
-            "argument-out-of-range", f"LN[{x:g}]: only positive numbers have a logarithm"
-        )
-    return math.log(x)
-
-
-def arcsine(x: float) -> float:
-    """Return the angle from -90 to 90."""
-    _check_ratio("ASIN", x)
-    return math.degrees(math.asin(x))
-
-
-def arccosine(x: float) -> float:
-    """Return the angle from 0 to 180."""
-    _check_ratio("ACOS", x)
-    return math.degrees(math.acos(x))
-
-
-def arctangent(y: float, x: float) -> float:
-    """Return the angle of the point (x, y) from -180 to 180; 0 at the origin."""
-    return math.degrees(math.atan2(y, x))
-
-
-def macro_arcsine(x: float) -> float:
-    """Return the angle from 0 to 90 or from 270 to 360: FANUC's default."""
-    angle = arcsine(x)
-    return angle + 360 if angle < 0 else angle
-
-
-def macro_arctangent(y: float, x: float) -> float:
-    """Return the angle of the point (x, y) from 0 to 360: FANUC's default."""
-    angle = arctangent(y, x)
-    return angle + 360 if angle < 0 else angle
-
-
-def to_binary(x: float) -> float:
-    """Return the number whose binary-coded decimal form is given."""
-    value = _bits("BIN", x)
-    digits = f"{value:x}"
-    if not digits.isdecimal():
-        raise Undefined("argument-out-of-range", f"BIN[{x:g}]: {value} is not binary-coded decimal")
-    return float(digits)
-
-
-def to_decimal(x: float) -> float:
-    """Return the binary-coded decimal form of a number."""
-    return float(int(str(_bits("BCD", x)), 16))
-
-
-def _bits(name: str, x: float) -> int:
-    value = int(half_away(x))
-    if not 0 <= value <= (99_999_999 if name == "BCD" else 0x99999999):
-        raise Undefined(
-            "argument-out-of-range",
-            f"{name}[{x:g}]: the argument has at most eight digits and no sign",
-        )
-    return value
-
-
-def _check_ratio(name: str, x: float) -> None:
-    if not -1 <= x <= 1:
-        raise Undefined(
-            "argument-out-of-range", f"{name}[{x:g}]: the argument must be from -1 to 1"
-        )
-
-
-def _bitwise(operate: Callable[[int, int], int]) -> Binary:
-    return lambda a, b: float(operate(int(half_away(a)), int(half_away(b))))
-
-
-OPERATORS: dict[str, Binary] = {
-    "**": power,
-    "MOD": modulo,
-    "EQ": lambda a, b: 1.0 if abs(a - b) < NEAR else 0.0,
-    "NE": lambda a, b: 0.0 if abs(a - b) < NEAR else 1.0,
-    "GT": lambda a, b: 1.0 if a > b else 0.0,
-    "GE": lambda a, b: 1.0 if a >= b else 0.0,
-    "LT": lambda a, b: 1.0 if a < b else 0.0,
-    "LE": lambda a, b: 1.0 if a <= b else 0.0,
-    "AND": lambda a, b: 1.0 if a != 0 and b != 0 else 0.0,
-    "OR": lambda a, b: 1.0 if a != 0 or b != 0 else 0.0,
-    "XOR": lambda a, b: 1.0 if (a != 0) != (b != 0) else 0.0,
-}
-"""Operators of RS274/NGC except + - * /."""
-MACRO_OPERATORS: dict[str, Binary] = {
-    "MOD": macro_modulo,
-    "EQ": lambda a, b: 1.0 if a == b or (a != a and b != b) else 0.0,
-    "NE": lambda a, b: 0.0 if a == b or (a != a and b != b) else 1.0,
-    "GT": OPERATORS["GT"],
-    "GE": OPERATORS["GE"],
-    "LT": OPERATORS["LT"],
-    "LE": OPERATORS["LE"],
-    "AND": _bitwise(int.__and__),
-    "OR": _bitwise(int.__or__),
-    "XOR": _bitwise(int.__xor__),
-}
-"""Operators of FANUC except + - * /. EQ and NE take vacant variables as NaN."""
-SIEMENS_OPERATORS: dict[str, Binary] = {
-    "~EQ": lambda a, b: 1.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~NE": lambda a, b: 0.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 1.0,
-    "~GT": lambda a, b: 1.0 if a > b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~GE": lambda a, b: 1.0 if a > b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~LT": lambda a, b: 1.0 if a < b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~LE": lambda a, b: 1.0 if a < b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-}
-"""Comparisons of SINUMERIK in a line that is translated to RS274/NGC."""
-FUNCTIONS: dict[str, Unary] = {
-    "ABS": abs,
-    "ACOS": arccosine,
-    "ASIN": arcsine,
-    "COS": cosine,
-    "EXP": exponential,
-    "FIX": down,
-    "FUP": up,
-    "LN": logarithm,
-    "ROUND": half_away,
-    "SIN": sine,
-    "SQRT": square_root,
-    "TAN": tangent,
-}
-SIEMENS_FUNCTIONS: dict[str, Unary] = {"~FIX": toward_zero}
-"""TRUNC of SINUMERIK in a line that is translated to RS274/NGC."""
-MACRO_FUNCTIONS: dict[str, Unary] = {
-    **FUNCTIONS,
-    "ASIN": macro_arcsine,
-    "BCD": to_decimal,
-    "BIN": to_binary,
-    "FIX": toward_zero,
-    "FUP": away_from_zero,
-    "RND": half_away,
-    "SQR": square_root,
-}
+def _about_digits(x: float) -> str:
+    """Return why a number is not binary-coded decimal."""
+    value = int(kernel.half_away(x))
+    if 0 <= value < 16**8:
+        return f"BIN[{x:g}]: {value} is not binary-coded decimal"
+    return f"BIN[{x:g}]: the argument has at most eight digits and no sign"

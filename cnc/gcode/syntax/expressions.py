@@ -1,7 +1,6 @@
-"""Expressions as closures, which are computed whenever their line is executed.
+"""Expressions as instructions in reverse Polish order, computed whenever their line is executed.
 
-A node is built from its parts, operator by operator. Constant parts are computed once. An error is
-raised when the value is computed, at the column of the operator, function or parameter.
+An error is raised when the value is computed, at the column of the operator, function or parameter.
 
 In FANUC's macros a variable that was never set is *vacant*, which is NaN here. EQ and NE
 distinguish it from 0. Words and assignments receive it as vacant; all else takes it as 0.
@@ -9,8 +8,8 @@ distinguish it from 0. Words and assignments receive it as vacant; all else take
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from cnc.gcode.syntax.arithmetic import (
     FUNCTIONS,
@@ -19,24 +18,114 @@ from cnc.gcode.syntax.arithmetic import (
     OPERATORS,
     SIEMENS_FUNCTIONS,
     SIEMENS_OPERATORS,
-    Undefined,
-    arctangent,
-    half_away,
-    macro_arctangent,
+    undefined,
 )
-from cnc.gcode.syntax.parameters import LOCAL, LOCAL_MACRO, VACANT, Parameters
-from cnc.gcode.syntax.statement import Value
+from cnc.gcode.syntax.parameters import LOCAL, LOCAL_MACRO, Parameters
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
+from cnc.kernels.gcode import arithmetic as kernel
+from cnc.kernels.gcode.arithmetic import INDIRECT, MINUS, NAMED, NUMBER, PARAMETER, takes_two
+from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import GcodeError
 
-MAX_DEPTH = 100
-"""Most operations inside each other. Each takes a frame of Python's stack; brackets take none."""
+LOCAL_PARAMETER, EXISTS, NAME_EXISTS, TO_INCREMENTS, OPEN_NUMBER = 200, 201, 202, 203, 204
+"""Operations that compiled code does not have. ROUND to least input increments is FANUC's."""
 _CHECK_INPUT = (
     "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
-_INF = math.inf
 _NGC_OPERATORS = OPERATORS | SIEMENS_OPERATORS
 _NGC_FUNCTIONS = FUNCTIONS | SIEMENS_FUNCTIONS
+_binary, _unary = interpreted(kernel.binary), interpreted(kernel.unary)
+_half_away = interpreted(kernel.half_away)
+_OF_VACANT = (kernel.SAME, kernel.OTHER)
+_TWO = frozenset(operation for operation in range(100) if interpreted(takes_two)(operation))
+
+
+class Instruction(NamedTuple):
+    """An operation, its number or name, and its place in the line: column from 1 and length."""
+
+    operation: int
+    operand: float | str
+    column: int
+    length: int
+
+
+class Expression:
+    """The value of a part of a line. It is called with the parameters.
+
+    Attributes:
+        code: The instructions.
+        vacant: Whether the value may be vacant.
+    """
+
+    __slots__ = ("code", "vacant")
+
+    def __init__(self, code: tuple[Instruction, ...], *, vacant: bool) -> None:
+        self.code, self.vacant = code, vacant
+
+    def __call__(self, p: Parameters) -> float:
+        """Return the value.
+
+        Raises:
+            GcodeError: It does not exist, at the place of the operation.
+        """
+        stack: list[float] = []
+        for operation, operand, column, length in self.code:
+            if operation == NUMBER:
+                stack.append(operand)  # type: ignore[arg-type]
+            elif operation == LOCAL_PARAMETER:
+                stack.append(p.locals.get(operand, p.unset))  # type: ignore[call-overload]
+            elif operation == PARAMETER:
+                found = p.values.get(operand)  # type: ignore[call-overload]
+                stack.append(p.number(operand, column) if found is None else found)  # type: ignore[arg-type]
+            elif operation == NAMED:
+                stack.append(p.name(operand, column))  # type: ignore[arg-type]
+            elif operation in _TWO:
+                b, a = stack.pop(), stack.pop()
+                if (a != a or b != b) and operation not in _OF_VACANT:
+                    a, b = _set(a), _set(b)
+                result = _binary(operation, a, b)
+                if result - result != 0.0:
+                    raise _without_result(result, operation, a, b, column, length)
+                stack.append(result)
+            elif operation == MINUS:
+                stack.append(-stack.pop())
+            elif operation == NAME_EXISTS:
+                stack.append(float(p.exists(operand)))
+            elif operation == OPEN_NUMBER:
+                stack.append(p.open_numbers[int(operand)])
+            else:
+                stack.append(_of_one(p, operation, _set(stack.pop()), (column, length)))
+        value = float(stack[0])
+        return value if self.vacant else _set(value)
+
+
+def _set(value: float) -> float:
+    """Return a value, 0 for vacant."""
+    return value if value == value else 0.0
+
+
+def _of_one(p: Parameters, operation: int, a: float, place: tuple[int, int]) -> float:
+    """Return the result of an operation on one value."""
+    if operation == INDIRECT:
+        return p.number(a, place[0])
+    if operation == EXISTS:
+        return float(p.exists(a))
+    if operation == TO_INCREMENTS:
+        return float(_half_away(a * p.increments) / p.increments)
+    result = _unary(operation, a)
+    if result - result != 0.0:
+        raise _without_result(result, operation, a, 0.0, *place)
+    return result
+
+
+def _without_result(
+    result: float, operation: int, a: float, b: float, column: int, length: int
+) -> GcodeError:
+    """Return the error of a result that is infinite or does not exist."""
+    code, message = "number-too-large", "the result is too large for a number"
+    if result != result:
+        code, message = undefined(operation, a, b)
+    return fault(code, message, column=column, length=length, hint=_CHECK_INPUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,29 +133,34 @@ class Node:
     """A part of an expression.
 
     Attributes:
-        value: Computes the value.
-        begin: Position of its first character in the text without blanks.
+        code: Its instructions.
+        begin: Position of its first character in the line.
         end: Position after its last character.
-        number: The value if it is constant.
-        raw: Computes the value with vacant as NaN, if it can be vacant.
-        depth: Number of operations inside each other.
     """
 
-    value: Value
+    code: tuple[Instruction, ...]
     begin: int
     end: int
-    number: float | None = None
-    raw: Value | None = None
-    depth: int = 0
+
+    @property
+    def value(self) -> Expression:
+        """Its value; vacant is 0."""
+        return Expression(self.code, vacant=False)
+
+    @property
+    def result(self) -> Expression:
+        """The value for a word or an assignment: vacant is NaN."""
+        return Expression(self.code, vacant=True)
+
+    @property
+    def number(self) -> float | None:
+        """The value if it is a written number; None for another one."""
+        (first, *more) = self.code
+        return None if more or first.operation != NUMBER else float(first.operand)
 
     def spanning(self, begin: int, end: int) -> Node:
         """Return the same node with brackets around it."""
         return replace(self, begin=begin, end=end)
-
-    @property
-    def result(self) -> Value:
-        """The value for a word or an assignment: vacant is NaN."""
-        return self.raw or self.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +172,7 @@ class ParameterNode(Node):
 
 def constant(number: float, begin: int, end: int) -> Node:
     """Return a node with a constant value."""
-    return Node(lambda _: number, begin, end, number)
+    return Node((Instruction(NUMBER, number, begin + 1, end - begin),), begin, end)
 
 
 class Builder:
@@ -105,6 +199,11 @@ class Builder:
         column, length = self.place(begin, end)
         return fault(code, message, column=column, length=length, hint=hint)
 
+    def _instruction(
+        self, operation: int, begin: int, end: int, operand: float | str = 0.0
+    ) -> Instruction:
+        return Instruction(operation, operand, *self.place(begin, end))
+
     def _refuse_mark(self, name: str, begin: int) -> None:
         """Refuse a name of a translation in a program that is none."""
         if name[0] == "~" and not self._translated:
@@ -114,33 +213,18 @@ class Builder:
     def sign(self, sign: str, operand: Node, begin: int) -> Node:
         """Return an operand with a sign before it."""
         if sign == "+":
-            return replace(operand, begin=begin)
-        a, raw = operand.value, operand.raw
-        node = Node(lambda p: -a(p), begin, operand.end, depth=operand.depth + 1)
-        if raw is not None:
-            node = replace(node, raw=lambda p: -raw(p))
-        return self._folded(node, operand)
+            return Node(operand.code, begin, operand.end)
+        if operand.number is not None:
+            return constant(-operand.number, begin, operand.end)
+        code = self._instruction(MINUS, begin, begin + 1)
+        return Node((*operand.code, code), begin, operand.end)
 
     def binary(self, left: Node, operator: str, right: Node, begin: int, end: int) -> Node:
         """Return two operands with an operator and its place."""
         self._refuse_mark(operator, begin)
-        place = self.place(begin, end)
-        if operator in ("EQ", "NE") and self.macro:
-            a, b = left.result, right.result
-        else:
-            a, b = left.value, right.value
-        if operator in ("+", "-") and right.number is not None:
-            value = _add_constant(a, right.number if operator == "+" else -right.number, place)
-        elif operator == "*" and right.number is not None:
-            value = _multiply_constant(a, right.number, place)
-        elif operator == "*" and left.number is not None:
-            value = _multiply_constant(b, left.number, place)
-        elif operator in _ARITHMETIC:
-            value = _ARITHMETIC[operator](a, b, place)
-        else:
-            value = _operation(a, operator, b, place, macro=self.macro)
-        node = Node(value, left.begin, right.end, depth=max(left.depth, right.depth) + 1)
-        return self._folded(node, left, right)
+        operation = (MACRO_OPERATORS if self.macro else _NGC_OPERATORS)[operator]
+        code = self._instruction(operation, begin, end)
+        return Node((*left.code, *right.code, code), left.begin, right.end)
 
     def call(
         self, name: str, argument: Node, begin: int, end: int, *, increments: bool = False
@@ -155,227 +239,43 @@ class Builder:
             increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
         self._refuse_mark(name, begin)
-        column, length = self.place(begin, end)
-        a = argument.value
-        if increments and name in ("ROUND", "RND"):
-            return self._folded(
-                Node(_to_increments(a), begin, argument.end, depth=argument.depth + 1)
-            )
-        function = (MACRO_FUNCTIONS if self.macro else _NGC_FUNCTIONS)[name]
-
-        def value(p: Parameters) -> float:
-            try:
-                result = function(a(p))
-            except Undefined as undefined:
-                raise _failed(undefined, column, length) from None
-            if -_INF < result < _INF:
-                return result
-            raise _overflow(column, length)
-
-        return self._folded(Node(value, begin, argument.end, depth=argument.depth + 1), argument)
+        operation = (MACRO_FUNCTIONS if self.macro else _NGC_FUNCTIONS)[name]
+        if increments and operation == kernel.ROUND:
+            operation = TO_INCREMENTS
+        code = self._instruction(operation, begin, end)
+        return Node((*argument.code, code), begin, argument.end)
 
     def arctangent(self, y: Node, x: Node | None, begin: int) -> Node:
         """Return ATAN[y]/[x], or FANUC's ATAN[y]."""
         if x is None:
-            a = y.value
-            node = Node(lambda p: math.degrees(math.atan(a(p))), begin, y.end, depth=y.depth + 1)
-            return self._folded(node, y)
-        function = macro_arctangent if self.macro else arctangent
-        b, c = y.value, x.value
-        node = Node(lambda p: function(b(p), c(p)), begin, x.end, depth=max(y.depth, x.depth) + 1)
-        return self._folded(node, y, x)
+            code = self._instruction(kernel.ATAN_OF_ONE, begin, y.end)
+            return Node((*y.code, code), begin, y.end)
+        operation = kernel.MACRO_ATAN if self.macro else kernel.ATAN
+        code = self._instruction(operation, begin, x.end)
+        return Node((*y.code, *x.code, code), begin, x.end)
 
     def parameter(self, index: Node | str, begin: int, end: int) -> ParameterNode:
-        """Return a parameter with a number, which may be computed, or a name."""
-        column = self.place(begin, end)[0]
-        if isinstance(index, str):
-            return ParameterNode(lambda p: p.name(index, column), begin, end, index=index)
-        if index.number is None:
-            value = _computed_parameter(index.value, column)
-            depth = index.depth + 1
-            if depth > MAX_DEPTH:
-                raise self._too_deep(begin, end)
-        else:
-            value = self._numbered(self.whole(index), column)
-            depth = 0
-        if self.macro:
-            return ParameterNode(
-                _not_vacant(value), begin, end, raw=value, depth=depth, index=index
-            )
-        return ParameterNode(value, begin, end, depth=depth, index=index)
-
-    def _numbered(self, number: int, column: int) -> Value:
-        """Return the value of a parameter; vacant is NaN."""
-        if 0 < number <= (LOCAL_MACRO if self.macro else LOCAL):
-            unset = VACANT if self.macro else 0.0
-            return lambda p: p.locals.get(number, unset)
-
-        def value(p: Parameters) -> float:
-            try:
-                return p.values[number]
-            except KeyError:
-                return p.number(number, column)
-
-        return value
-
-    def whole(self, node: Node) -> int:
-        """Return the constant number of a parameter.
+        """Return a parameter with a number, which may be computed, or a name.
 
         Raises:
-            GcodeError: ``parameter-number``, if it is not whole.
+            GcodeError: ``parameter-number``, if a written number is not whole.
         """
-        assert node.number is not None
-        number = round(node.number)
-        if abs(number - node.number) > NEAR_WHOLE:
-            raise self.fault(
-                "parameter-number", "the number of a parameter must be whole", node.begin, node.end
-            )
-        return number
+        if isinstance(index, str):
+            code = self._instruction(NAMED, begin, end, index)
+            return ParameterNode((code,), begin, end, index)
+        if index.number is None:
+            code = self._instruction(INDIRECT, begin, end)
+            return ParameterNode((*index.code, code), begin, end, index)
+        number = round(index.number)
+        if abs(number - index.number) > NEAR_WHOLE:
+            message = "the number of a parameter must be whole"
+            raise self.fault("parameter-number", message, index.begin, index.end)
+        local = 0 < number <= (LOCAL_MACRO if self.macro else LOCAL)
+        operation = LOCAL_PARAMETER if local else PARAMETER
+        return ParameterNode((self._instruction(operation, begin, end, number),), begin, end, index)
 
     def exists(self, index: Node | str, begin: int, end: int) -> Node:
         """Return whether a parameter exists, as 1 or 0."""
         if isinstance(index, str):
-            return Node(lambda p: float(p.exists(index)), begin, end)
-        a = index.value
-        return self._folded(
-            Node(lambda p: float(p.exists(a(p))), begin, end, depth=index.depth + 1)
-        )
-
-    def _folded(self, node: Node, *parts: Node) -> Node:
-        """Return the node; a constant if its parts are constant and it can be computed."""
-        if parts and all(part.number is not None for part in parts):
-            try:
-                return constant(node.value(_NONE), node.begin, node.end)
-            except GcodeError:
-                return replace(node, depth=1)
-        if node.depth > MAX_DEPTH:
-            raise self._too_deep(node.begin, node.end)
-        return node
-
-    def _too_deep(self, begin: int, end: int) -> GcodeError:
-        message = f"more than {MAX_DEPTH} operations inside each other"
-        return self.fault(
-            "expression-too-deep", message, begin, end, "compute a part of it into a parameter"
-        )
-
-
-_NONE = Parameters()
-"""Parameters for the computation of constants."""
-
-
-def _computed_parameter(index: Value, column: int) -> Value:
-    return lambda p: p.number(index(p), column)
-
-
-def _not_vacant(raw: Value) -> Value:
-    def value(p: Parameters) -> float:
-        result = raw(p)
-        return result if result == result else 0.0
-
-    return value
-
-
-def _to_increments(a: Value) -> Value:
-    return lambda p: half_away(a(p) * p.increments) / p.increments
-
-
-# Each of + - * / has its own function. One function for all would need one more call for each
-# operation of a program.
-
-
-def _add(a: Value, b: Value, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        result = a(p) + b(p)
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _add_constant(a: Value, b: float, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        result = a(p) + b
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _multiply_constant(a: Value, b: float, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        result = a(p) * b
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _subtract(a: Value, b: Value, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        result = a(p) - b(p)
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _multiply(a: Value, b: Value, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        result = a(p) * b(p)
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _divide(a: Value, b: Value, place: tuple[int, int]) -> Value:
-    def value(p: Parameters) -> float:
-        try:
-            result = a(p) / b(p)
-        except ZeroDivisionError:
-            raise fault(
-                "division-by-zero", "a division by zero", column=place[0], hint=_CHECK_INPUT
-            ) from None
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-_ARITHMETIC = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide}
-
-
-def _operation(a: Value, operator: str, b: Value, place: tuple[int, int], *, macro: bool) -> Value:
-    operate = (MACRO_OPERATORS if macro else _NGC_OPERATORS)[operator]
-
-    def value(p: Parameters) -> float:
-        try:
-            result = operate(a(p), b(p))
-        except Undefined as undefined:
-            raise _failed(undefined, *place) from None
-        if -_INF < result < _INF:
-            return result
-        raise _overflow(*place)
-
-    return value
-
-
-def _failed(undefined: Undefined, column: int, length: int) -> GcodeError:
-    code, message, hint = undefined.args
-    return fault(code, message, column=column, length=length, hint=hint or _CHECK_INPUT)
-
-
-def _overflow(column: int, length: int) -> GcodeError:
-    return fault(
-        "number-too-large",
-        "the result is too large for a number",
-        column=column,
-        length=length,
-        hint=_CHECK_INPUT,
-    )
+            return Node((self._instruction(NAME_EXISTS, begin, end, index),), begin, end)
+        return Node((*index.code, self._instruction(EXISTS, begin, end)), begin, end)

@@ -94,7 +94,7 @@ class Parameters:
         self.written: Callable[[str], str] = "#<{}>".format
         self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
-        self._unset = VACANT if macro else 0.0
+        self.unset = VACANT if macro else 0.0
 
     def number(self, index: float, column: int) -> float:
         """Return ``#index``.
@@ -104,7 +104,7 @@ class Parameters:
         """
         number = self._whole(index, column)
         if 0 < number <= self._last_local:
-            return self.locals.get(number, self._unset)
+            return self.locals.get(number, self.unset)
         if number in self.values:
             return self.values[number]
         if number in self._bound:
@@ -114,7 +114,7 @@ class Parameters:
             return read(number - row.start)
         if not (number == 0 and self.macro):
             self._check(number, column)
-        return self._unset
+        return self.unset
 
     def set_number(self, index: float, value: float, column: int) -> None:
         """Execute ``#index = value``.
@@ -182,7 +182,7 @@ class Parameters:
             return math.nan
         if isinstance(key, str):
             return (self._globals if key.startswith("_") else self._names).get(key, math.nan)
-        return (self.locals if key <= self._last_local else self.values).get(key, self._unset)
+        return (self.locals if key <= self._last_local else self.values).get(key, self.unset)
 
     def store_value(self, key: int | str, value: float) -> None:
         """Store the value of a number up to 5000 or of a name, which no function shows."""

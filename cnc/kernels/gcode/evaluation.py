@@ -1,8 +1,7 @@
 """Values of instructions (:mod:`cnc.kernels.gcode.statements`).
 
-The arithmetic is that of :mod:`cnc.gcode.syntax.arithmetic`, operation by operation, so that the
-bits of the results are equal. A result that does not exist is NaN here. The line is then left to
-the interpreter, which reports the error.
+A result that does not exist is NaN. The line is then left to the interpreter, which reports the
+error.
 """
 
 from __future__ import annotations
@@ -13,52 +12,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.statements import (
-    ABS,
-    ACOS,
-    ADD,
-    AND,
-    ASIN,
-    ATAN,
-    COS,
-    DIVIDE,
-    EQ,
-    EXP,
-    FIX,
-    FUP,
-    GE,
-    GT,
+from cnc.kernels.gcode.arithmetic import (
     INDIRECT,
-    LAST_PARAMETER,
-    LE,
-    LN,
-    LT,
-    MINUS,
-    MODULO,
-    MULTIPLY,
     NAMED,
-    NE,
     NUMBER,
-    OR,
     PARAMETER,
-    POWER,
-    SIN,
-    SQRT,
-    SUBTRACT,
-    TAN,
-    XOR,
-    Code,
-)  # fmt: skip
+    binary,
+    takes_two,
+    unary,
+)
+from cnc.kernels.gcode.statements import LAST_PARAMETER, Code
 from cnc.kernels.jit import njit
 
 Counts = NDArray[np.int32]
 Floats = NDArray[np.float64]
 
-NEAR, NEAR_WHOLE = 1e-6, 1e-4
-"""As :data:`cnc.gcode.syntax.arithmetic.NEAR` and :data:`cnc.gcode.syntax.words.NEAR_WHOLE`."""
-_QUADRANT = 90.0
-_LARGEST_EXPONENT = 709.0
-"""e to this power is a number. Results near the largest number are left to the interpreter."""
+NEAR_WHOLE = 1e-4
+"""As :data:`cnc.gcode.syntax.words.NEAR_WHOLE`."""
 
 
 class Parameters(NamedTuple):
@@ -73,85 +43,6 @@ class Parameters(NamedTuple):
     numbered: Floats
     named: Floats
     slot: Counts
-
-
-@njit
-def _binary(operation: int, a: float, b: float) -> float:
-    """Return the result of a binary operator; NaN if there is none."""
-    if operation == ADD:
-        return a + b
-    if operation == SUBTRACT:
-        return a - b
-    if operation == MULTIPLY:
-        return a * b
-    if operation == DIVIDE:
-        return a / b if b != 0.0 else math.nan
-    if operation == MODULO:
-        # Never -0, and never negative.
-        return abs(a % abs(b)) if b != 0.0 else math.nan
-    if operation == POWER:
-        if (a == 0.0 and b < 0.0) or (a < 0.0 and b != np.floor(b)):
-            return math.nan
-        # Python raises an error where the result overflows.
-        if a != 0.0 and b * math.log(abs(a)) > _LARGEST_EXPONENT:
-            return math.nan
-        return math.pow(a, b)
-    if operation == ATAN:
-        return math.degrees(math.atan2(a, b))
-    if operation == EQ:
-        return 1.0 if abs(a - b) < NEAR else 0.0
-    if operation == NE:
-        return 0.0 if abs(a - b) < NEAR else 1.0
-    if operation == GT:
-        return 1.0 if a > b else 0.0
-    if operation == GE:
-        return 1.0 if a >= b else 0.0
-    if operation == LT:
-        return 1.0 if a < b else 0.0
-    if operation == LE:
-        return 1.0 if a <= b else 0.0
-    if operation == AND:
-        return 1.0 if a != 0.0 and b != 0.0 else 0.0
-    if operation == OR:
-        return 1.0 if a != 0.0 or b != 0.0 else 0.0
-    return 1.0 if (a != 0.0) != (b != 0.0) else 0.0
-
-
-@njit
-def _unary(operation: int, x: float) -> float:
-    """Return the result of a function of one number; NaN if there is none."""
-    if operation == MINUS:
-        return -x
-    if operation == ABS:
-        return abs(x)
-    if operation == COS or operation == SIN or operation == TAN:
-        if x % _QUADRANT == 0.0:
-            quarter = int(x / _QUADRANT % 4.0)
-            if operation == TAN:
-                return 0.0 if quarter % 2 == 0 else math.nan
-            if operation == COS:
-                quarter = (quarter + 1) % 4
-            return 0.0 if quarter % 2 == 0 else float(2 - quarter)
-        angle = math.radians(x)
-        if operation == SIN:
-            return math.sin(angle)
-        return math.cos(angle) if operation == COS else math.tan(angle)
-    if operation == ACOS or operation == ASIN:
-        if not -1.0 <= x <= 1.0:
-            return math.nan
-        return math.degrees(math.acos(x) if operation == ACOS else math.asin(x))
-    if operation == EXP:
-        return math.exp(x) if x <= _LARGEST_EXPONENT else math.nan
-    if operation == LN:
-        return math.log(x) if x > 0.0 else math.nan
-    if operation == SQRT:
-        return math.sqrt(x) if x >= 0.0 else math.nan
-    if operation == FIX:
-        return np.floor(x) + 0.0  # not -0
-    if operation == FUP:
-        return np.ceil(x) + 0.0
-    below = np.floor(abs(x))
-    return math.copysign(below + 1.0 if abs(x) - below >= 0.5 else below, x)
 
 
 @njit
@@ -190,11 +81,11 @@ def evaluate(code: Code, at: int, end: int, parameters: Parameters, stack: Float
         elif operation == INDIRECT:
             index = number_of(stack[height - 1])
             result = parameters.numbered[index] if index else math.nan
-        elif ADD <= operation <= XOR or operation == ATAN:
+        elif takes_two(operation):
             height -= 1
-            result = _binary(operation, stack[height - 1], stack[height])
+            result = binary(operation, stack[height - 1], stack[height])
         else:
-            result = _unary(operation, stack[height - 1])
+            result = unary(operation, stack[height - 1])
         # NaN, too, is not finite.
         if not -math.inf < result < math.inf:
             return math.nan

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.gcode.arithmetic import NAMED, PARAMETER
 from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
 from cnc.kernels.gcode.line import execute_line
 from cnc.kernels.gcode.program_text import (
@@ -35,9 +36,7 @@ from cnc.kernels.gcode.statements import (
     CONTROL,
     MOST_ITEMS,
     MOST_VALUES,
-    NAMED,
     NUMBERED_ASSIGNMENT,
-    PARAMETER,
     SIMPLE,
     UNKNOWN,
     WORDS,

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.gcode.arithmetic import INDIRECT, MINUS, NAMED, NUMBER, PARAMETER, SUBTRACT
 from cnc.kernels.gcode.automaton import OK, OTHER, Events, Results
 from cnc.kernels.jit import njit
 
@@ -27,12 +28,6 @@ Floats = NDArray[np.float64]
 LAST_PARAMETER = 5000
 """Highest parameter number of instructions. Those above belong to the system."""
 
-NUMBER, PARAMETER, NAMED, INDIRECT, MINUS = 0, 1, 2, 3, 4
-ADD, SUBTRACT, MULTIPLY, DIVIDE, MODULO, POWER = 5, 6, 7, 8, 9, 10
-EQ, NE, GT, GE, LT, LE, AND, OR, XOR = 11, 12, 13, 14, 15, 16, 17, 18, 19
-ABS, ACOS, ASIN, COS, EXP, FIX, FUP, LN = 20, 21, 22, 23, 24, 25, 26, 27
-ROUND, SIN, SQRT, TAN, ATAN = 28, 29, 30, 31, 32
-"""Operations of instructions."""
 MOST_VALUES = 24
 """Most values on the stack of an expression."""
 MOST_INSTRUCTIONS = 90

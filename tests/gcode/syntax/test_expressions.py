@@ -251,11 +251,6 @@ def test_the_error_of_an_unset_name_has_a_hint() -> None:
     assert "did you mean #<a>?" in caught.value.diagnostic.hint
 
 
-def test_constants_are_computed_once() -> None:
-    ((_, compute),) = parse_line("X[2*[3+SQRT[16]]]", NGC).computed
-    assert compute.__code__.co_freevars == ("number",)  # type: ignore[attr-defined]
-
-
 def test_computing_a_line_is_fast() -> None:
     """The limit is ten times the usual time, so that only a mistake exceeds it."""
     import timeit

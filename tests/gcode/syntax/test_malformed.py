@@ -16,7 +16,6 @@ from cnc import gcode
 from cnc.gcode.geometry.compensation import MAX_WAITING
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.expressions import MAX_DEPTH
 from cnc.gcode.syntax.parser import MAX_LINE
 from tests.support.gcode.gcode_cases import assert_error_at, error_of
 from tests.support.paths import GCODE
@@ -60,7 +59,6 @@ CASES: dict[str, tuple[str, str]] = {
     "carriage return inside": ("control-character", "G0 X1¦\rG0 X2"),
     "line too long": ("line-too-long", "G0 X1\n" + ";" * MAX_LINE + "¦;"),
     "number of four hundred digits": ("number-too-large", "G0 ¦X" + "9" * 400),
-    "operations without end": ("expression-too-deep", "#1=[¦" + "#1+" * (MAX_DEPTH + 1) + "1]"),
     "absurd number": ("number-too-large", "G0 ¦X-1000000001"),
     "absurd line number": ("number-too-large", "¦N99999999999"),
     # line numbers

@@ -196,6 +196,8 @@ def _operator(name: str, a: float, b: float, macro: bool) -> float:
             return float(rest) if rest == 0 or a >= 0 else math.fmod(a, b) + abs(b)
         case "AND" | "OR" | "XOR" if macro:
             i, j = int(_function("ROUND", a, True)), int(_function("ROUND", b, True))
+            if max(abs(i), abs(j)) >= 1 << 62:  # a control has numbers of 32 bits
+                raise NoValue
             return {"AND": i & j, "OR": i | j, "XOR": i ^ j}[name]
         case "AND" | "OR" | "XOR":
             return {
