@@ -68,6 +68,8 @@ _NO_DIRECTION = {
     "7": "orientation between",
 }
 _ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
+_POLAR_HERE = {"^": "[ATAN[#<_y>]/[#<_x>]]", "@": "SQRT[#<_x>*#<_x>+#<_y>*#<_y>]"}
+"""Angle and radius of the position, from which AP=IC() and RP=IC() count."""
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -302,7 +304,7 @@ class _Line(Cursor):
 
     def _from_here(self, letter: str, mode: str, value: str) -> str:
         """Return a coordinate in the distance mode of the line."""
-        here = f"#<_{letter.lower()}>"
+        here = _POLAR_HERE.get(letter) or f"#<_{letter.lower()}>"
         if mode == "IC":
             if self.is_incremental or letter in _CENTRES:
                 return value
