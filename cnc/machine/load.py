@@ -107,15 +107,13 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    for key in ("name", "kind", "file"):
+    for key in (*Header.model_fields, "file"):
         if key in tables:
             hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
     _complete_axes(file, text, tables)
     try:
-        machine = Machine.model_validate(
-            {"name": header.name, "kind": header.kind, "file": str(file), **tables}
-        )
+        machine = Machine.model_validate({**header.model_dump(), "file": str(file), **tables})
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in inconsistencies(machine):
@@ -289,7 +287,7 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
     if len(key) == 1:
         known = [
             "machine",
-            *(each for each in Machine.model_fields if each not in ("name", "kind", "file")),
+            *(each for each in Machine.model_fields if each not in (*Header.model_fields, "file")),
         ]
     elif key[0] == "kinematics":
         fields = [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]

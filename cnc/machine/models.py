@@ -43,6 +43,13 @@ class Header(Section):
             "evidently for another kind is refused."
         ),
     )
+    diameters: bool | None = Field(
+        default=None,
+        description=(
+            "For a lathe: whether X of a program is a diameter at its start. Without it: true for "
+            "fanuc, haas, siemens and mach3, false for the others."
+        ),
+    )
 
 
 class Homing(Section):
@@ -198,6 +205,9 @@ class Machine(Section):
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
+    diameters: bool | None = Field(
+        default=None, description="Whether X is a diameter at the start of a lathe's program."
+    )
     file: str = Field(default="", description="Name of the machine file.", exclude=True)
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."

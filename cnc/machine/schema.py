@@ -43,7 +43,7 @@ def machine_schema() -> dict[str, Any]:
     tables = Machine.model_json_schema(schema_generator=_TomlSchema)
     header = Header.model_json_schema(schema_generator=_TomlSchema)
     keys = tables.pop("properties")
-    for own in ("name", "kind", "file"):
+    for own in (*Header.model_fields, "file"):
         del keys[own]
     _allow_axes_of_joints(tables["$defs"], keys["axes"])
     return {

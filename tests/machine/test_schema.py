@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from cnc.machine.load import load_machine, shipped_machines
-from cnc.machine.models import Machine
+from cnc.machine.models import Header, Machine
 from cnc.machine.schema import machine_schema, schema_text
 from cnc.model.diagnostics import MachineFileError
 from tests.support.paths import ROOT
@@ -71,7 +71,7 @@ def test_each_key_has_a_description() -> None:
 
 def test_tables_are_those_of_the_models() -> None:
     tables = set(machine_schema()["properties"])
-    assert tables == {"machine", *Machine.model_fields} - {"name", "kind", "file"}
+    assert tables == {"machine", *Machine.model_fields} - {*Header.model_fields, "file"}
 
 
 @pytest.mark.parametrize("name", sorted(shipped_machines()))

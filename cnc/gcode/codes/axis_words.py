@@ -79,11 +79,11 @@ class AxisWords:
         self.units_changed()
 
     def units_changed(self) -> None:
-        """Compute the scales again after G20, G21, G7 or G8."""
+        """Compute the scales again after G20, G21, G7, G8, or G90 and G91 under DIAM90."""
         state = self._state
         self.scales = [state.scale if linear else 1.0 for linear in self._linear]
-        if state.diameter and "X" in self.column:
-            self.scales[self.column["X"]] *= 0.5
+        if "X" in self.column:
+            self.scales[self.column["X"]] *= state.x_factor(absolute=state.absolute)
 
     @property
     def has_direction_words(self) -> bool:

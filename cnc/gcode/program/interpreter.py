@@ -52,7 +52,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import DIRECTION, Statement
+from cnc.gcode.syntax.statement import DIAMETERS, DIRECTION, Statement
 from cnc.gcode.syntax.words import LineWords, whole
 from cnc.model.blocks import Abort, BoardCommand
 
@@ -91,8 +91,8 @@ class Interpreter:
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
         self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
-        if dialect.lathe:
-            turning.power_on(self.modal)
+        if dialect.lathe or policy.lathe:
+            turning.power_on(self.modal, dialect, policy.diameters)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect, self.policy = dialect, policy
@@ -178,6 +178,9 @@ class Interpreter:
         parameters, modal = self.parameters, self.modal
         bind_position(self.coordinates, lambda: self.motion.position, lambda: modal.scale)
         system_parameters.bind(parameters, modal, self.here)
+        if self.dialect.flavour == "siemens":
+            parameters.bind("_x_absolute", lambda: modal.x_factor(absolute=True))
+            parameters.bind("_x_incremental", lambda: modal.x_factor(absolute=False))
         if parameters.macro:
             macro_variables.bind(
                 parameters, modal, self.here, self.coordinates, self.out,
@@ -202,6 +205,9 @@ class Interpreter:
         for remark in statement.remarks:
             if remark.kind == DIRECTION:
                 self.motion.turn_directions(remark.text)
+            elif remark.kind == DIAMETERS:
+                self.feed_codes.diameters(remark, is_lathe=self.policy.lathe)
+                self.update_plain()
             elif error := self._comment_commands.execute(remark):
                 self.compensation_codes.off()
                 self.out.put(Abort(self.here.file, line))
@@ -279,6 +285,7 @@ class Interpreter:
         self.plain = (
             state.feeds_are_plain
             and not self.dialect.lathe
+            and not state.radius_increments
             and motion.collector is None
             and not self.coordinates.turned
             and motion.length_change is None
@@ -380,6 +387,8 @@ class Interpreter:
             self.machine_codes.path_control(words, code)
         if code := codes.get("distance"):
             state.absolute = code.number == G.G90
+            if state.radius_increments:
+                self.motion.units_changed()
         if code := codes.get("arc-distance"):
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):

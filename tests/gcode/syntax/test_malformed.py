@@ -282,7 +282,7 @@ latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-ch
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
 not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
 s-call s-end s-proc s-holes s-again
-s-until skip-alarm
+s-until skip-alarm siemens-lathe
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
