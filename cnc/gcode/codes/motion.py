@@ -283,6 +283,8 @@ class Motion(MoveFeeds):
 
     def feed_to(self, end: list[float], feed: float) -> None:
         """Make a straight move to a machine position at ``feed`` mm/s."""
+        if self._state.constant_surface and math.isnan(feed):
+            self.keep_surface_radius(end)
         if self.corners.corner is not None:
             if math.isnan(feed):
                 raise self.corners.fault("G0")

@@ -171,7 +171,9 @@ class Interpreter:
             return None
         from cnc.gcode.cycles import turning_cycles
 
-        return turning_cycles.register(motion, dialect, modal, here, self.out)
+        return turning_cycles.register(
+            motion, dialect, modal, here, self.out, self.compensation_codes
+        )
 
     def _bind_parameters(self) -> None:
         """Let parameters read the position and the state."""
@@ -339,12 +341,24 @@ class Interpreter:
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=True)
         self.motion.move(words, moving, codes.get("motion"))
+        if self._stops_after(codes):
+            self.machine_codes.spindle(words, codes)
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=False)
         if code := codes.get("skip-alarm"):
             self.probing.alarm(code)
         if code := codes.get("stop"):
             self.stop(code)
+
+    def _stops_after(self, codes: Codes) -> bool:
+        """Return whether the line has an M5 that takes effect behind its move."""
+        code = codes.get("spindle")
+        return (
+            code is not None
+            and code.number == M.M5
+            and self.feed_codes.moving is not None
+            and self.dialect.stops_after_move
+        )
 
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
@@ -363,7 +377,8 @@ class Interpreter:
             self.tool_codes.check_change(state.loaded, change.word)
         if code := codes.get("kinematics"):
             self.tip_control.kinematics(code)
-        functions.spindle(words, codes)
+        if not self._stops_after(codes):
+            functions.spindle(words, codes)
         if code := codes.get("state"):
             self._saved_state.execute(code)
         functions.coolant(codes)

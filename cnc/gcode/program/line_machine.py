@@ -94,6 +94,8 @@ class LineMachine:
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
                 setup["m_action"][m] = action
+        if dialect.stops_after_move:
+            setup["m_action"][M.M5] = kernel.STOP
         cycles, dwell = dialect.cycles, dialect.dwell
         setup["min_feed"], setup["longest_dwell"] = MIN_FEED, LONG_DWELL
         # The unit of a P with a decimal point is another one.
