@@ -10,11 +10,12 @@ from cnc.gcode.codes.move_feeds import MoveFeeds
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
+from cnc.gcode.geometry.tilted_arcs import spline_of
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
-from cnc.model.blocks import PLANE_AXES, ArcFeed
+from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 
 MAX_TURNS = 1000
 """Most turns of an arc. More are a typing error in P, and each turn is planned on its own."""
@@ -46,8 +47,10 @@ class ArcMoves:
             if first in columns and second in columns
         }
 
-    def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed:
+    def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed | NurbsFeed:
         """Return the arc of a line with G2 or G3, or while one of them is in effect.
+
+        It is a spline where a rotation tilts the plane.
 
         Args:
             words: The words of the line.
@@ -59,7 +62,7 @@ class ArcMoves:
         """
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
-        i, j = self.plane_columns(at)
+        i, j = self._columns(at, "an arc")
         opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
         radius = words.take("R", user)
@@ -81,8 +84,29 @@ class ArcMoves:
             offsets = [word.number if word else None for word in centers]
             word = next(filter(None, centers), at)
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
+        if self._tilted((i, j)):
+            return self._tilted_block(words, arc, end, (i, j), at)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         return self._block(arc, end, feed)
+
+    def _tilted_block(
+        self, words: LineWords, arc: arcs.Arc, end: list[float], plane: tuple[int, int], at: Word
+    ) -> NurbsFeed:
+        """Return an arc in program coordinates as a spline of the machine."""
+        mover, here, coordinates = self._axis_words, self._here, self._axis_words.coordinates
+        start, to = coordinates.to_program(mover.position), coordinates.to_program(end)
+        rise = math.hypot(
+            *(
+                to[index] - start[index]
+                for index, axis in enumerate(mover.axes)
+                if axis in "xyz" and index not in plane
+            )
+        )
+        length = arc.length(rise) * (coordinates.figure.scale(plane) or 1.0)
+        feed = mover.feed(words, end, length, at)
+        knots, points, weights = spline_of(arc, start, to, plane, coordinates.to_machine)
+        points[0], points[-1] = mover.position, end
+        return NurbsFeed(here.file, here.line, 2, knots, points, weights, feed)
 
     def _refuse_center(self, radius: Word, centers: list[Word | None], user: str) -> None:
         """Refuse a centre beside R, or report it where the dialect ignores it."""
@@ -103,13 +127,15 @@ class ArcMoves:
         It is negative for an arc of more than half a turn.
         """
         i, j = plane
-        chord = math.dist(
-            (end[i], end[j]), (self._axis_words.position[i], self._axis_words.position[j])
-        )
+        coordinates, here = self._axis_words.coordinates, self._axis_words.position
+        tilted = self._tilted(plane)
+        if tilted:
+            here, end = coordinates.to_program(here), coordinates.to_program(end)
+        chord = math.dist((end[i], end[j]), (here[i], here[j]))
         if not 0.0 < word.number < 360.0 or chord == 0.0:
             message = f"{word.number:g}: an arc has more than 0 and less than 360 degrees"
             raise fault("arc-angle", message, word)
-        factor = self._axis_words.coordinates.figure.scale(plane) or 1.0
+        factor = 1.0 if tilted else coordinates.figure.scale(plane) or 1.0
         radius = chord / (2.0 * math.sin(math.radians(word.number) / 2.0))
         radius *= -1.0 if word.number > 180.0 else 1.0
         return Word(
@@ -126,27 +152,34 @@ class ArcMoves:
         Raises:
             GcodeError: ``axis-missing``, ``arc-rotated``.
         """
-        state = self._state
-        first, second = PLANE_AXES[state.plane]
+        plane = self._columns(at, what)
+        if not self._tilted(plane):
+            return plane
+        coordinates, name = self._axis_words.coordinates, self._state.plane
+        if coordinates.rotation:
+            message = f"{what} can't be made in the {name} plane of a rotated coordinate system"
+            raise fault("arc-rotated", message, at, "use a coordinate system without R")
+        message = f"{what} can't be made in the {name} plane under G68 of another one"
+        raise fault("arc-rotated", message, at, "give G69 before")
+
+    def _tilted(self, plane: tuple[int, int]) -> bool:
+        """Return whether a rotation tilts a plane of the program."""
+        coordinates = self._axis_words.coordinates
+        other = coordinates.figure.plane not in (None, plane)
+        return other or (coordinates.rotation != 0.0 and self._state.plane != "XY")
+
+    def _columns(self, at: Word, what: str) -> tuple[int, int]:
+        """Return the columns of the two axes of the plane, which a rotation may tilt."""
+        first, second = PLANE_AXES[self._state.plane]
         for axis in (first, second):
             if axis not in self._axis_words.axes:
                 raise fault(
                     "axis-missing",
-                    f"{what} in the {state.plane} plane needs the {axis.upper()} axis, "
+                    f"{what} in the {self._state.plane} plane needs the {axis.upper()} axis, "
                     "which the machine lacks",
                     at,
                 )
-        if self._axis_words.coordinates.rotation and state.plane != "XY":
-            message = (
-                f"{what} can't be made in the {state.plane} plane of a rotated coordinate system"
-            )
-            raise fault("arc-rotated", message, at, "use a coordinate system without R")
-        plane = self._axis_words.axes.index(first), self._axis_words.axes.index(second)
-        figure = self._axis_words.coordinates.figure
-        if figure.plane is not None and plane != figure.plane:
-            message = f"{what} can't be made in the {state.plane} plane under G68 of another one"
-            raise fault("arc-rotated", message, at, "give G69 before")
-        return plane
+        return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
 
     def _arc_of(
         self,
@@ -162,14 +195,17 @@ class ArcMoves:
         state, position = self._state, self._axis_words.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
-        figure = self._axis_words.coordinates.figure
+        coordinates = self._axis_words.coordinates
+        figure, tilted = coordinates.figure, self._tilted(plane)
         factor = figure.scale(plane)
         if factor is None:
             message = f"{word.written}: an arc under different factors of G51 would be an ellipse"
             raise fault("scaling-arc", message, word, "give both axes of the plane one factor")
-        radius *= factor
+        if tilted:
+            position, end = coordinates.to_program(position), coordinates.to_program(end)
+        radius *= 1.0 if tilted else factor
         here, there = (position[i], position[j]), (end[i], end[j])
-        clockwise = (motion is _CLOCKWISE) != figure.mirrors(plane)
+        clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
         if offsets is None:
             return arcs.from_radius(
                 here,
@@ -181,6 +217,9 @@ class ArcMoves:
                 word=word,
             )
         center = self._center((i, j), offsets)
+        if tilted:
+            x, y = (offset * state.scale for offset in (offsets[0] or 0.0, offsets[1] or 0.0))
+            center = (x, y) if state.arc_absolute else (here[0] + x, here[1] + y)
         return arcs.from_center(
             here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word
         )

@@ -292,7 +292,8 @@ profile-line profile-missing profile-not-monotone profile-place profile-start pr
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
-cycle-not-compensated spindle-speed-assumed tool-length-zero moves-not-checked tool-offset-assumed word-idle compensation-radius-zero
+cycle-not-compensated spindle-speed-assumed
+tool-length-zero moves-not-checked tool-offset-assumed word-idle compensation-radius-zero
 decimal-point-missing
 dwell-long
 dwell-short cycle-level-unclear offset-diameter offset-variable-wear
