@@ -15,6 +15,7 @@ from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
+from cnc.kernels.gcode.arcs import SAME_POINT
 from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 
 MAX_TURNS = 1000
@@ -63,6 +64,8 @@ class ArcMoves:
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
         i, j = self._columns(at, "an arc")
+        if self._dialect.grbl_arcs:
+            self._check_axis_words(words, user, at)
         opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
         radius = words.take("R", user)
@@ -88,6 +91,28 @@ class ArcMoves:
             return self._tilted_block(words, arc, end, (i, j), at)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         return self._block(arc, end, feed)
+
+    def _check_axis_words(self, words: LineWords, user: str, at: Word) -> None:
+        """Refuse an arc without an axis word of its plane, as GRBL does."""
+        names = [axis.upper() for axis in PLANE_AXES[self._state.plane]]
+        if words.rest.keys().isdisjoint(names):
+            message = f"{user} without {names[0]} and {names[1]}: GRBL refuses the line"
+            hint = f"give {names[0]} and {names[1]} of the end, also for a full circle"
+            raise fault("axis-words-missing", message, at, hint)
+
+    def _check_single_precision(
+        self, here: arcs.Point, there: arcs.Point, radius: float, word: Word
+    ) -> None:
+        """Refuse an R that is less than half of the chord in GRBL's arithmetic (error 34)."""
+        x0, y0, x1, y1, r = np.array((*here, *there, radius), np.float32)
+        x, y = x1 - x0, y1 - y0
+        if np.float32(4.0) * r * r - x * x - y * y < 0.0:
+            chord = math.dist(here, there)
+            message = (
+                f"{word.written}: R is less than half of the chord of {chord:.6g} mm, in the "
+                "single precision of GRBL"
+            )
+            raise fault("arc-radius-too-small", message, word, "write I and J, or a larger R")
 
     def _tilted_block(
         self, words: LineWords, arc: arcs.Arc, end: list[float], plane: tuple[int, int], at: Word
@@ -207,6 +232,8 @@ class ArcMoves:
         here, there = (position[i], position[j]), (end[i], end[j])
         clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
         if offsets is None:
+            if self._dialect.grbl_arcs and math.dist(here, there) > SAME_POINT:
+                self._check_single_precision(here, there, radius * state.scale, word)
             return arcs.from_radius(
                 here,
                 there,
@@ -306,6 +333,8 @@ class ArcMoves:
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
+            return None
+        if self._dialect.grbl_arcs and not any(column in plane for column, _ in move.axes):
             return None
         parameters = self._axis_words.coordinates.parameters
         first = second = radius = None

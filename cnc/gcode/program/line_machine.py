@@ -101,7 +101,7 @@ class LineMachine:
         # The unit of a P with a decimal point is another one.
         if "P" not in dialect.dwell_point:
             setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)
-        setup["idle_center"] = dialect.arc_idle_center
+        setup["idle_center"], setup["grbl_arcs"] = dialect.arc_idle_center, dialect.grbl_arcs
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
