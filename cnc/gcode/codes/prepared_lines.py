@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -158,9 +159,16 @@ def _refuse_exponent(statement: Statement) -> None:
                 before.length + word.length,
             )
             message = f"{whole.written}: a number has no exponent"
-            digits = int(word.written[1:])
-            value = f"{before.number * 10.0**digits:.9f}".rstrip("0").rstrip(".")
-            raise fault("number-exponent", message, whole, f"write {before.letter}{value}")
+            raise fault("number-exponent", message, whole, _without_exponent(before, word))
+
+
+def _without_exponent(before: Word, exponent: Word) -> str:
+    """Return the hint for a number with an exponent: its digits, unless they would be too many."""
+    value = Decimal(before.number).scaleb(int(exponent.written[1:]))
+    if abs(value) > MAX_NUMBER:
+        return f"a number is at most {MAX_NUMBER:.0f}"
+    digits = f"{value:.9f}".rstrip("0").rstrip(".")
+    return f"write {before.letter}{digits}"
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:

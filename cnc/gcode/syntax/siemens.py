@@ -71,6 +71,8 @@ _NO_DIRECTION = {
 _ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
 _POLAR_HERE = {"^": "[ATAN[#<_y>]/[#<_x>]]", "@": "SQRT[#<_x>*#<_x>+#<_y>*#<_y>]"}
 """Angle and radius of the position, from which AP=IC() and RP=IC() count."""
+_COORDINATES = frozenset("XYZABCUVWIJK^@")
+"""Letters whose value may count from the position."""
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -301,6 +303,9 @@ class _Line(Cursor):
             if mode:
                 raise self.fault(f"{name}={mode}(..)", 1, "")
             self.out.append(f"{name}=[{value}]")
+        elif found and letter not in _COORDINATES:
+            self.at = found.start()
+            raise self.fault(f"{name}={mode}(..)", 1, f"{mode} is for coordinates")
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
         else:

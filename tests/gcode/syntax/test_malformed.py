@@ -56,6 +56,7 @@ CASES: dict[str, tuple[str, str]] = {
     "percent after a word": ("percent-place", "G0 X1 ¦%"),
     "percent before more lines": ("percent-place", "G0 X1\n¦%\nG0 X2"),
     "NUL": ("control-character", "G0 ¦\0X1"),
+    "a lost sector": ("zero-bytes", "G0 X1¦" + "\0" * 512),
     "escape in a comment": ("control-character", "G0 X1 (¦\x1b[1m)"),
     "carriage return inside": ("control-character", "G0 X1¦\rG0 X2"),
     "line too long": ("line-too-long", "G0 X1\n" + ";" * MAX_LINE + "¦;"),
