@@ -314,9 +314,9 @@ def _perform(flow: Flow, moves: list[str], line: int, fault: Fault) -> int:
     """Make the moves, written for G17, in the plane; restore the modes that the cycle changes."""
     interpreter = flow.interpreter
     modal = interpreter.modal
-    words = (word for move in moves for word in move.split())
+    texts = (text for move in moves for text in move.split())
     if modal.diameter and any(
-        in_plane(word[0], modal.plane) == "X" and float(word[1:]) for word in words
+        in_plane(text[0], modal.plane) == "X" and float(text[1:]) for text in texts
     ):
         raise fault("code-not-supported", " moves X, and its arguments may be diameters or radii")
     before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
