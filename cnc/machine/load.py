@@ -107,13 +107,13 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    for key in ("name", "kind", "start", "file"):
+    for key in (*Header.model_fields, "file"):
         if key in tables:
             hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
     _complete_axes(file, text, tables)
     try:
-        machine = Machine.model_validate({**dict(header), "file": str(file), **tables})
+        machine = Machine.model_validate({**header.model_dump(), "file": str(file), **tables})
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in inconsistencies(machine):
