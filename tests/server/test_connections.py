@@ -299,7 +299,7 @@ def pulses_of_run(console, library, controller, pulses):
     before = len(library.history())
     pulses.clear()
     assert controller("POST", "/api/jobs/pulses.nc/run").status_code == 200
-    wait_until(lambda: len(library.history()) > before)
+    wait_until(lambda: library.history()[0]["outcome"] != "running")
     wait_until(lambda: not console.session._busy)
     assert library.history()[0]["outcome"] == "done"
     return pulses.copy()
