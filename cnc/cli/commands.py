@@ -41,6 +41,7 @@ from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.model.shown_text import printable, shown_name
 from cnc.version import __version__
 
 app = Application(
@@ -232,7 +233,7 @@ def view(
     show(report, common, common.summary_file)
     quiet = common.terminal.quiet
     if report.ok and report.stopped_at_line is None and not quiet:
-        print(f"picture      {output}", file=common.summary_file)
+        print(f"picture      {printable(output)}", file=common.summary_file)
     return end([report], quiet=quiet)
 
 
@@ -258,7 +259,7 @@ def papers(
         done.append(section)
     written = page.write(done, folder)
     if not quiet:
-        print(written)
+        print(shown_name(str(written)))
     return 0
 
 
@@ -272,7 +273,7 @@ def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False)
 
     _compile(quiet=quiet)
     if not quiet:
-        print(f"compiled code  {cache_folder()}")
+        print(f"compiled code  {printable(str(cache_folder()))}")
     return 0
 
 
