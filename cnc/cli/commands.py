@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,6 +35,7 @@ from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
 from cnc.cli.signals import OperatorSignals, report_hang_up
+from cnc.cli.streams import NO_SPACE
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
@@ -316,20 +315,40 @@ def schema(
     return 0
 
 
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a write to a full disk, as to a file to which standard output is redirected."""
-
-
 def run_arguments() -> None:
     """Carry out the command line of this process, and exit."""
-    # A file name may contain bytes that are not text; printing it must not fail.
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(exit_code(sys.argv[1:]))
 
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    try:
+        return _carry_out(arguments)
+    except BrokenPipeError:
+        # Python flushes standard output again at its exit, which must not fail.
+        _drop_output()
+        return EXIT_PIPE
+    except OSError as error:
+        if error.errno not in NO_SPACE or error.filename is not None:
+            return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+        _drop_output()
+        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
+
+        return fail(write_error("-", error))
+    except Exception as error:
+        return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+    finally:
+        close_log()
+
+
+def _drop_output() -> None:
+    """Let standard output take and drop everything."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+def _carry_out(arguments: Sequence[str]) -> int:
     OperatorSignals.moved = False
     asks = not {"--help", "-h"}.isdisjoint(arguments)
     Application.collections = {} if asks else None
@@ -354,18 +373,3 @@ def exit_code(arguments: Sequence[str]) -> int:
         nothing = "" if OperatorSignals.moved else "; nothing has moved"
         print(str(stop) or f"stopped by the operator{nothing}", file=sys.stderr)
         return EXIT_STOPPED
-    except BrokenPipeError:
-        # Python flushes standard output again at its exit, which must not fail.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_PIPE
-    except OSError as error:
-        if error.errno not in NO_SPACE or error.filename is not None:
-            return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
-
-        return fail(write_error("-", error))
-    except Exception as error:
-        return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
-    finally:
-        close_log()
