@@ -256,7 +256,10 @@ def papers(
         if not quiet:
             print(page.markdown(section), end="\n\n", flush=True)
         done.append(section)
-    written = page.write(done, folder)
+    missing = page.drawing_missing()
+    written = page.write(done, folder, draws=missing is None)
+    if missing is not None:
+        print(f"warning: {missing.render()}", file=sys.stderr)
     if not quiet:
         print(shown_name(str(written)))
     return 0
