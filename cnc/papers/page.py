@@ -81,7 +81,7 @@ def drawing_missing() -> Diagnostic | None:
     except ImportError:
         message = "the figures need matplotlib, which is not installed; the tables are complete"
         hint = "pip install 'cncrun[view]', or pip install matplotlib"
-        return Diagnostic("drawing-missing", message, hint=hint, severity="warning")
+        return Diagnostic("figures-missing", message, hint=hint, severity="warning")
     return None
 
 

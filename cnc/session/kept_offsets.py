@@ -38,7 +38,10 @@ def read_offsets(board: str) -> tuple[Offsets | None, list[Diagnostic]]:
     found, warnings = read_state(_file(board), _Content, hint)
     if found is None:
         return None, warnings
-    return {name: {**place} for name, place in found.root.items() if name in KEPT}, warnings
+    kept = {name: place for name, place in found.root.items() if name in KEPT}
+    return {
+        name: {str(axis): value for axis, value in place.items()} for name, place in kept.items()
+    }, []
 
 
 def write_offsets(board: str, offsets: Mapping[str, Mapping[str, float]]) -> None:

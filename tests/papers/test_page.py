@@ -81,7 +81,7 @@ def test_without_matplotlib_there_are_tables_without_figures(tmp_path, monkeypat
     assert cli.exit_code(["papers", str(tmp_path / "p")]) == 0
     printed, message = capsys.readouterr()
     assert "| circle | 5 655     | 5656     |" in printed
-    assert "drawing-missing" in message and "pip install" in message
+    assert "figures-missing" in message and "pip install" in message
     (written,) = (tmp_path / "p").iterdir()
     text = written.read_text()
     assert "| circle | 5 655     | 5656     |" in text
