@@ -103,6 +103,10 @@ def load_machine(path: Path | str | None = None) -> Machine:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _toml_error(file, text, str(error)) from None
+    except RecursionError:
+        depths = [line.count("[") + line.count("{") for line in text.splitlines()]
+        place = f"(at line {depths.index(max(depths)) + 1}, column 1)"
+        raise _toml_error(file, text, f"lists or tables are nested too deeply {place}") from None
     try:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:

@@ -30,6 +30,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
+from cnc.model.shown_text import printable
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
@@ -183,7 +184,7 @@ class ProgramReader:
             return dialects.load(self.dialect, lathe=system)
         if self.recognition is None:
             self.recognition = self._evidence()
-            log.info("%s is read as %s", self.name, self.recognition.described())
+            log.info("%s is read as %s", printable(self.name), self.recognition.described())
         refuse(self.recognition, self.machine.kind, self.name)
         if is_lathe:
             name = lathe_dialect(self.recognition, self.name)
