@@ -101,7 +101,7 @@ class Cycle:
             raise fault("code-not-supported", " under G70: write G700, as its pitch gives the feed")
         moves = list(_Hole(kind, given, flow.interpreter.modal.plane, fault).moves())
         if not self.modal:
-            return _perform(flow, moves, line)
+            return _perform(flow, moves, line, fault)
         flow.modal = None
         plane = flow.interpreter.modal.plane
 
@@ -110,7 +110,7 @@ class Cycle:
                 message = f"CYCLE{kind} of MCALL in another plane than that of its line"
                 hint = "write MCALL and the cycle again after the plane"
                 raise flow.listing.fault(Place(after, 1), "code-not-supported", message, hint)
-            return _perform(flow, moves, after)
+            return _perform(flow, moves, after, fault)
 
         flow.begin_modal(again)
         return line + 1
@@ -310,10 +310,15 @@ def in_plane(letter: str, plane: Plane) -> str:
     return _IN_PLANE[plane].get(letter, letter)
 
 
-def _perform(flow: Flow, moves: list[str], line: int) -> int:
+def _perform(flow: Flow, moves: list[str], line: int, fault: Fault) -> int:
     """Make the moves, written for G17, in the plane; restore the modes that the cycle changes."""
     interpreter = flow.interpreter
     modal = interpreter.modal
+    texts = (text for move in moves for text in move.split())
+    if modal.diameter and any(
+        in_plane(text[0], modal.plane) == "X" and float(text[1:]) for text in texts
+    ):
+        raise fault("code-not-supported", " moves X, and its arguments may be diameters or radii")
     before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
     try:
         for move in ("G90", *moves):

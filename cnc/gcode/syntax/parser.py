@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 MEMO = 4096
 """Parsed lines that are kept."""
 
+MOST_ZEROS = 512
+"""Zero bytes in a line from which on they are a lost sector of a disk, and no leader of a tape."""
+
 _QUERY = re.compile(r"[ \t]*(\?)[ \t]*(?:;.*)?")
 _SWITCH = re.compile(r"([ \t]*/)[1-9](?=[ \t]*[A-Za-z(#])")
 """Block delete with the number of a switch, as FANUC and SINUMERIK have it."""
@@ -103,9 +106,7 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         GcodeError: A syntax error with its column (from 1). The caller adds line and file. Computed
             values raise the same kind of error when they are computed.
     """
-    if len(text) > MAX_LINE:
-        message = f"the line has more than {MAX_LINE} characters"
-        raise fault("line-too-long", message, column=MAX_LINE + 1)
+    _check_size(text)
     if syntax.lenient and not text.strip(_TAPE):
         return Statement()
     if control := _CONTROL.search(text):
@@ -138,6 +139,16 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
     text = with_plain_tools(text) if syntax.dialect == "fagor" else text
     return _parse_mended(text, syntax)
+
+
+def _check_size(text: str) -> None:
+    """Refuse a line that is too long, or a lost part of a file."""
+    if len(text) > MAX_LINE:
+        message = f"the line has more than {MAX_LINE} characters"
+        raise fault("line-too-long", message, column=MAX_LINE + 1)
+    if (zeros := text.count("\0")) >= MOST_ZEROS:
+        message = f"{zeros} zero bytes in one line: the file was not copied or saved whole"
+        raise fault("zero-bytes", message, column=text.index("\0") + 1, hint="copy the file again")
 
 
 def _meaning_of_head(text: str, syntax: Syntax) -> str:

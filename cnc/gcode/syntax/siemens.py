@@ -31,7 +31,7 @@ from cnc.gcode.syntax.siemens_control import (
 from cnc.gcode.syntax.siemens_expressions import Cursor, closing
 from cnc.gcode.syntax.siemens_messages import message_of
 from cnc.gcode.syntax.siemens_variables import Variables, as_type, without_comment
-from cnc.gcode.syntax.statement import DIRECTION, NOTED, SHOWN, Remark
+from cnc.gcode.syntax.statement import DIAMETERS, DIRECTION, NOTED, SHOWN, Remark
 from cnc.gcode.syntax.words import fault
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -59,6 +59,7 @@ _LETTERS = {
 }  # fmt: skip
 _DIRECTIONS = {"DC": "shortest", "ACP": "positive", "ACN": "negative", "IC": "counted"}
 _TRANSFORMATIONS = {"TRAORI": "G43.4", "TRAFOOF": "G49"}
+_DIAMETERS = ("DIAMON", "DIAMOF", "DIAM90")
 _TOOL_TURNS = {"ORIAXES": "linear", "ORIVECT": "circle", "ORIPLANE": "circle"}
 _NO_DIRECTION = {
     "2": "Euler or RPY angle",
@@ -68,6 +69,10 @@ _NO_DIRECTION = {
     "7": "orientation between",
 }
 _ADDRESSES = ("SD", "PL", "PW", "A3", "B3", "C3")
+_POLAR_HERE = {"^": "[ATAN[#<_y>]/[#<_x>]]", "@": "SQRT[#<_x>*#<_x>+#<_y>*#<_y>]"}
+"""Angle and radius of the position, from which AP=IC() and RP=IC() count."""
+_COORDINATES = frozenset("XYZABCUVWIJK^@")
+"""Letters whose value may count from the position."""
 _CENTRES = {"I": "x", "J": "y", "K": "z"}
 
 
@@ -98,7 +103,9 @@ def _no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
     tables = _words()
     words = tables["not-needed"].keys() | tables["only-zero"].keys() | tables["refused"].keys()
-    return frozenset(words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, "SUPA", "BSPLINE"})
+    return frozenset(
+        words | _TRANSFORMATIONS.keys() | {*_TOOL_TURNS, *_DIAMETERS, "SUPA", "BSPLINE"}
+    )
 
 
 def translate(text: str, variables: Variables = ()) -> Translation:
@@ -290,11 +297,15 @@ class _Line(Cursor):
         if name == "TURN":
             self.out.append(f"P[{value}+1]")
         elif name in _CENTRES and mode == "AC":
+            value = f"[{value}]*#<_x_absolute>" if name == "I" else value
             self.out.append(f"{letter}[{value}-#<_{_CENTRES[name]}>]")
         elif name in _ADDRESSES:
             if mode:
                 raise self.fault(f"{name}={mode}(..)", 1, "")
             self.out.append(f"{name}=[{value}]")
+        elif found and letter not in _COORDINATES:
+            self.at = found.start()
+            raise self.fault(f"{name}={mode}(..)", 1, f"{mode} is for coordinates")
         elif mode:
             self.out.append(f"{letter}[{self._from_here(letter, mode, value)}]")
         else:
@@ -302,7 +313,9 @@ class _Line(Cursor):
 
     def _from_here(self, letter: str, mode: str, value: str) -> str:
         """Return a coordinate in the distance mode of the line."""
-        here = f"#<_{letter.lower()}>"
+        here = _POLAR_HERE.get(letter) or f"#<_{letter.lower()}>"
+        if letter == "X":
+            return self._x_from_here(mode, value)
         if mode == "IC":
             if self.is_incremental or letter in _CENTRES:
                 return value
@@ -310,6 +323,20 @@ class _Line(Cursor):
         if self.is_absolute:
             return value
         return f"{value}-{here}" if self.is_incremental else f"{value}-{here}*#<_incremental>"
+
+    def _x_from_here(self, mode: str, value: str) -> str:
+        """Return X, which may be a diameter, in the distance mode of the line."""
+        if mode == "IC":
+            if self.is_incremental:
+                return value
+            total = f"[[{value}]*#<_x_incremental>+#<_x>]/#<_x_absolute>"
+            here = f"{total}*#<_absolute>+[{value}]*#<_incremental>"
+            return total if self.is_absolute else here
+        if self.is_absolute:
+            return value
+        step = f"[[{value}]*#<_x_absolute>-#<_x>]/#<_x_incremental>"
+        here = f"{step}*#<_incremental>+[{value}]*#<_absolute>"
+        return step if self.is_incremental else here
 
     def _keyword(self, name: str) -> None:
         """Translate a word of letters, with its brackets or its value."""
@@ -329,6 +356,8 @@ class _Line(Cursor):
             self.remarks.append(
                 Remark(DIRECTION, f"TOOL {_TOOL_TURNS[name]}", begin + 1, len(name))
             )
+        elif name in _DIAMETERS:
+            self.remarks.append(Remark(DIAMETERS, name, begin + 1, len(name)))
         elif name in tables["not-needed"]:
             self._pass_value()
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"

@@ -32,7 +32,7 @@ _OPEN = re.compile(
 )
 """Names and codes, which are part of the template, and open numbers."""
 _FIRST_MARK = 71_000_001
-_POSITION = re.compile(r"#<_(?:[a-z]|absolute|incremental)>")
+_POSITION = re.compile(r"#<_(?:[a-z]|(?:x_)?(?:absolute|incremental))>")
 """A parameter that shows the state of the interpreter, which compiled code does not have."""
 _ASSIGNMENT = re.compile(r"(?:N[0-9]+ )?#<[^<>]*>=\[.*\]")
 
