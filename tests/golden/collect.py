@@ -254,7 +254,8 @@ def _marked_in(value: Any) -> Iterator[str]:
 
 def _language(to: Collection) -> None:
     """Add the programs of language.txt in their dialects."""
-    for case, dialect in test_language_programs.RUNS:
+    pairs = [(case, each) for case in test_language_programs.CASES for each in case.in_dialects()]
+    for case, dialect in pairs:
         source = f"%\n{case.source}\n%"
         name = f"language/{case.line}.nc"
         if not (to.folder / name).exists():
