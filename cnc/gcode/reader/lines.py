@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from typing import NamedTuple
 
@@ -114,29 +115,48 @@ def _meaning(language: Language) -> kernel.Meaning:
     )
 
 
-@cache
-def _stack() -> NDArray[np.int64]:
-    return np.empty((4, MAX_LINE + 8), np.int64)
-
-
-def read(data: NDArray[np.uint8], begins: Positions, ends: Positions, name: str) -> Reading:
-    """Read lines of a text.
-
-    Args:
-        data: The text.
-        begins: (lines,) position of the first byte of each line.
-        ends: (lines,) position after the last byte.
-        name: Name of the grammar.
-    """
-    lines = len(begins)
-    most = 3 * len(data) + 2 * lines
-    found = grammar(name)
-    events = automaton.Events(
-        np.empty(most, np.int16),
-        np.empty(most, np.int32),
-        np.empty(most, np.int32),
-        np.empty(most),
+def _events(lines: int, size: int) -> automaton.Events:
+    """Return space for the events of lines with ``size`` bytes."""
+    most = 3 * size + 2 * lines
+    return automaton.Events(
+        np.empty(most, np.int16), np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most)
     )
+
+
+class _Scratch(threading.local):
+    """Arrays that each window of a thread uses again: new memory takes as long as the reading."""
+
+    def __init__(self) -> None:
+        self.stack = np.empty((4, MAX_LINE + 8), np.int64)
+        self.size, self.lines = -1, -1
+
+    def fit(self, lines: int, size: int) -> None:
+        """Make the arrays large enough."""
+        if size <= self.size and lines <= self.lines:
+            return
+        self.size, self.lines = max(size, self.size), max(lines, self.lines)
+        self.events = _events(self.lines, self.size)
+        # A word and an item have two bytes at least. An item that is left out may have begun two
+        # more.
+        items = self.size // 2 + 2
+        self.words = kernel.Words(
+            np.empty(items, np.uint8),
+            np.empty(items),
+            np.empty(items, np.int32),
+            np.empty(items, np.int32),
+        )
+        self.items = np.empty(items, np.uint8), np.empty(items, np.int64), np.empty(items, np.int64)
+        self.code = kernel.Code(np.empty(self.size + 1, np.uint8), np.empty(self.size + 1))
+
+
+_scratch = _Scratch()
+
+
+def _read(
+    data: NDArray[np.uint8], begins: Positions, ends: Positions, name: str, events: automaton.Events
+) -> Reading:
+    """Read lines of a text into the space for events."""
+    lines, found = len(begins), grammar(name)
     results = automaton.Results(
         np.empty(lines + 1, np.int32),
         np.empty(lines, np.uint8),
@@ -144,7 +164,7 @@ def read(data: NDArray[np.uint8], begins: Positions, ends: Positions, name: str)
         np.empty(lines, np.int16),
     )
     automaton.read(
-        data, begins, ends, MAX_LINE, found.tables, classes(name), _stack(), events, results
+        data, begins, ends, MAX_LINE, found.tables, classes(name), _scratch.stack, events, results
     )
     return Reading(found, events, results)
 
@@ -158,27 +178,26 @@ def read_line(text: str, name: str) -> Reading:
     """
     data = text.encode() if text.isascii() else _one_byte_each(text)
     size = np.array([len(data)], np.int32)
-    return read(np.frombuffer(data, np.uint8), _AT_START, size, name)
+    return _read(np.frombuffer(data, np.uint8), _AT_START, size, name, _events(1, len(data)))
 
 
 def _one_byte_each(text: str) -> bytes:
     return bytes(min(ord(char), automaton.OTHER) for char in text)
 
 
-def sort_lines(
-    data: NDArray[np.uint8], begins: Positions, ends: Positions, reading: Reading,
-    language: Language,
-) -> Sorted:  # fmt: skip
+def read_lines(data: bytes, begins: Positions, ends: Positions, language: Language) -> Sorted:
     """Return lines as words and items.
 
     Args:
         data: The text.
         begins: (lines,) position of the first byte of each line.
         ends: (lines,) position after the last byte.
-        reading: Their events.
         language: Their language.
     """
-    count, size = len(begins), len(data)
+    count, chars = len(begins), np.frombuffer(data, np.uint8)
+    scratch = _scratch
+    scratch.fit(count, len(data))
+    reading = _read(chars, begins, ends, language.grammar, scratch.events)
     lines = kernel.Lines(
         np.empty(count, np.uint8),
         np.empty(count, np.int64),
@@ -186,33 +205,31 @@ def sort_lines(
         np.empty(count, np.int32),
         np.empty(count + 1, np.int32),
     )
-    # A word and an item have two bytes at least. An item that is left out may have begun two more.
-    items = size // 2 + 2
-    text = data.tobytes()
-    names = _names(text.count(b"<"))
-    labels = _names(text.count(b"o") + text.count(b"O"))
-    words = kernel.Words(
-        np.empty(items, np.uint8),
-        np.empty(items),
-        np.empty(items, np.int32),
-        np.empty(items, np.int32),
-    )
     coded = kernel.Coded(
         np.empty(count, np.uint8),
         np.empty(count + 1, np.int32),
-        np.empty(items, np.uint8),
-        np.empty(items, np.int64),
-        np.empty(items, np.int64),
-        kernel.Code(np.empty(size + 1, np.uint8), np.empty(size + 1)),
-        names,
+        *scratch.items,
+        scratch.code,
+        _names(data.count(b"<")),
         np.empty(count, np.int32),
-        labels,
+        _names(data.count(b"o") + data.count(b"O")),
     )
     kernel.sort_events(
-        data, begins, ends, reading.events, reading.results, _meaning(language),
-        MAX_NUMBER, lines, words, coded,
+        chars, begins, ends, reading.events, reading.results, _meaning(language), MAX_NUMBER,
+        lines, scratch.words, coded,
     )  # fmt: skip
-    return Sorted(lines, words, coded)
+    words, items = int(lines.first[count]), int(coded.first[count])
+    instructions = int(coded.end[items - 1]) if items else 0
+    return Sorted(
+        lines,
+        kernel.Words(*(each[:words].copy() for each in scratch.words)),
+        coded._replace(
+            letter=coded.letter[:items].copy(),
+            begin=coded.begin[:items].copy(),
+            end=coded.end[:items].copy(),
+            code=kernel.Code(*(each[:instructions].copy() for each in coded.code)),
+        ),
+    )
 
 
 def _names(most: int) -> kernel.Names:

@@ -22,7 +22,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.reader.lines import NGC, Language, Positions, Reading, Sorted, read, sort_lines
+from cnc.gcode.reader.lines import NGC, Language, Positions, Sorted, read_lines
 from cnc.gcode.reader.statements import squeezed
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
 from cnc.gcode.syntax.statement import Statement
@@ -116,22 +116,13 @@ class Window:
         """Read the lines in a language."""
         if language != self.language:
             self.language = language
-            for name in ("reading", "sorted"):
-                self.__dict__.pop(name, None)
+            self.__dict__.pop("sorted", None)
         return self
-
-    @cached_property
-    def reading(self) -> Reading:
-        """The events of the lines."""
-        return read(
-            np.frombuffer(self._data, np.uint8), self._begin, self._end, self.language.grammar
-        )
 
     @cached_property
     def sorted(self) -> Sorted:
         """The lines as words and items."""
-        data = np.frombuffer(self._data, np.uint8)
-        return sort_lines(data, self._begin, self._end, self.reading, self.language)
+        return read_lines(self._data, self._begin, self._end, self.language)
 
     @property
     def head(self) -> NDArray[np.uint8]:
