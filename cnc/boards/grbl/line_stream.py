@@ -102,7 +102,7 @@ class LineStream:
         """
         self.sent, self.began = 0, None
         self.link.protocol.begin_program()
-        self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
+        self.monitor.begin(self.link.info, self.position, offset, self.link.listened, moves=moves)
         self._set_first_override()
 
     def send(self, group: LineGroup) -> bool:
@@ -142,7 +142,7 @@ class LineStream:
             if most:
                 now = link.now()
                 if not protocol.unanswered.count:
-                    monitor.liveness.begin(now)
+                    monitor.liveness.begin(link.listened)
                 if self.began is None and group.acts:
                     self.began = now
                 link.queued += protocol.send(group, done, done + most)
@@ -198,14 +198,14 @@ class LineStream:
         self.drain()
         link = self.link
         link.poll_now()
-        began = link.now()
+        last = link.last_old_report
         reports = 0
         while not self.stopping:
-            before = link.status_at
             self.serve(self.wait, poll=POLL_AT_REST)
             # A report may be older than the last answer, and between an answer and the motion GRBL
             # is Idle for a moment. So the second report counts.
-            if link.status_at > before and link.status_at > began:
+            if link.reports > last:
+                last = link.reports
                 reports = reports + 1 if self.status.state in REST_STATES else 0
                 if reports == 1:
                     self.rested_at = link.status_at
@@ -250,7 +250,7 @@ class LineStream:
             link.drop()
             self.state = "stopped"
             raise self.at_confirmed(error) from error
-        now = link.now()
+        now = link.listened
         confirmed = 0
         for event in events:
             if type(event) is Confirmed:
@@ -263,7 +263,7 @@ class LineStream:
             self._check_liveness(now)
         requests = self._requests
         if requests is not None and not self._control.stopped and self.state == "running":
-            data = requests.commands(self.status, link.status_at, now)
+            data = requests.commands(self.status, link.status_listened, now)
             if data:
                 self.write(data)
 
@@ -272,7 +272,7 @@ class LineStream:
 
         Args:
             event: The event.
-            now: Present time, s: the same for all events that were read together.
+            now: Time of listening, s: the same for all events that were read together.
         """
         if isinstance(event, Feedback) and event.kind == "PRB":
             self.probed = self._contact(event.text)
@@ -334,9 +334,9 @@ class LineStream:
         requests, link = self._requests, self.link
         if requests is None or requests.reached(UNCHANGED):
             return
-        deadline = link.now() + OVERRIDE_PATIENCE
+        deadline = link.listened + OVERRIDE_PATIENCE
         wanted = requests.control.feed_override
-        while wanted >= MIN_OVERRIDE and link.now() < deadline and not self.stopping:
+        while wanted >= MIN_OVERRIDE and link.listened < deadline and not self.stopping:
             self.serve(self.wait, poll=POLL_AT_REST)
             if requests.reached(self.status):
                 return
@@ -348,7 +348,7 @@ class LineStream:
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()
-        self.monitor.liveness.marked(self._marked_at)
+        self.monitor.liveness.marked(self.link.listened)
         self.link.queued += self.link.protocol.mark()
 
     def _contact(self, text: str) -> tuple[float, ...] | None:

@@ -107,8 +107,7 @@ def _come_to_rest(
 ) -> None:
     """Wait for the end of a jog; cancel it when it is released."""
     link = board.link
-    began = link.now()
-    rests, since, seen = 0, 0.0, began
+    rests, since, seen = 0, 0.0, link.last_old_report
     link.poll_now()
     while rests < RESTS:
         # A byte may be lost, so the cancel is repeated.
@@ -117,8 +116,8 @@ def _come_to_rest(
             link.send_realtime(RealTime.JOG_CANCEL)
             link.poll_now()
         _serve(board, on_report)
-        if link.status_at > seen:
-            seen = link.status_at
+        if link.reports > seen:
+            seen = link.reports
             rests = rests + 1 if board.status.state != "Jog" else 0
 
 
