@@ -60,6 +60,13 @@ def offset_differs(offset: Sequence[float], line: int) -> BoardError:
     return board_error("offset-differs", message, line=line, hint=hint)
 
 
+def offset_not_kept(name: str, wanted: Sequence[float], kept: Sequence[float]) -> BoardError:
+    """Return the fault of an offset, mm, that is not the one that was written."""
+    message = f"{name} was to be {shown(wanted)} mm; the board has {shown(kept)}"
+    hint = "read the offsets again, and compare the steps/mm of the board"
+    return board_error("offset-not-kept", message, hint=hint)
+
+
 def laser_mode_off() -> BoardError:
     """Return the fault of a board that is not in laser mode."""
     message = "the machine is a laser, but the board is not in laser mode ($32=0)"

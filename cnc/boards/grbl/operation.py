@@ -184,17 +184,20 @@ def work_position(board: GrblBoard, system: str) -> tuple[float, ...]:
 def unlock(board: GrblBoard) -> None:
     """Leave an alarm without homing (``$X``); a reset comes first where the alarm needs one."""
     link = board.link
+    shift = board.info.places.get("G92", ())
     if link.protocol.state is not State.READY:
         link.connect()
+        board.restore_shift(dict(zip(AXIS_LETTERS, shift, strict=False)))
     if link.refresh().state == "Alarm":
         link.ask("$X")
     link.alarm = None
     link.refresh()
     board.stream.state = "idle"
+    read_offsets(board)
 
 
 def revive(board: GrblBoard) -> None:
-    """Accept a next program; after a stop read the offsets again, because the reset clears G92.
+    """Accept a next program; after a stop read the offsets, and set G92, which the reset clears.
 
     Raises:
         BoardError: ``board-stopped`` after a fault of the link.
@@ -204,12 +207,14 @@ def revive(board: GrblBoard) -> None:
         message = "the board has been stopped by a fault"
         raise board_error("board-stopped", message, hint="connect it again")
     if board.state == "stopped":
+        board.shift_cleared()
         read_offsets(board)
     board.stream.state = "idle"
 
 
 def read_offsets(board: GrblBoard) -> None:
     """Read the offsets that the board keeps, if it is at rest."""
+    board.set_cleared_shift()
     if board.link.refresh().state == "Idle":
         board.info.take(board.link.ask("$#"))
 
