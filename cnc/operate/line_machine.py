@@ -171,9 +171,9 @@ class LineMachine:
         """Read the offsets again; the board accepts the next program."""
         operation.revive(self.board)
 
-    def unlock(self) -> None:
-        """Send ``$X``; the position is not known from here on."""
-        operation.unlock(self.board)
+    def unlock(self, *, at_switch: bool) -> None:
+        """Send ``$X``; a position that an alarm has lost stays lost."""
+        operation.unlock(self.board, at_switch=at_switch)
 
     def for_jogs(self) -> Machine:
         """Return the machine with the rates and accelerations of the board, for jogs."""

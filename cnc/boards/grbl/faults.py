@@ -95,12 +95,25 @@ def restarted(line: int) -> BoardError:
 
 
 def locked(line: int) -> BoardError:
-    """Return the fault of a board that was in alarm before the run."""
+    """Return the fault of a board that was in alarm before."""
     hint = (
         "home the machine (cncrun home, --home before the program, or a program that begins with "
-        "$H), or unlock the board with $X if its position is right"
+        "$H), or unlock the board if its position is right (cncrun unlock)"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
+
+
+def at_switch(axes: str) -> BoardError:
+    """Return the fault of a board that locks itself again: limit switches are pressed."""
+    names = " and ".join(axes)
+    first = axes[0]
+    hint = (
+        f"move {first} off its switch by hand; or jog it off without hard limits (cncrun settings "
+        f"21=0), unlocked (cncrun unlock), away from the switch (cncrun jog {first}-2 --unhomed), "
+        "and switch them on again (cncrun settings 21=1)"
+    )
+    message = f"the board stays locked: the limit switch of {names} is pressed"
+    return board_error("board-locked", message, hint=hint)
 
 
 def lost(after: int, until: int) -> BoardError:
