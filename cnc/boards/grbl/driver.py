@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
-from cnc.boards.grbl.faults import laser_mode_off, offset_differs, offset_not_kept
+from cnc.boards.grbl.faults import at_door, laser_mode_off, offset_differs, offset_not_kept
 from cnc.boards.grbl.line_groups import groups_of
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
@@ -334,9 +334,11 @@ class GrblBoard:
         link, stream = self.link, self.stream
         before, status = stream.position, link.refresh()
         if status.state not in ("Idle", "Alarm"):
-            hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(
-                status.state, "wait until it has come to rest"
-            )
+            if status.door:
+                raise at_door(status)
+            hint = "wait until it has come to rest"
+            if status.state == "Sleep":
+                hint = "reset the board"
             message = f"the board is not ready; it reports {status.state}"
             raise board_error("board-busy", message, hint=hint)
         if any(abs(a - b) > SAME_POSITION for a, b in zip(before, stream.position, strict=True)):

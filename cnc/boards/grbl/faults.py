@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.codes import POSITION_LOST, alarm_meaning, error_meaning
 from cnc.boards.grbl.messages import Firmware, Reply
+from cnc.boards.grbl.status import DOOR_SHUT, Status
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -101,6 +102,16 @@ def locked(line: int) -> BoardError:
         "$H), or unlock the board if its position is right (cncrun unlock)"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
+
+
+def at_door(status: Status) -> BoardError:
+    """Return the fault of a board that waits at its safety door."""
+    shut = status.phase == DOOR_SHUT and "D" not in status.pins
+    message = "was opened" if shut else "is open"
+    hint = "start again" if shut else "close it, then start again"
+    return board_error(
+        "board-busy", f"the board is not ready: its safety door {message}", hint=hint
+    )
 
 
 def at_switch(axes: str) -> BoardError:

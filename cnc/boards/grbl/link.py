@@ -214,10 +214,12 @@ class GrblLink:
             patience: Longest time of the whole answer, s.
 
         Raises:
-            BoardError: ``board-error``, ``board-alarm``, ``no-answer``.
+            BoardError: ``board-error``, ``board-alarm``, ``board-busy`` (at its safety door the board
+                reads no line), ``no-answer``.
         """
         answers: list[Feedback | Setting] = []
         failed: list[BoardError] = []
+        old = self.last_old_report
 
         def done(event: Event) -> bool:
             if isinstance(event, Feedback | Setting):
@@ -226,6 +228,8 @@ class GrblLink:
                 failed.append(faults.refused(event.reply, command, 0, self.info.kind))
             elif isinstance(event, Alarmed):
                 failed.append(faults.alarmed(event.code, 0, self.info.kind))
+            elif isinstance(event, Reported) and event.status.door and self.reports > old:
+                failed.append(faults.at_door(event.status))
             elif isinstance(event, Started | UnexpectedReply):
                 failed.append(_ReconnectError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
