@@ -85,6 +85,8 @@ def run(
     quiet = common.terminal.quiet
     display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
+        if not keys.available:
+            display.without_keys()
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,

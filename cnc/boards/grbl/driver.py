@@ -392,6 +392,8 @@ class GrblBoard:
         if self.check_only:
             self.stream.end_check_mode()
             self.shift_cleared()
+        else:
+            self.stream.end_overrides()
         self.stream.state = "idle"
 
     def stop(self) -> None:

@@ -6,6 +6,7 @@ the fault is raised, and nothing is sent any more.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
@@ -18,11 +19,14 @@ from cnc.boards.grbl.line_kinds import ALONE, MOST_CHARACTERS, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
+from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.status import Status, in_mm
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
+
+log = logging.getLogger(__name__)
 
 WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
@@ -33,6 +37,10 @@ MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: each step of ten takes a report."""
+OVERRIDE_ANSWER = 0.5
+RESTORED = 3
+"""Seconds until the end of the overrides shows in a report, and attempts: a byte may be lost."""
+WITHOUT_OVERRIDES = RealTime.FEED_100.value + RealTime.RAPID_100.value + RealTime.SPINDLE_100.value
 UNCHANGED = Status("Idle", overrides=(FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE))
 REST_STATES = ("Idle", "Alarm", "Check", "Sleep")
 
@@ -345,6 +353,23 @@ class LineStream:
             message = f"the board does not accept a feed override of {wanted:g} %"
             hint = f"GRBL accepts {MIN_OVERRIDE} to 200 %; scale the feeds of the program instead"
             raise self.stopped_by(board_error("override-refused", message, hint=hint))
+
+    def end_overrides(self) -> None:
+        """Set the overrides of this run back, for what comes next at the board."""
+        link = self.link
+        if self.status.overrides in (None, UNCHANGED.overrides):
+            return
+        for _ in range(RESTORED):
+            self.write(WITHOUT_OVERRIDES)
+            link.poll_now()
+            if link.until(
+                lambda event: (
+                    isinstance(event, Reported) and event.status.overrides == UNCHANGED.overrides
+                ),
+                OVERRIDE_ANSWER,
+            ):
+                return
+        log.warning("%s: the overrides stay at %s", link.name, self.status.overrides)
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()

@@ -214,8 +214,8 @@ class GrblLink:
             patience: Longest time of the whole answer, s.
 
         Raises:
-            BoardError: ``board-error``, ``board-alarm``, ``board-busy`` (at its safety door the board
-                reads no line), ``no-answer``.
+            BoardError: ``board-error``, ``board-alarm``, ``no-answer``; ``board-busy`` at its
+                safety door, where it reads no line.
         """
         answers: list[Feedback | Setting] = []
         failed: list[BoardError] = []
