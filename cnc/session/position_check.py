@@ -226,7 +226,7 @@ def record_shift(board: LineSink, machine: Machine) -> None:
         return
     axes = tuple(machine.axes)
     last = LastPosition.read(board.identity)
-    here = dict(zip(axes, board.position, strict=False))
+    here = dict(zip(machine.axis_names, board.position, strict=False))
     lost = last is not None and (
         last.lost or board.restarted or differs(board, axes, last.position)
     )
