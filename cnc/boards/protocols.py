@@ -333,6 +333,16 @@ class LineSink(Board, Protocol):
     restarted: bool
     check_only: bool
 
+    def restore_shift(self, shift: Mapping[str, float]) -> None:
+        """Set the G92 that a reset has cleared; nothing where the board has one.
+
+        Args:
+            shift: Offset by axis, mm. A locked board gets it when it has been homed.
+
+        Raises:
+            BoardError: ``offset-not-kept`` where the board keeps another offset.
+        """
+
     @property
     def buffered(self) -> int:
         """Number of lines sent that the board has not carried out yet, as far as known."""

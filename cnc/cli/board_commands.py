@@ -75,6 +75,8 @@ def home(
     control = Control()
     keys = Keyboard(control, report_hang_up)
     with ProgressDisplay(control, quiet=terminal.quiet) as display, keys:
+        if not keys.available:
+            display.without_keys()
         positions = api.home(
             machine,
             axes,

@@ -17,7 +17,7 @@ from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.log_output import close_log
-from cnc.cli.operate_commands import height_map, jog, mdi, zero
+from cnc.cli.operate_commands import height_map, jog, mdi, unlock, zero
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -58,6 +58,7 @@ app.command(settings)
 app.command(boards)
 app.command(home)
 app.command(jog)
+app.command(unlock)
 app.command(zero)
 app.command(mdi)
 app.command(height_map)
@@ -84,6 +85,8 @@ def run(
     quiet = common.terminal.quiet
     display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
+        if not keys.available:
+            display.without_keys()
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,

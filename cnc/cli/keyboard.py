@@ -43,6 +43,8 @@ HELP = (
     "space holds and resumes, + and - change the feed, r the traverses, [ and ] the spindle speed, "
     "q stops"
 )
+NO_TERMINAL = "no terminal gives keys: resume at the machine, or stop with Ctrl-C (SIGINT)"
+"""The same text where there is no terminal."""
 
 
 class Keyboard:

@@ -1,4 +1,4 @@
-"""The commands ``cncrun jog``, ``cncrun zero`` and ``cncrun mdi``: a machine from the terminal."""
+"""The commands that operate a machine from the terminal: jog, unlock, zero, mdi, height-map."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 TERMINAL = TerminalOptions()
 PortOption = Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")]
+TrustOption = Annotated[bool, option("The position that the board reports is right.")]
 WORD = re.compile(r"([a-zA-Z])([-+]?(?:\d+\.?\d*|\.\d+))?")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 SPAN = re.compile(rf"([xyXY])({_NUMBER}):({_NUMBER})", re.ASCII)
@@ -103,6 +104,23 @@ def jog(
         return EXIT_STOPPED if signals.stopped else 0
 
 
+def unlock(
+    *,
+    machine: MachineOption = None,
+    board: BoardOption = None,
+    port: PortOption = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Leave an alarm of a GRBL board without homing; nothing moves."""
+    with _session(terminal, machine, board, port) as (session, signals):
+        locked = session.state.state == "alarm"
+        _wait(session, signals, session.unlock(at_switch=False))
+        if not terminal.quiet:
+            print("the board is unlocked" if locked else "the board was not locked")
+        _show_position(session, terminal)
+    return 0
+
+
 def zero(
     *axes: Annotated[str, Parameter(help="Axes, such as X Y; X5 makes the present position 5 mm.")],
     system: Annotated[str, option("Coordinate system: G54 to G59.3, or G92.")] = "G54",
@@ -126,6 +144,7 @@ def zero(
 
 def mdi(
     *lines: Annotated[str, Parameter(help="Lines to run; without any, those of standard input.")],
+    trust_position: TrustOption = False,
     machine: MachineOption = None,
     board: BoardOption = None,
     port: PortOption = None,
@@ -136,7 +155,7 @@ def mdi(
         for line in lines or (each.rstrip("\n") for each in sys.stdin):
             if not line.strip():
                 continue
-            ended = _wait(session, signals, session.mdi(line))
+            ended = _wait(session, signals, session.mdi(line, trust_position=trust_position))
             _show_findings(ended)
             if ended.outcome != "done":
                 return EXIT_STOPPED if ended.outcome == "stopped" else ended.exit_code
@@ -151,6 +170,7 @@ def height_map(
     ],
     grid: GridOptions = GRID,
     system: Annotated[str, option("Coordinate system: G54 to G59.3.")] = "G54",
+    trust_position: TrustOption = False,
     machine: MachineOption = None,
     board: BoardOption = None,
     port: PortOption = None,
@@ -165,7 +185,9 @@ def height_map(
     with _session(terminal, machine, board, port) as (session, signals):
         session.select_system(system.upper())
         try:
-            found = _wait(session, signals, session.probe_grid(points))
+            found = _wait(
+                session, signals, session.probe_grid(points, trust_position=trust_position)
+            )
         except CncError:
             if signals.stopped:
                 return EXIT_STOPPED

@@ -9,7 +9,7 @@ from errno import EIO
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from cnc.cli.keyboard import HELP
+from cnc.cli.keyboard import HELP, NO_TERMINAL
 from cnc.cli.run_screen import PlainLines, RunScreen
 from cnc.cli.signals import OperatorSignals, report_hang_up
 from cnc.model.diagnostics import Diagnostic
@@ -38,6 +38,11 @@ class ProgressDisplay:
         self._bar: _ProgressBar | None = None
         self._held = False
         self._signals = OperatorSignals(control)
+        self._keys = HELP
+
+    def without_keys(self) -> None:
+        """Name no keys: no terminal gives them."""
+        self._keys = NO_TERMINAL
 
     def callbacks(self) -> Callbacks:
         """Return the callbacks that keep the display up to date."""
@@ -92,7 +97,7 @@ class ProgressDisplay:
             self._show(sent)
         if sent.held and not self._held and not self._quiet:
             place = f"{shown_name(sent.hold_reason)}, line" if sent.hold_reason else "held at line"
-            print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
+            print(f"{place} {sent.line}; {self._keys}", file=sys.stderr, flush=True)
         self._held = sent.held
 
     def _show(self, sent: Sent) -> None:
@@ -101,7 +106,9 @@ class ProgressDisplay:
             live = self._bar is not None and not self._plain and sys.stdout.isatty()
             if self._bar is not None:
                 self._bar.close()
-            self._screen = RunScreen(self._control) if live else PlainLines(self._control)
+            self._screen = (
+                RunScreen(self._control, keys=self._keys) if live else PlainLines(self._control)
+            )
         self._screen.update(sent, self._total)
 
 

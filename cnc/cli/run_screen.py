@@ -51,13 +51,16 @@ def overrides(sent: Progress, control: Control) -> str:
     return f"feed {feed:g} %  traverses {rapid:g} %  spindle {spindle:g} %"
 
 
-def rows(sent: Progress, control: Control, total: int | None) -> Iterator[tuple[str, str]]:
+def rows(
+    sent: Progress, control: Control, total: int | None, keys: str = HELP
+) -> Iterator[tuple[str, str]]:
     """Yield the label and the text of each row that is known.
 
     Args:
         sent: The progress.
         control: The operator's requests.
         total: The last line of the program; None if it is not known.
+        keys: Text about the keys.
     """
     axes, machine = sent.axes, sent.machine
     state = machine.state if machine is not None else "Hold" if sent.held else "Run"
@@ -88,7 +91,7 @@ def rows(sent: Progress, control: Control, total: int | None) -> Iterator[tuple[
         left.append(f"{sent.ahead:.2f} s in the buffer")
     if left:
         yield "time", "  ".join(left)
-    yield "keys", HELP
+    yield "keys", keys
 
 
 class RunScreen:
@@ -97,10 +100,11 @@ class RunScreen:
     Args:
         control: The operator's requests.
         console: The terminal; None for standard error.
+        keys: Text about the keys.
     """
 
-    def __init__(self, control: Control, console: Console | None = None) -> None:
-        self._control, self._console = control, console
+    def __init__(self, control: Control, console: Console | None = None, keys: str = HELP) -> None:
+        self._control, self._console, self._keys = control, console, keys
         self._live: Live | None = None
         self._began = monotonic()
         self._drawn = 0.0
@@ -147,7 +151,7 @@ class RunScreen:
         table = Table.grid(padding=(0, 2))
         table.add_column(style="bold", no_wrap=True)
         table.add_column(overflow="fold")
-        for label, text in rows(sent, self._control, total):
+        for label, text in rows(sent, self._control, total, self._keys):
             table.add_row(label, Text(text))
         return table
 

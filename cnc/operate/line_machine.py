@@ -21,7 +21,12 @@ from cnc.operate.jogging import REST_TIME, JogMove
 from cnc.operate.machines import Readings
 from cnc.session.board_offsets import CHANGED, named_offsets
 from cnc.session.kept_offsets import write_offsets
-from cnc.session.position_check import PositionCheck, home_by_board
+from cnc.session.position_check import (
+    PositionCheck,
+    home_by_board,
+    recall_shift,
+    record_shift,
+)
 
 LATENCY = 0.05
 """Time from a release to the cancel at the board, s: the link, and a turn of its loop."""
@@ -54,6 +59,7 @@ class LineMachine:
         board.stream.wait = SERVED
         self._given = machine
         self.machine = board.limited_to_board(machine)
+        recall_shift(board, self.machine)
         self._homes = board.info.homes
         self._homed = (
             self._homes and board.link.status is not None and board.status.state != "Alarm"
@@ -143,6 +149,8 @@ class LineMachine:
         operation.set_work_position(self.board, system, values)
         if self.board.identity is not None:
             write_offsets(self.board.identity, named_offsets(self.board, self.machine))
+            if system == "G92":
+                record_shift(self.board, self.machine)
 
     def keep_shift(self, parameters: Mapping[int, float]) -> None:
         """Set the shift of G92 on the board, if it is another one now."""
@@ -163,9 +171,9 @@ class LineMachine:
         """Read the offsets again; the board accepts the next program."""
         operation.revive(self.board)
 
-    def unlock(self) -> None:
-        """Send ``$X``; the position is not known from here on."""
-        operation.unlock(self.board)
+    def unlock(self, *, at_switch: bool) -> None:
+        """Send ``$X``; a position that an alarm has lost stays lost."""
+        operation.unlock(self.board, at_switch=at_switch)
 
     def for_jogs(self) -> Machine:
         """Return the machine with the rates and accelerations of the board, for jogs."""

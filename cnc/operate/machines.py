@@ -82,8 +82,8 @@ class OperatedMachine(Protocol):
     def revive(self) -> None:
         """Make the board ready for the next activity."""
 
-    def unlock(self) -> None:
-        """Leave an alarm without homing."""
+    def unlock(self, *, at_switch: bool) -> None:
+        """Leave an alarm without homing; ``at_switch``: also where a limit switch is pressed."""
 
     def for_jogs(self) -> Machine:
         """Return the machine with the limits that hold for a jog."""

@@ -156,11 +156,15 @@ class OperatorSession(ProgramSession):
 
         return self._begin("home", home)
 
-    def unlock(self) -> Future[None]:
-        """Leave an alarm without homing: the position of the machine is not known."""
+    def unlock(self, *, at_switch: bool = True) -> Future[None]:
+        """Leave an alarm without homing: a position that it has lost stays lost.
+
+        Args:
+            at_switch: Unlock although a limit switch is pressed, to jog off it.
+        """
 
         def unlock() -> None:
-            self._machine.unlock()
+            self._machine.unlock(at_switch=at_switch)
             self._view.read(self._machine)
 
         return self._begin("unlock", unlock)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from cnc.boards.port import Clock
@@ -64,8 +65,12 @@ class ProgramSession(Worker):
         program = InlineProgram(MDI_NAME, text)
         return self._begin("probe", lambda: self._run(program, line, CYCLES, 1))
 
-    def probe_grid(self, grid: Grid) -> Future[HeightMap]:
+    def probe_grid(self, grid: Grid, *, trust_position: bool = False) -> Future[HeightMap]:
         """Probe a surface on a grid, and return its height map.
+
+        Args:
+            grid: The points.
+            trust_position: The position that the board reports is right.
 
         Raises:
             UsageError: ``height-map-grid``, also if a contact is missing.
@@ -78,7 +83,8 @@ class ProgramSession(Worker):
             text = f"{system}\n{grid.program(height)}".encode()
             found: dict[int, float] = {}
             program = InlineProgram(MDI_NAME, text)
-            ended = self._run(program, HEIGHT_MAP, CYCLES, 1, found.update)
+            options = replace(CYCLES, trust_position=trust_position)
+            ended = self._run(program, HEIGHT_MAP, options, 1, found.update)
             if ended.outcome != "done":
                 raise not_probed(ended)
             work = self._view.work_position(system)
@@ -87,8 +93,13 @@ class ProgramSession(Worker):
 
         return self._begin("probe", probe)
 
-    def mdi(self, line: str) -> Future[JobEnded]:
-        """Run a line, with the modal state of the lines before it."""
+    def mdi(self, line: str, *, trust_position: bool = False) -> Future[JobEnded]:
+        """Run a line, with the modal state of the lines before it.
+
+        Args:
+            line: The line.
+            trust_position: The position that the board reports is right.
+        """
         self.history = [*self.history, line][-MOST_HISTORY:]
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
@@ -97,7 +108,8 @@ class ProgramSession(Worker):
         def run() -> JobEnded:
             found: dict[int, float] = {}
             program = InlineProgram(MDI_NAME, text.encode())
-            ended = self._run(program, MDI_NAME, RunOptions(), skipped, found.update)
+            options = RunOptions(trust_position=trust_position)
+            ended = self._run(program, MDI_NAME, options, skipped, found.update)
             # A line that was stopped has set its modes before it moved.
             if ended.outcome != "failed":
                 self._after_line(line, found)

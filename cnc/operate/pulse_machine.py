@@ -186,7 +186,7 @@ class PulseMachine:
         if isinstance(self.board, Revivable):
             self.board.revive()
 
-    def unlock(self) -> None:
+    def unlock(self, *, at_switch: bool) -> None:
         """Refuse: such a board leaves an alarm by homing, or by a new connection."""
         raise board_error(
             "no-unlock",

@@ -50,15 +50,19 @@ def adopt_board(context: SessionContext, board: LineSink) -> None:
 
     Raises:
         UsageError: ``no-pulses`` if pulses are to be written.
-        BoardError: ``laser-mode-off`` as in ``GrblBoard.limited_to_board``.
+        BoardError: ``laser-mode-off`` as in ``GrblBoard.limited_to_board``; ``offset-lost`` if the
+            zero of G92 is lost.
     """
     if context.options.outputs.pulses is not None:
         message = "a board that plans for itself takes lines, not pulses"
         hint = "leave --pulses out, or check the program without the board"
         raise UsageError(Diagnostic("no-pulses", message, hint=hint))
     context.report.check_only, context.report.planned_by_board = board.check_only, True
+    from cnc.session.position_check import refuse_lost_shift
+
     reader = context.reader
     reader.machine = board.limited_to_board(reader.machine)
+    refuse_lost_shift(board, reader.machine)
     homes = context.options.home and not board.check_only
     reader.start = np.array(board.homed_position if homes else board.position)
     reader.homed = board.homed_position

@@ -61,8 +61,9 @@ class PositionCheck:
         self._disagrees = True
         self.lost_until(homing_line(blocks))
         if not self._homing_line:
-            # The next run may not see the restart, so the loss is recorded.
-            replace(last, lost=True).write()
+            if last.file is None:
+                # The next run may not see the restart, so the loss is recorded.
+                replace(last, lost=True).write()
             raise BoardError(self._lost(last))
 
     @property
@@ -88,7 +89,7 @@ class PositionCheck:
                 if self._doubtful and self._last is not None
                 else self._position()
             )
-            LastPosition(self._identity, kept, lost=self._doubtful).write()
+            self._write(kept, lost=self._doubtful)
 
     def end(self, ended: str, seen: Mapping[str, float] | None) -> None:
         """Record the end of the run.
@@ -109,10 +110,16 @@ class PositionCheck:
                 self._last, lost=self._last.lost or self._disagrees or ended != "board-error"
             ).write()
         elif ended in UNREPORTED:
-            LastPosition(self._identity, seen or self._position(), ended, lost=True).write()
+            self._write(seen or self._position(), ended, lost=True)
         else:
-            lost = self._board.position_lost
-            LastPosition(self._identity, self._position(), ended, lost=lost).write()
+            self._write(self._position(), ended, lost=self._board.position_lost)
+
+    def _write(self, position: Mapping[str, float], ended: str = "", *, lost: bool) -> None:
+        """Record a position, and the shift that the board has."""
+        if self._identity is not None:
+            lost_shift = {} if self._last is None else self._last.lost_shift
+            shift = shift_of(self._board, self._axes)
+            LastPosition(self._identity, position, ended, lost, shift, lost_shift).write()
 
     def _expected(self, identity: str, checkpoint: Checkpoint | None) -> LastPosition | None:
         """Return the end of the last run; by the checkpoint if the run has no recorded end."""
@@ -127,15 +134,16 @@ class PositionCheck:
         return dict(zip(self._axes, self._board.position, strict=False))
 
     def _differs(self, expected: Mapping[str, float]) -> bool:
-        """Whether an axis is more than a step away from its expected position."""
-        each = zip(self._axes, self._board.position, self._board.resolution, strict=False)
-        return any(
-            letter in expected and abs(here - expected[letter]) > max(step, ROUNDING)
-            for letter, here, step in each
-        )
+        return differs(self._board, self._axes, expected)
 
     def _lost(self, last: LastPosition) -> Diagnostic:
         here, there = _words(self._position()), _words(last.position)
+        if last.file is not None:
+            message = (
+                f"the board reports that the machine stands at {here}; the record of its last "
+                f"position cannot be read: {last.file}"
+            )
+            return Diagnostic("position-lost", message, hint=self._hint())
         restarted = "has restarted and " if self._board.restarted else ""
         how = {"": "was under way at", "end": "ended at", "stopped": "was stopped at"}.get(
             last.ended, f"ended ({last.ended}) at"
@@ -146,15 +154,84 @@ class PositionCheck:
         )
         if last.lost and not self._differs(last.position):
             message += ", and the motors may have lost steps then"
+        return Diagnostic("position-lost", message, hint=self._hint())
+
+    def _hint(self) -> str:
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
-            hint = f"home the machine with cncrun home, or with --home before the program; {trust}"
-            return Diagnostic("position-lost", message, hint=hint)
-        return Diagnostic(
-            "position-lost",
-            message,
-            hint=f"this board does not home ($22=0): check where the tool stands; {trust}",
-        )
+            return f"home the machine with cncrun home, or with --home before the program; {trust}"
+        return f"this board does not home ($22=0): check where the tool stands; {trust}"
+
+
+def differs(board: LineSink, axes: Sequence[str], expected: Mapping[str, float]) -> bool:
+    """Return whether an axis is more than a step away from its expected position, mm."""
+    return any(
+        letter in expected and abs(here - expected[letter]) > max(step, ROUNDING)
+        for letter, here, step in zip(axes, board.position, board.resolution, strict=False)
+    )
+
+
+def shift_of(board: LineSink, axes: Sequence[str]) -> dict[str, float]:
+    """Return the G92 of a board by axis, mm; empty without one."""
+    each = zip(axes, board.stored_offsets.get("G92", ()), strict=False)
+    return {letter: value for letter, value in each if value}
+
+
+def recall_shift(board: LineSink, machine: Machine) -> LastPosition | None:
+    """Set the G92 of the last run or command again, which a new connection has cleared.
+
+    It is lost where the board has restarted, or the machine was moved otherwise: G92 counts in
+    machine coordinates.
+
+    Returns:
+        The record of the board; None without one.
+
+    Raises:
+        BoardError: ``offset-not-kept``.
+    """
+    last = None if board.identity is None else LastPosition.read(board.identity)
+    if last is None or not last.shift:
+        return last
+    if board.restarted or differs(board, tuple(machine.axes), last.position):
+        lost = last.lost or board.restarted
+        last = replace(last, shift={}, lost_shift=last.shift, lost=lost)
+        last.write()
+    else:
+        board.restore_shift(last.shift)
+    return last
+
+
+def refuse_lost_shift(board: LineSink, machine: Machine) -> None:
+    """Do the same, and tell once that a G92 is lost.
+
+    Raises:
+        BoardError: ``offset-lost``, and as :func:`recall_shift`.
+    """
+    last = recall_shift(board, machine)
+    if last is None or not last.lost_shift:
+        return
+    replace(last, lost_shift={}).write()
+    names = " ".join(letter.upper() for letter in last.lost_shift)
+    message = (
+        f"the zero that G92 had set is lost (its offset was {_words(last.lost_shift)} mm): the "
+        "board has restarted, or another program has moved the machine"
+    )
+    hint = f"set it again: cncrun zero {names} --system G92; the next run begins without it"
+    raise BoardError(Diagnostic("offset-lost", message, hint=hint))
+
+
+def record_shift(board: LineSink, machine: Machine) -> None:
+    """Record the G92 that has been set on a board: each reset of the board clears it."""
+    if board.identity is None:
+        return
+    axes = tuple(machine.axes)
+    last = LastPosition.read(board.identity)
+    here = dict(zip(machine.axis_names, board.position, strict=False))
+    lost = last is not None and (
+        last.lost or board.restarted or differs(board, axes, last.position)
+    )
+    ended = "end" if last is None else last.ended
+    LastPosition(board.identity, here, ended, lost, shift_of(board, axes)).write()
 
 
 def home_by_board(
@@ -168,6 +245,7 @@ def home_by_board(
     Raises:
         BoardError, UsageError, HomingStopped: As :func:`cnc.executor.homing.home_by_board`.
     """
+    recall_shift(board, machine)
     check = PositionCheck(board, machine, None, trusted=False)
     check.lost_until(homing.HOME_LINE)
     check.begin()

@@ -83,6 +83,19 @@ def test_spindle_synchronised_motion_above_the_speed_limit_is_rejected(cncrun, p
     assert "50.5 mm/s, 1.01 times" in message
 
 
+@pytest.mark.parametrize("kind", ["laser", "mill"])
+def test_the_power_of_a_laser_may_stand_in_the_moves(cncrun, program, tmp_path, kind):
+    machine = tmp_path / "machine.toml"
+    axis = "steps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\n"
+    axes = "".join(f"[axes.{letter}]\n{axis}" for letter in "xyz")
+    machine.write_text(f'[machine]\nkind = "{kind}"\n{axes}')
+    layer = "M4\nG0 X10\nG1 X20 S500 F1000\nG1 S0\nM5\n"
+    file = program(f"G21 G90\n{layer}G0 X0\n{layer}M2\n")
+    code, _, err = cncrun("check", file, "--machine", str(machine))
+    assert code == 0
+    assert ("spindle-speed-missing" in err) == (kind == "mill")
+
+
 def test_many_warnings_are_counted_and_a_loop_gives_one(cncrun, program):
     loop = "#1 = 0\no1 while [#1 LT 9]\nM3\n#1 = [#1 + 1]\no1 endwhile\n"
     file = program(loop + "M3\n" * 102 + "M2\n")

@@ -19,6 +19,7 @@ from cnc.boards.protocols import MachineReport
 from cnc.cli import progress as progress_display
 from cnc.cli import run_screen
 from cnc.cli.keyboard import HELP
+from cnc.cli.progress import ProgressDisplay
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
@@ -203,3 +204,14 @@ def test_a_terminal_shows_the_running_machine(tmp_path: Path) -> None:
         run.wait()
         with suppress(OSError):
             os.close(terminal)
+
+
+def test_without_a_terminal_no_keys_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    for has_keys in (True, False):
+        with ProgressDisplay(Control(), quiet=False) as display:
+            if not has_keys:
+                display.without_keys()
+            on_sent = display.callbacks().on_sent
+            assert on_sent is not None
+            on_sent(Progress(0.0, 3, 5, held=True))
+        assert ("space holds" in capsys.readouterr().err) == has_keys

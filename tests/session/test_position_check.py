@@ -231,20 +231,9 @@ def test_a_check_on_the_board_ignores_and_keeps_the_record(square: Path) -> None
     refused(ran(simulator, square))
 
 
-def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(
+def test_an_unwritable_record_does_not_stop_the_run(
     square: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    LastPosition("a/b", {"x": 1.0}, "end").write()
-    (file,) = state_folder.folder().iterdir()
-    for text in (
-        "{",
-        "[]",
-        "{}",
-        '{"board": "a/b", "position": 3}',
-        '{"board": "a/b", "position": {"x": "y"}}',
-    ):
-        file.write_text(text)
-        assert LastPosition.read("a/b") is None
     blocked = tmp_path / "file"
     blocked.touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))

@@ -38,7 +38,8 @@ ERRORS: dict[int, Meaning] = {
     4: Meaning("a value must not be negative", "correct the value in the program"),
     5: Meaning(
         "homing is switched off",
-        "set $22=1 if the machine has homing switches; otherwise remove $H",
+        "set $22=1 if the machine has homing switches; otherwise remove $H; cncrun unlock leaves "
+        "an alarm without homing",
     ),
     6: Meaning("the step pulse is too short", "set $0 to 3 us or more"),
     7: Meaning(
@@ -48,7 +49,7 @@ ERRORS: dict[int, Meaning] = {
     8: Meaning("this $ command needs a board at rest", "wait for the end of the motion"),
     9: Meaning(
         "the board is locked by an alarm",
-        "home the machine ($H), or unlock it ($X) if its position is known to be right",
+        "home the machine (cncrun home), or unlock it if its position is right (cncrun unlock)",
     ),
     10: Meaning("soft limits need homing", "set $22=1 first, or leave $20=0"),
     11: Meaning("the line is too long for the board", _OURS),
@@ -100,7 +101,7 @@ ERRORS_HAL: dict[int, Meaning] = {
     ),
     44: Meaning("the spindle can't turn at this speed", "correct S, or $30 and $31"),
     45: Meaning("a limit switch is active", "move off the switch, or home the machine"),
-    46: Meaning("the machine has to be homed first", "home it ($H)"),
+    46: Meaning("the machine has to be homed first", "home it (cncrun home)"),
     47: Meaning("the board does not know which tool is in the spindle", "set it with M61"),
     48: Meaning("two values of this line contradict each other", _LINK),
     49: Meaning("the board's self test failed", "switch it off and on"),
@@ -175,8 +176,9 @@ ERRORS_FLUID: dict[int, Meaning] = {
 """Errors of FluidNC that differ from GRBL's, or that GRBL lacks."""
 
 POSITION_LOST = (
-    "its position is lost: home the machine, or set its zero again (cncrun zero) where it does not "
-    "home"
+    "its position is lost: home the machine (cncrun home); where it does not home, unlock it "
+    "(cncrun unlock), move the tool to the zero of the part, set it there (cncrun zero X Y Z), and "
+    "confirm that with --trust-position"
 )
 """Advice where the motors may have lost steps."""
 _HOME = f"remove the cause; {POSITION_LOST}"
@@ -213,10 +215,11 @@ ALARMS: dict[int, Meaning] = {
 
 ALARMS_HAL: dict[int, Meaning] = {
     10: Meaning("the emergency stop is pressed", "release it, then home the machine"),
-    11: Meaning("the machine has to be homed first", "home it ($H)"),
+    11: Meaning("the machine has to be homed first", "home it (cncrun home)"),
     12: Meaning("a limit switch is active", "move off the switch, or home the machine"),
     13: Meaning(
-        "the probe was touched outside a probing move", "move off, then unlock the board ($X)"
+        "the probe was touched outside a probing move",
+        "move off, then unlock the board (cncrun unlock)",
     ),
     14: Meaning("the spindle did not reach its speed in time", "check the spindle and its drive"),
     15: Meaning(
@@ -247,10 +250,10 @@ ALARMS_FLUID: dict[int, Meaning] = {
         "move the axis off its switch by hand, then home again",
     ),
     13: Meaning("the board was stopped by its emergency stop or a fault input", _HOME),
-    14: Meaning("the machine has to be homed first", "home it ($H)"),
+    14: Meaning("the machine has to be homed first", "home it (cncrun home)"),
     15: Meaning(
         "the board is locked after its start",
-        "home the machine ($H), or unlock it ($X) if its position is known to be right",
+        "home the machine (cncrun home), or unlock it if its position is right (cncrun unlock)",
     ),
 }
 """Alarms that GRBL lacks, or that differ from GRBL's."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
-from cnc.boards.grbl.faults import laser_mode_off, offset_differs
+from cnc.boards.grbl.faults import at_door, laser_mode_off, offset_differs, offset_not_kept
 from cnc.boards.grbl.line_groups import groups_of
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
@@ -65,6 +66,7 @@ class GrblBoard:
         self._machine = machine
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
         self._offset_unchecked = True
+        self._shift_unset = False
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblBoard:
@@ -275,6 +277,48 @@ class GrblBoard:
         """Return the time by the clock of the link, s."""
         return self.link.now()
 
+    def restore_shift(self, shift: Mapping[str, float]) -> None:
+        """Set the G92 that a reset has cleared, and read it back; nothing where the board has one.
+
+        Args:
+            shift: Offset by axis, mm. A locked board gets it when it has been homed or unlocked.
+
+        Raises:
+            BoardError: ``offset-not-kept`` where the board keeps another offset.
+        """
+        places = self.info.places
+        if any(places.get("G92", ())):
+            return
+        each = [shift.get(letter, 0.0) for letter in AXIS_LETTERS[: len(self.stream.position)]]
+        places["G92"] = tuple(each)
+        self._shift_unset = any(each)
+        self.set_cleared_shift()
+
+    def shift_cleared(self) -> None:
+        """Set G92 as it was before a reset that has cleared it."""
+        self._shift_unset = any(self.info.places.get("G92", ()))
+        self.set_cleared_shift()
+
+    def set_cleared_shift(self) -> None:
+        """Set a cleared G92, as soon as the board is not locked."""
+        link, info = self.link, self.info
+        if not self._shift_unset or link.refresh().state != "Idle":
+            return
+        self._shift_unset = False
+        wanted, offset = info.places["G92"], info.g54_offset(len(self.stream.position))
+        words = "".join(
+            f"{letter.upper()}{here - all_offsets:.4f}"
+            for letter, here, all_offsets in zip(
+                AXIS_LETTERS, self.stream.position, offset, strict=False
+            )
+        )
+        link.ask(f"G21G54G92{words}")
+        info.take(link.ask("$#"))
+        link.refresh()
+        kept = info.places["G92"]
+        if any(abs(a - b) > SAME_POSITION for a, b in zip(kept, wanted, strict=True)):
+            raise offset_not_kept("G92", wanted, kept)
+
     def connect_operator(self, control: Control, on_report: OnReport) -> None:
         """Serve the operator's requests, and call ``on_report`` after each status report."""
         self.stream.connect_operator(control, on_report)
@@ -290,15 +334,18 @@ class GrblBoard:
         link, stream = self.link, self.stream
         before, status = stream.position, link.refresh()
         if status.state not in ("Idle", "Alarm"):
-            hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(
-                status.state, "wait until it has come to rest"
-            )
+            if status.door:
+                raise at_door(status)
+            hint = "wait until it has come to rest"
+            if status.state == "Sleep":
+                hint = "reset the board"
             message = f"the board is not ready; it reports {status.state}"
             raise board_error("board-busy", message, hint=hint)
         if any(abs(a - b) > SAME_POSITION for a, b in zip(before, stream.position, strict=True)):
             message = "the machine was moved while the program was read"
             raise board_error("board-moved", message, hint="start again")
         self._offset_unchecked = True
+        self.set_cleared_shift()
         stream.state = "running"
         if self.check_only:
             link.ask("$C")
@@ -317,6 +364,8 @@ class GrblBoard:
                 # The command may change lock and position.
                 stream.settle()
                 stream.refuse_if_locked(line, unless=stream.stopping)
+                if not stream.stopping:
+                    self.set_cleared_shift()
             elif self._offset_unchecked and group.kind != "writer":
                 self._offset_unchecked = False
                 self._check_offset(line)
@@ -342,6 +391,9 @@ class GrblBoard:
             return
         if self.check_only:
             self.stream.end_check_mode()
+            self.shift_cleared()
+        else:
+            self.stream.end_overrides()
         self.stream.state = "idle"
 
     def stop(self) -> None:

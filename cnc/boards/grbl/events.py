@@ -74,9 +74,10 @@ class UnexpectedReply:
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """The answer to ``?``."""
+    """The answer to ``?``; ``waiting``: lines that were unanswered when the board gave it."""
 
     status: Status
+    waiting: int = 0
 
 
 Event = (

@@ -6,6 +6,10 @@ error, ALARM, welcome, extra ok| this module      | at once
 ok, one by one                 | marks (protocol) | half a second and a move
 none, or status reports only   | liveness         | 2 s
 position                       | position_tracker | the motion ahead (1.5 s), two reports
+
+A report is judged at its place among the answers. All times are times of listening (see
+:attr:`~cnc.boards.grbl.link.GrblLink.listened`): a computer that pauses finds reports and answers
+that are old, and misses none.
 """
 
 from __future__ import annotations
@@ -86,7 +90,7 @@ class FaultMonitor:
             info: Firmware and settings of the board.
             position: Machine position, mm.
             offset: Work offset that the board adds to the numbers of a line, mm.
-            now: Present time, s.
+            now: Present time of listening, s.
             moves: Whether lines move the machine.
         """
         columns = range(len(position))
@@ -131,9 +135,9 @@ class FaultMonitor:
         """Return the fault that an event other than Confirmed shows; None without one."""
         line = self._protocol.confirmed_line
         match event:
-            case Reported(status):
+            case Reported(status, waiting):
                 self.liveness.reported(status, now)
-                return self._fault_in_status(status, now)
+                return self._fault_in_status(status, waiting, now)
             case Rejected(sent, reply):
                 return faults.refused(reply, sent.text, sent.line or line, self._firmware)
             case Alarmed(code, sent):
@@ -156,7 +160,7 @@ class FaultMonitor:
             return faults.lost(protocol.confirmed_line, protocol.confirmed_line)
         return self.liveness.fault(protocol.oldest, protocol.confirmed_line, now)
 
-    def _fault_in_status(self, status: Status, now: float) -> BoardError | None:
+    def _fault_in_status(self, status: Status, waiting: int, now: float) -> BoardError | None:
         line = self._protocol.confirmed_line
         if status.state != "Alarm":
             self._without_alarm = True
@@ -166,7 +170,6 @@ class FaultMonitor:
             return faults.alarmed_unheard(line)
         if status.position is None or status.state not in TRACKED_STATES or not self.moves:
             return None
-        waiting = self._protocol.waiting
         off = self.tracker.off(status.position, waiting)
         if status.state != "Idle" or waiting:
             self._busy_at = now

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.codes import POSITION_LOST, alarm_meaning, error_meaning
 from cnc.boards.grbl.messages import Firmware, Reply
+from cnc.boards.grbl.status import DOOR_SHUT, Status
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -60,6 +61,13 @@ def offset_differs(offset: Sequence[float], line: int) -> BoardError:
     return board_error("offset-differs", message, line=line, hint=hint)
 
 
+def offset_not_kept(name: str, wanted: Sequence[float], kept: Sequence[float]) -> BoardError:
+    """Return the fault of an offset, mm, that is not the one that was written."""
+    message = f"{name} was to be {shown(wanted)} mm; the board has {shown(kept)}"
+    hint = "read the offsets again, and compare the steps/mm of the board"
+    return board_error("offset-not-kept", message, hint=hint)
+
+
 def laser_mode_off() -> BoardError:
     """Return the fault of a board that is not in laser mode."""
     message = "the machine is a laser, but the board is not in laser mode ($32=0)"
@@ -88,12 +96,35 @@ def restarted(line: int) -> BoardError:
 
 
 def locked(line: int) -> BoardError:
-    """Return the fault of a board that was in alarm before the run."""
+    """Return the fault of a board that was in alarm before."""
     hint = (
         "home the machine (cncrun home, --home before the program, or a program that begins with "
-        "$H), or unlock the board with $X if its position is right"
+        "$H), or unlock the board if its position is right (cncrun unlock)"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
+
+
+def at_door(status: Status) -> BoardError:
+    """Return the fault of a board that waits at its safety door."""
+    shut = status.phase == DOOR_SHUT and "D" not in status.pins
+    message = "was opened" if shut else "is open"
+    hint = "start again" if shut else "close it, then start again"
+    return board_error(
+        "board-busy", f"the board is not ready: its safety door {message}", hint=hint
+    )
+
+
+def at_switch(axes: str) -> BoardError:
+    """Return the fault of a board that locks itself again: limit switches are pressed."""
+    names = " and ".join(axes)
+    first = axes[0]
+    hint = (
+        f"move {first} off its switch by hand; or jog it off without hard limits (cncrun settings "
+        f"21=0), unlocked (cncrun unlock), away from the switch (cncrun jog {first}-2 --unhomed), "
+        "and switch them on again (cncrun settings 21=1)"
+    )
+    message = f"the board stays locked: the limit switch of {names} is pressed"
+    return board_error("board-locked", message, hint=hint)
 
 
 def lost(after: int, until: int) -> BoardError:

@@ -6,6 +6,7 @@ the fault is raised, and nothing is sent any more.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 from cnc.boards.errors import board_error
@@ -18,11 +19,14 @@ from cnc.boards.grbl.line_kinds import ALONE, MOST_CHARACTERS, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
+from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.status import Status, in_mm
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
+
+log = logging.getLogger(__name__)
 
 WAIT = 0.05
 """Longest wait for the board, s, until the operator's requests are served."""
@@ -33,6 +37,10 @@ MARK_TIME = 0.5
 """Lines and seconds from one mark to the next; whichever comes first."""
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: each step of ten takes a report."""
+OVERRIDE_ANSWER = 0.5
+RESTORED = 3
+"""Seconds until the end of the overrides shows in a report, and attempts: a byte may be lost."""
+WITHOUT_OVERRIDES = RealTime.FEED_100.value + RealTime.RAPID_100.value + RealTime.SPINDLE_100.value
 UNCHANGED = Status("Idle", overrides=(FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE))
 REST_STATES = ("Idle", "Alarm", "Check", "Sleep")
 
@@ -102,7 +110,7 @@ class LineStream:
         """
         self.sent, self.began = 0, None
         self.link.protocol.begin_program()
-        self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
+        self.monitor.begin(self.link.info, self.position, offset, self.link.listened, moves=moves)
         self._set_first_override()
 
     def send(self, group: LineGroup) -> bool:
@@ -142,7 +150,7 @@ class LineStream:
             if most:
                 now = link.now()
                 if not protocol.unanswered.count:
-                    monitor.liveness.begin(now)
+                    monitor.liveness.begin(link.listened)
                 if self.began is None and group.acts:
                     self.began = now
                 link.queued += protocol.send(group, done, done + most)
@@ -198,14 +206,14 @@ class LineStream:
         self.drain()
         link = self.link
         link.poll_now()
-        began = link.now()
+        last = link.last_old_report
         reports = 0
         while not self.stopping:
-            before = link.status_at
             self.serve(self.wait, poll=POLL_AT_REST)
             # A report may be older than the last answer, and between an answer and the motion GRBL
             # is Idle for a moment. So the second report counts.
-            if link.status_at > before and link.status_at > began:
+            if link.reports > last:
+                last = link.reports
                 reports = reports + 1 if self.status.state in REST_STATES else 0
                 if reports == 1:
                     self.rested_at = link.status_at
@@ -250,7 +258,7 @@ class LineStream:
             link.drop()
             self.state = "stopped"
             raise self.at_confirmed(error) from error
-        now = link.now()
+        now = link.listened
         confirmed = 0
         for event in events:
             if type(event) is Confirmed:
@@ -263,7 +271,7 @@ class LineStream:
             self._check_liveness(now)
         requests = self._requests
         if requests is not None and not self._control.stopped and self.state == "running":
-            data = requests.commands(self.status, link.status_at, now)
+            data = requests.commands(self.status, link.status_listened, now)
             if data:
                 self.write(data)
 
@@ -272,7 +280,7 @@ class LineStream:
 
         Args:
             event: The event.
-            now: Present time, s: the same for all events that were read together.
+            now: Time of listening, s: the same for all events that were read together.
         """
         if isinstance(event, Feedback) and event.kind == "PRB":
             self.probed = self._contact(event.text)
@@ -334,9 +342,9 @@ class LineStream:
         requests, link = self._requests, self.link
         if requests is None or requests.reached(UNCHANGED):
             return
-        deadline = link.now() + OVERRIDE_PATIENCE
+        deadline = link.listened + OVERRIDE_PATIENCE
         wanted = requests.control.feed_override
-        while wanted >= MIN_OVERRIDE and link.now() < deadline and not self.stopping:
+        while wanted >= MIN_OVERRIDE and link.listened < deadline and not self.stopping:
             self.serve(self.wait, poll=POLL_AT_REST)
             if requests.reached(self.status):
                 return
@@ -346,9 +354,26 @@ class LineStream:
             hint = f"GRBL accepts {MIN_OVERRIDE} to 200 %; scale the feeds of the program instead"
             raise self.stopped_by(board_error("override-refused", message, hint=hint))
 
+    def end_overrides(self) -> None:
+        """Set the overrides of this run back, for what comes next at the board."""
+        link = self.link
+        if self.status.overrides in (None, UNCHANGED.overrides):
+            return
+        for _ in range(RESTORED):
+            self.write(WITHOUT_OVERRIDES)
+            link.poll_now()
+            if link.until(
+                lambda event: (
+                    isinstance(event, Reported) and event.status.overrides == UNCHANGED.overrides
+                ),
+                OVERRIDE_ANSWER,
+            ):
+                return
+        log.warning("%s: the overrides stay at %s", link.name, self.status.overrides)
+
     def _mark(self) -> None:
         self._marked_at = self.link.now()
-        self.monitor.liveness.marked(self._marked_at)
+        self.monitor.liveness.marked(self.link.listened)
         self.link.queued += self.link.protocol.mark()
 
     def _contact(self, text: str) -> tuple[float, ...] | None:

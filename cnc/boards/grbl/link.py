@@ -50,6 +50,12 @@ WRITING = 0.5
 """Seconds for a write of a setting or an offset: some bytes of 3.4 ms each."""
 CONNECT_ATTEMPTS = 3
 """Attempts to connect."""
+PAUSE = 0.05
+"""s. The sender listens again within this time, unless the computer does something else."""
+INSTANT = 1e-6
+"""Shortest wait, s: sums of times are rounded."""
+MOST_PENDING = 2
+"""Most unanswered ``?`` that are assumed: others were lost."""
 DROP_ATTEMPTS = 20
 """Stops that are sent to a board that does not answer: bytes may get lost."""
 ABOVE_ASCII = bytes.maketrans(b"?~!", b"\x80\x81\x82")
@@ -68,12 +74,17 @@ class GrblLink:
     Attributes:
         now: Returns the present time, s.
         poll_at: Time of the next ``?``, s.
-        asked_at: Time of the oldest unanswered ``?``, s, or of an answer to a line since; None
-            without one.
+        listened: Time in which this computer listened to the board, s. A pause of the computer
+            counts for less than PAUSE: answers that came meanwhile are read first. What the board
+            fails to say is measured in this time.
+        asked_at: Time of listening at the oldest unanswered ``?``, s, or at an answer to a line
+            since; None without one.
         queued: Bytes to write with the next ones, or before the next :meth:`pump`.
         info: Firmware, settings and offsets of the board.
         status: The last status report.
         status_at: Time of that report, s.
+        status_listened: The same as a time of listening, s.
+        reports: Number of reports read.
         alarm: Code of the present alarm; None without one.
         position_lost: Whether the motors may have lost steps: an alarm stopped them in a move.
         greeted_unasked: Whether the board sent a welcome without a reset: it has just started, or a
@@ -87,7 +98,9 @@ class GrblLink:
         self.protocol = GrblProtocol()
         self.info = BoardInfo("", Firmware.GRBL)
         self.status: Status | None = None
-        self.status_at = -1.0
+        self.status_at = self.status_listened = -1.0
+        self.listened, self._counted_at = 0.0, clock.now()
+        self.reports = self._pending = 0
         self.alarm: int | None = None
         self.position_lost = self._moved = self.greeted_unasked = False
         self.queued = b""
@@ -134,31 +147,38 @@ class GrblLink:
             PortLost: The port is gone.
             BoardError: ``board-silent``.
         """
-        now = self.clock.now()
+        now = self._count(PAUSE)
         if now >= self.poll_at and not self._writing(now):
             self.write(b"?")
             self.poll_at = now + poll
+            self._pending += 1
             if self.asked_at is None:
-                self.asked_at = now
+                self.asked_at = self.listened
         elif self.queued:
             self.write(b"")
         data = self._port.read(timeout)
+        self._count(timeout + PAUSE)
         events = self.protocol.receive(data) if data else []
         for event in events:
             if type(event) is not Confirmed:
                 self._note(event)
             elif self.asked_at is not None:
                 # The board is alive; it does not listen while it homes.
-                self.asked_at = self.now()
+                self.asked_at = self.listened
         asked = self.asked_at
         # Noise does not count as an answer.
         if (
             asked is not None
-            and self.clock.now() - asked > self._patience()
+            and self.listened - asked > self._patience()
             and all(isinstance(event, Other) for event in events)
         ):
             raise faults.silent(self.name)
         return events
+
+    @property
+    def last_old_report(self) -> int:
+        """Number of the last report that may tell of a time before now."""
+        return self.reports + min(self._pending, MOST_PENDING)
 
     def raise_lines(self) -> bool:
         """Raise DTR, which resets some boards; return whether it was down."""
@@ -178,8 +198,8 @@ class GrblLink:
 
         Silence is no fault here.
         """
-        deadline = self.clock.now() + timeout
-        while (left := deadline - self.clock.now()) > 0:
+        deadline = self.listened + timeout
+        while (left := deadline - self.listened) > INSTANT:
             self.asked_at = None
             for event in self.pump(min(left, POLL_FAST)):
                 if done(event):
@@ -194,10 +214,12 @@ class GrblLink:
             patience: Longest time of the whole answer, s.
 
         Raises:
-            BoardError: ``board-error``, ``board-alarm``, ``no-answer``.
+            BoardError: ``board-error``, ``board-alarm``, ``no-answer``; ``board-busy`` at its
+                safety door, where it reads no line.
         """
         answers: list[Feedback | Setting] = []
         failed: list[BoardError] = []
+        old = self.last_old_report
 
         def done(event: Event) -> bool:
             if isinstance(event, Feedback | Setting):
@@ -206,6 +228,8 @@ class GrblLink:
                 failed.append(faults.refused(event.reply, command, 0, self.info.kind))
             elif isinstance(event, Alarmed):
                 failed.append(faults.alarmed(event.code, 0, self.info.kind))
+            elif isinstance(event, Reported) and event.status.door and self.reports > old:
+                failed.append(faults.at_door(event.status))
             elif isinstance(event, Started | UnexpectedReply):
                 failed.append(_ReconnectError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
@@ -336,6 +360,9 @@ class GrblLink:
             self.position_lost |= self._moved and event.status.locked
             self._moved = not event.status.at_rest
             self.status, self.status_at = event.status, self.now()
+            self.status_listened = self.listened
+            self.reports += 1
+            self._pending = max(min(self._pending, MOST_PENDING) - 1, 0)
             self.asked_at = None
         elif isinstance(event, Alarmed):
             log.warning("%s: alarm %d", self.name, event.code)
@@ -346,6 +373,14 @@ class GrblLink:
             log.info("%s: the board has started", self.name)
             self.alarm = None
             self.asked_at = None
+            self._pending = 0
+
+    def _count(self, most: float) -> float:
+        """Return the present time, s; the time since the last call is listening, at most this."""
+        now = self.now()
+        self.listened += min(now - self._counted_at, most)
+        self._counted_at = now
+        return now
 
     def _writing(self, now: float) -> bool:
         """Return whether the board may be writing to its EEPROM, when it loses bytes.
@@ -372,6 +407,7 @@ class GrblLink:
         deadline = self.clock.now() + patience
         idle = 0
         again = 0.0
+        old = self.last_old_report
         while (now := self.clock.now()) < deadline:
             if now >= again:
                 # A byte may be lost while the board writes to its EEPROM.
@@ -381,7 +417,7 @@ class GrblLink:
             for event in self.pump(POLL_FAST, POLL_FAST):
                 if isinstance(event, Alarmed):
                     return
-                if isinstance(event, Reported) and event.status.at_rest:
+                if isinstance(event, Reported) and event.status.at_rest and self.reports > old:
                     # A report of Idle may be older than the hold.
                     idle += event.status.state == "Idle"
                     if event.status.state != "Idle" or idle > 2:

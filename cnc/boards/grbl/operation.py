@@ -86,6 +86,7 @@ def jog(
         BoardError: ``board-error`` where the board refuses the jog, ``board-alarm``.
     """
     link = board.link
+    refuse_if_locked(board)
     length, piece = move.length, max(move.feed * PIECE_S, SHORTEST_PIECE)
     began, sent = link.now(), 0.0
     try:
@@ -107,8 +108,7 @@ def _come_to_rest(
 ) -> None:
     """Wait for the end of a jog; cancel it when it is released."""
     link = board.link
-    began = link.now()
-    rests, since, seen = 0, 0.0, began
+    rests, since, seen = 0, 0.0, link.last_old_report
     link.poll_now()
     while rests < RESTS:
         # A byte may be lost, so the cancel is repeated.
@@ -117,8 +117,8 @@ def _come_to_rest(
             link.send_realtime(RealTime.JOG_CANCEL)
             link.poll_now()
         _serve(board, on_report)
-        if link.status_at > seen:
-            seen = link.status_at
+        if link.reports > seen:
+            seen = link.reports
             rests = rests + 1 if board.status.state != "Jog" else 0
 
 
@@ -153,6 +153,7 @@ def set_work_position(board: GrblBoard, system: str, values: Mapping[str, float]
         message = f"the board has no coordinate system {system}"
         raise UsageError(Diagnostic("no-such-system", message, hint=hint))
     link.refresh()
+    refuse_if_locked(board)
     words = "".join(f"{letter.upper()}{value:.4f}" for letter, value in values.items())
     number = "G92" if system == "G92" else f"G10L20P{_number(system)}"
     link.ask(f"G21G54{number}{words}")
@@ -182,20 +183,43 @@ def work_position(board: GrblBoard, system: str) -> tuple[float, ...]:
     return tuple(a - b - c - d for a, b, c, d in each)
 
 
-def unlock(board: GrblBoard) -> None:
-    """Leave an alarm without homing (``$X``); a reset comes first where the alarm needs one."""
+def refuse_if_locked(board: GrblBoard) -> None:
+    """Raise BoardError ``board-locked`` while the board is in alarm."""
+    if board.status.locked:
+        raise faults.locked(0)
+
+
+def unlock(board: GrblBoard, *, at_switch: bool = True) -> None:
+    """Leave an alarm without homing (``$X``); a reset comes first where the alarm needs one.
+
+    Args:
+        board: The board.
+        at_switch: Unlock although a limit switch is pressed, and the board locks itself again at
+            its next reset.
+
+    Raises:
+        BoardError: ``board-locked`` at a pressed switch; ``board-error`` where the board refuses
+            (an open safety door; a board that must be homed).
+    """
     link = board.link
+    shift = board.info.places.get("G92", ())
     if link.protocol.state is not State.READY:
         link.connect()
-    if link.refresh().state == "Alarm":
+        board.restore_shift(dict(zip(AXIS_LETTERS, shift, strict=False)))
+    status = link.refresh()
+    if status.locked:
+        pressed = "".join(each for each in status.pins if each.lower() in AXIS_LETTERS)
+        if pressed and board.info.hard_limits and not at_switch:
+            raise faults.at_switch(pressed)
         link.ask("$X")
     link.alarm = None
     link.refresh()
     board.stream.state = "idle"
+    read_offsets(board)
 
 
 def revive(board: GrblBoard) -> None:
-    """Accept a next program; after a stop read the offsets again, because the reset clears G92.
+    """Accept a next program; after a stop read the offsets, and set G92, which the reset clears.
 
     Raises:
         BoardError: ``board-stopped`` after a fault of the link.
@@ -205,12 +229,14 @@ def revive(board: GrblBoard) -> None:
         message = "the board has been stopped by a fault"
         raise board_error("board-stopped", message, hint="connect it again")
     if board.state == "stopped":
+        board.shift_cleared()
         read_offsets(board)
     board.stream.state = "idle"
 
 
 def read_offsets(board: GrblBoard) -> None:
     """Read the offsets that the board keeps, if it is at rest."""
+    board.set_cleared_shift()
     if board.link.refresh().state == "Idle":
         board.info.take(board.link.ask("$#"))
 

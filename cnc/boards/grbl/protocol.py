@@ -288,7 +288,7 @@ class GrblProtocol:
             return self._answered(message) if self.state is State.READY else None
         if isinstance(message, Report):
             status = self.status_reader.read(message.text)
-            return Other(f"<{message.text}>") if status is None else Reported(status)
+            return Other(f"<{message.text}>") if status is None else Reported(status, self.waiting)
         if isinstance(message, Alarm):
             if self._starting and message.code in STARTUP_ALARMS[self.firmware]:
                 return Feedback("ALARM", str(message.code))

@@ -315,6 +315,11 @@ class BoardInfo:
         """Whether the board refuses targets outside its travel (``$20``)."""
         return self.number(SOFT_LIMITS) not in (None, 0.0)
 
+    @property
+    def hard_limits(self) -> bool:
+        """Whether a pressed limit switch locks the board (``$21``)."""
+        return self.number(HARD_LIMITS) not in (None, 0.0)
+
     def braking_s(self) -> float:
         """Return the longest time of any axis to stop from its highest rate, s."""
         times = []

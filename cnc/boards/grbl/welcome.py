@@ -62,13 +62,13 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
             ``no-answer``.
     """
     received: list[str] = []
-    began, foreign_since = link.clock.now(), math.inf
+    began, foreign_since = link.listened, math.inf
     ended = forced = reset = raised = False
     unready: Status | None = None
     if link.protocol.state is not State.UNKNOWN:
         link.write(link.protocol.reset())
         reset = True
-    while (now := link.clock.now()) - began < WELCOME_TIMEOUT:
+    while (now := link.listened) - began < WELCOME_TIMEOUT:
         if unready is not None and now - began > BUSY_AFTER:
             _refuse(unready, link.name)
         if not ended and not received and now - began > LINE_END_AFTER:
@@ -92,13 +92,13 @@ def wait_for_welcome(link: GrblLink) -> Welcome:
                 link.protocol.state is State.UNKNOWN or (raised and not reset)
             ):
                 unready = None if _is_ready(event.status) else event.status
-                if unready is None and link.clock.now() - began > STALE_FOR:
+                if unready is None and link.listened - began > STALE_FOR:
                     link.write(link.protocol.reset())
                     reset = True
             elif isinstance(event, Other):
                 received.append(_text_of(event, link.name))
         if received or link.protocol.messages.partial:
-            foreign_since = min(foreign_since, link.clock.now())
+            foreign_since = min(foreign_since, link.listened)
     rest = link.protocol.messages.partial.decode("latin-1")
     raise faults.not_grbl(link.name, [*received, rest] if rest else received)
 

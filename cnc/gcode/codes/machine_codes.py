@@ -178,7 +178,8 @@ class MachineCodes:
             self._spindle()
         else:
             self._take_power(words, code)
-            if state.speed is None:
+            # The beam of a laser gets its power from the S of each move.
+            if state.speed is None and not self._laser:
                 message = f"{code.word.written} before any S word: the spindle does not turn"
                 self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
             self._unused_words.mark_used("S")

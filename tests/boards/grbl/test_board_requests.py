@@ -80,6 +80,23 @@ def test_the_feed_override_is_reached_and_held(percent: int) -> None:
     assert simulator.core.planner.feed_override == 100
 
 
+@pytest.mark.parametrize("percent", [25, 70, 130])
+def test_the_overrides_end_with_the_run(percent: int) -> None:
+    simulator = GrblSimulator()
+    control = Control(percent)
+    control.override_rapids(25)
+    control.override_spindle(percent)
+    board = started(simulator, control)
+    feed(board, PREAMBLE, "G1 X2 F600")
+    board.finish()
+    planner = simulator.core.planner
+    assert (planner.feed_override, planner.rapid_override) == (100, 100)
+    assert simulator.core.spindle_override == 100
+    assert control.feed_override == percent
+    board.start(ORIGIN)
+    assert (planner.feed_override, planner.rapid_override) == (percent, 25)
+
+
 def test_an_unsupported_override_is_refused_before_motion() -> None:
     with pytest.raises(BoardError) as caught:
         started(GrblSimulator(), Control(5.0))

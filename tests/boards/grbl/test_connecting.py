@@ -8,12 +8,13 @@ import pytest
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.port import SystemClock
 from cnc.model.diagnostics import BoardError
-from tests.support.boards.grbl_rig import MACHINE, started
+from tests.support.boards.grbl_rig import MACHINE, connected, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 
 
@@ -257,3 +258,18 @@ def test_the_clock_of_the_computer_is_the_default() -> None:
     device = Device(b"")
     assert isinstance(GrblBoard(device, MACHINE).link.clock, SystemClock)
     assert np.array_equal(ORIGIN, [0, 0, 0])
+
+
+@pytest.mark.parametrize("profile", [GRBL, GRBLHAL], ids=["GRBL", "grblHAL"])
+def test_an_open_safety_door_is_named(profile: FirmwareProfile) -> None:
+    """A board whose door is open at its start reports Door, and reads no line."""
+    environment = Environment(door_open=True)
+    simulator = GrblSimulator(profile, environment=environment)
+    with pytest.raises(BoardError) as caught:
+        connected(simulator)
+    found = caught.value.diagnostic
+    assert found.code == "board-busy"
+    assert "safety door is open" in found.message
+    assert simulator.now < 3.0
+    environment.door_open = False
+    assert connected(simulator).status.state == "Idle"

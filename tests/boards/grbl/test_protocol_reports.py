@@ -10,6 +10,7 @@ from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, err
 from cnc.boards.grbl.events import (
     Reported,
 )
+from cnc.boards.grbl.line_groups import single
 from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.status import StatusReader
 from tests.support.boards.grbl_rig import ready
@@ -101,3 +102,13 @@ def test_fluidnc_has_other_meanings_of_some_codes() -> None:
     assert "homed" in alarm_meaning(14, Firmware.FLUID).fault
     assert "no axis homes" in error_meaning(18, Firmware.FLUID).fault
     assert "password" in error_meaning(110, Firmware.FLUID).fault
+
+
+def test_a_report_has_its_place_among_the_answers() -> None:
+    """Answers that are read with it may be later: the lines waited when the board gave it."""
+    protocol = ready()
+    for number in range(3):
+        protocol.send(single("G1 X1", number + 1))
+    events = protocol.receive(b"ok\r\n<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\nok\r\nok\r\n")
+    assert [event.waiting for event in events if isinstance(event, Reported)] == [2]
+    assert protocol.waiting == 0
