@@ -97,7 +97,7 @@ class Library:
         """Return the syntax of a file; variables of SINUMERIK that it defines are its own."""
         if self._syntax.flavour != "siemens":
             return self._syntax
-        from cnc.gcode.syntax.siemens_variables import defined_variables  # for its programs only
+        from cnc.gcode.sinumerik.variables import defined_variables  # for its programs only
 
         own = defined_variables(text.first_lines(), in_subprogram=True)
         names = {each.name for each in own}

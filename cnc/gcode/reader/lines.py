@@ -17,12 +17,12 @@ MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
 
 _TERMINALS = {
-    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
+    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "REGISTER": kernel.VARIABLE, "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
     "O": kernel.LETTER_O, "EQUAL": kernel.EQUALS,
     **dict.fromkeys(
         (
             "LETTER", "SIGN", "SLASH", "TIMES", "POWER", "COMPARE", "LOGIC", "FUNCTION", "ATAN",
-            "PLAIN", "CONDITION", "CALL", "RESULT",
+            "PLAIN", "CONDITION", "CALL", "RESULT", "RADIUS", "AND", "XOR", "OR",
         ),
         kernel.KEY,
     ),
@@ -31,6 +31,8 @@ _RULES = {
     "word": kernel.WORD, "sign": kernel.SIGN, "block": kernel.BLOCK, "binary": kernel.BINARY,
     "function": kernel.FUNCTION, "arctangent": kernel.ARCTANGENT, "parameter": kernel.INDEX,
     "bracket": kernel.BRACKET, "assignment": kernel.ASSIGN, "oword": kernel.O_WORD,
+    "assigned": kernel.WORD, "indexed": kernel.ASSIGN, "named": kernel.ASSIGN,
+    "variable": kernel.PASSED,
 }  # fmt: skip
 _OPERATIONS = {
     "+": kernel.ADD, "-": kernel.SUBTRACT, "*": kernel.MULTIPLY, "/": kernel.DIVIDE,
@@ -40,7 +42,7 @@ _OPERATIONS = {
     "ABS": kernel.ABS, "ACOS": kernel.ACOS, "ASIN": kernel.ASIN, "COS": kernel.COS,
     "EXP": kernel.EXP, "FIX": kernel.FIX, "FUP": kernel.FUP, "LN": kernel.LN,
     "ROUND": kernel.ROUND, "SIN": kernel.SIN, "SQRT": kernel.SQRT, "TAN": kernel.TAN,
-    "ATAN": kernel.ATAN,
+    "ATAN": kernel.ATAN, "ROUNDUP": kernel.FUP, "CR": ord("R"),
     **{chr(code): code for code in range(ord("A"), ord("Z") + 1)},
 }  # fmt: skip
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
@@ -56,13 +58,16 @@ class Language(NamedTuple):
     Attributes:
         grammar: Name of the grammar.
         joined: Whether no blank may stand inside a word of compiled code.
+        single: Whether a line of compiled code may have one assignment only.
     """
 
     grammar: str
     joined: bool = False
+    single: bool = False
 
 
 NGC, MACRO = Language("ngc"), Language("macro")
+SINUMERIK = Language("sinumerik", joined=True, single=True)
 
 
 class Reading(NamedTuple):
@@ -103,16 +108,20 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
 def _meaning(language: Language) -> kernel.Meaning:
     found = grammar(language.grammar)
     rules = np.array([_RULES.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
-    if language.grammar != "ngc":
+    if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
+    terminals = [_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals]
+    if language is SINUMERIK:
+        terminals[found.terminals.index("NAME")] = kernel.VARIABLE
     return kernel.Meaning(
-        np.array([_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals], np.uint8),
+        np.array(terminals, np.uint8),
         rules,
         np.array([_OPERATIONS.get(text, 0) for text in found.texts], np.uint8),
         found.texts.index("CALL") if "CALL" in found.texts else -1,
         found.terminals.index("LETTER") + 1,
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
+        int(language.single),
     )
 
 

@@ -32,11 +32,6 @@ _REMARK = re.compile(
 is enough; ABORT needs the comma.
 """
 
-CHECKED_NOW = -1
-"""A key of the open numbers that is no position in the line: the line has a constant that must be
-checked when it is parsed, so it can have no template.
-"""
-
 Item = tuple[Word, Value | None]
 
 
@@ -132,9 +127,7 @@ class Translator:
         self,
         text: str,
         build: Builder,
-        open_numbers: dict[int, int] | None = None,
         *,
-        shift: int = 0,
         siemens: bool,
         dialect: str,
     ) -> None:
@@ -143,17 +136,11 @@ class Translator:
         Args:
             text: The line.
             build: Builds the expressions.
-            open_numbers: Indices of open numbers by position in the line. Those that the grammar
-                reads as numbers are removed.
-            shift: Position of the line in the text of the events.
             siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
             dialect: Name of the dialect for messages.
         """
-        self._open = open_numbers
-        self._opened = -1
         self._letter = ""
         self._comments: list[Token] = []
-        self._shift = shift
         self._text = text
         self._build = build
         self._siemens = siemens
@@ -166,7 +153,7 @@ class Translator:
             reading: The events.
             line: Index of the line in them.
         """
-        return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
+        return cast(Statement, carried_out(reading, line, self._text, self))
 
     def token(self, token: Token, value: float) -> Any:
         """Return a token; a number is a node."""
@@ -184,9 +171,6 @@ class Translator:
             before = self._text[:begin].rstrip(" \t")
             first = len(before) - 1 if before[-1:].isalpha() else begin
             raise self._build.fault("number-too-large", "this number is too large", first, end)
-        if self._open is not None and (index := self._open.pop(begin, None)) is not None:
-            self._opened = begin
-            return Node(lambda p: p.open_numbers[index], begin, end)
         return constant(value, begin, end)
 
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:
@@ -216,12 +200,6 @@ class Translator:
     def _parameter(self, begin: int, end: int, index: Node | Token) -> ParameterNode:
         if isinstance(index, Token):
             return self._build.parameter(_name(index), begin, end)
-        if (
-            self._open is not None
-            and begin < self._opened
-            and "#" not in self._text[begin + 1 : index.end]
-        ):
-            self._open[CHECKED_NOW] = 0
         return self._build.parameter(index, begin, end)
 
     def _exists(self, begin: int, end: int, _function: Token, parameter: ParameterNode) -> Node:

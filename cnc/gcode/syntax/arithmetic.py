@@ -238,14 +238,15 @@ MACRO_OPERATORS: dict[str, Binary] = {
 }
 """Operators of FANUC except + - * /. EQ and NE take vacant variables as NaN."""
 SIEMENS_OPERATORS: dict[str, Binary] = {
-    "~EQ": lambda a, b: 1.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~NE": lambda a, b: 0.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 1.0,
-    "~GT": lambda a, b: 1.0 if a > b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~GE": lambda a, b: 1.0 if a > b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~LT": lambda a, b: 1.0 if a < b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
-    "~LE": lambda a, b: 1.0 if a < b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    **{name: OPERATORS[name] for name in ("**", "MOD", "AND", "OR", "XOR")},
+    "==": lambda a, b: 1.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "<>": lambda a, b: 0.0 if math.isclose(a, b, rel_tol=_RELATIVE) else 1.0,
+    ">": lambda a, b: 1.0 if a > b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    ">=": lambda a, b: 1.0 if a > b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "<": lambda a, b: 1.0 if a < b and not math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
+    "<=": lambda a, b: 1.0 if a < b or math.isclose(a, b, rel_tol=_RELATIVE) else 0.0,
 }
-"""Comparisons of SINUMERIK in a line that is translated to RS274/NGC."""
+"""Operators of SINUMERIK except + - * /. Numbers that differ by rounding errors are equal."""
 FUNCTIONS: dict[str, Unary] = {
     "ABS": abs,
     "ACOS": arccosine,
@@ -260,8 +261,11 @@ FUNCTIONS: dict[str, Unary] = {
     "SQRT": square_root,
     "TAN": tangent,
 }
-SIEMENS_FUNCTIONS: dict[str, Unary] = {"~FIX": toward_zero}
-"""TRUNC of SINUMERIK in a line that is translated to RS274/NGC."""
+SIEMENS_FUNCTIONS: dict[str, Unary] = {
+    **{name: FUNCTIONS[name] for name in FUNCTIONS if name not in ("FIX", "FUP")},
+    "ROUNDUP": up,
+    "TRUNC": toward_zero,
+}
 MACRO_FUNCTIONS: dict[str, Unary] = {
     **FUNCTIONS,
     "ASIN": macro_arcsine,

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from cnc.gcode.syntax.arithmetic import (
+    Binary,
     FUNCTIONS,
     MACRO_FUNCTIONS,
     MACRO_OPERATORS,
@@ -35,8 +37,8 @@ _CHECK_INPUT = (
     "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
 _INF = math.inf
-_NGC_OPERATORS = OPERATORS | SIEMENS_OPERATORS
-_NGC_FUNCTIONS = FUNCTIONS | SIEMENS_FUNCTIONS
+_OPERATORS = {"ngc": OPERATORS, "macro": MACRO_OPERATORS, "siemens": SIEMENS_OPERATORS}
+_FUNCTIONS = {"ngc": FUNCTIONS, "macro": MACRO_FUNCTIONS, "siemens": SIEMENS_FUNCTIONS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,32 +86,23 @@ def constant(number: float, begin: int, end: int) -> Node:
 class Builder:
     """Builds the nodes of one line."""
 
-    def __init__(self, *, macro: bool, translated: bool, at: int | None = None) -> None:
+    def __init__(self, language: Literal["ngc", "macro", "siemens"]) -> None:
         """Create a builder.
 
         Args:
-            at: Place that all errors name, if the line is a translation.
-            macro: Whether the language is FANUC's macro B.
-            translated: Whether the line is a translation of one of SINUMERIK.
+            language: The language: RS274/NGC, FANUC's macro B, or that of SINUMERIK.
         """
-        self._at = at
-        self.macro = macro
-        self._translated = translated
+        self.macro = language == "macro"
+        self._operators, self._functions = _OPERATORS[language], _FUNCTIONS[language]
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
         """Return column (from 1) and length of a part of the line."""
-        return (begin + 1, end - begin) if self._at is None else (self._at + 1, 1)
+        return begin + 1, end - begin
 
     def fault(self, code: str, message: str, begin: int, end: int, hint: str = "") -> GcodeError:
         """Return an error at a part of the line."""
         column, length = self.place(begin, end)
         return fault(code, message, column=column, length=length, hint=hint)
-
-    def _refuse_mark(self, name: str, begin: int) -> None:
-        """Refuse a name of a translation in a program that is none."""
-        if name[0] == "~" and not self._translated:
-            message = "the character '~' has no meaning here"
-            raise self.fault("character-unknown", message, begin, begin + 1)
 
     def sign(self, sign: str, operand: Node, begin: int) -> Node:
         """Return an operand with a sign before it."""
@@ -123,7 +116,6 @@ class Builder:
 
     def binary(self, left: Node, operator: str, right: Node, begin: int, end: int) -> Node:
         """Return two operands with an operator and its place."""
-        self._refuse_mark(operator, begin)
         place = self.place(begin, end)
         if operator in ("EQ", "NE") and self.macro:
             a, b = left.result, right.result
@@ -138,7 +130,7 @@ class Builder:
         elif operator in _ARITHMETIC:
             value = _ARITHMETIC[operator](a, b, place)
         else:
-            value = _operation(a, operator, b, place, macro=self.macro)
+            value = _operation(a, self._operators[operator], b, place)
         node = Node(value, left.begin, right.end, depth=max(left.depth, right.depth) + 1)
         return self._folded(node, left, right)
 
@@ -154,14 +146,13 @@ class Builder:
             end: Position after its name.
             increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
-        self._refuse_mark(name, begin)
         column, length = self.place(begin, end)
         a = argument.value
         if increments and name in ("ROUND", "RND"):
             return self._folded(
                 Node(_to_increments(a), begin, argument.end, depth=argument.depth + 1)
             )
-        function = (MACRO_FUNCTIONS if self.macro else _NGC_FUNCTIONS)[name]
+        function = self._functions[name]
 
         def value(p: Parameters) -> float:
             try:
@@ -351,9 +342,7 @@ def _divide(a: Value, b: Value, place: tuple[int, int]) -> Value:
 _ARITHMETIC = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide}
 
 
-def _operation(a: Value, operator: str, b: Value, place: tuple[int, int], *, macro: bool) -> Value:
-    operate = (MACRO_OPERATORS if macro else _NGC_OPERATORS)[operator]
-
+def _operation(a: Value, operate: Binary, b: Value, place: tuple[int, int]) -> Value:
     def value(p: Parameters) -> float:
         try:
             result = operate(a(p), b(p))

@@ -163,10 +163,6 @@ class Window:
         """Return the lines as instructions."""
         return self.sorted.coded
 
-    def with_lines(self, lines: list[str]) -> Window:
-        """Return a window of other lines in place of these."""
-        return _window_of_lines(self.first, lines)
-
     def leave_to_parser(self) -> None:
         """Take no line for plain: words and comments have a meaning of their own."""
         self.plain[:] = 0
