@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, cast
 
 from cnc.gcode.reader.lines import Reading
-from cnc.gcode.reader.tables import Grammar
 from cnc.gcode.syntax.expressions import Builder, Node, ParameterNode, constant
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Statement, Value
@@ -64,8 +63,11 @@ class Rules(Protocol):
     It takes begin and end of the rule in the line, from 0, and its parts.
     """
 
-    def token(self, token: Token, value: float) -> Any:
-        """Return what stands for a token among the parts of a rule; a NUMBER has a value."""
+    def token(self, token: Token) -> Any:
+        """Return what stands for a token among the parts of a rule."""
+
+    def number(self, begin: int, end: int, value: float) -> Any:
+        """Return what stands for a number."""
 
 
 def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int = 0) -> Any:
@@ -79,6 +81,7 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         shift: Position of the line in the text of the events.
     """
     grammar, events = reading.grammar, reading.events
+    terminals, texts, is_keyword = grammar.terminals, grammar.texts, grammar.is_keyword
     span = slice(*reading.results.first[line : line + 2].tolist())
     parts: list[Any] = []
     for kind, begin, end, value in zip(
@@ -89,35 +92,30 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         strict=True,
     ):
         begin, end = begin - shift, end - shift
-        if kind > 0:
-            parts.append(_token(grammar, text, kind - 1, (begin, end), value, rules))
-        else:
+        if kind < 0:
             at = len(parts) - int(value)
             made = getattr(rules, f"_{grammar.rules[-kind - 1]}")
             parts[at:] = [made(begin, end, *parts[at:])]
+        elif terminals[kind - 1] == "NUMBER":
+            exact = value if value == value else float(squeezed(text[begin:end]))
+            parts.append(rules.number(begin, end, exact))
+        else:
+            name = terminals[kind - 1]
+            is_known = is_keyword[kind - 1]
+            written = texts[int(value)] if is_known else _written(name, text[begin:end])
+            parts.append(rules.token(Token(name, written, begin, end)))
     (whole,) = parts
     return whole
 
 
-def _token(
-    grammar: Grammar, text: str, terminal: int, place: tuple[int, int], value: float, rules: Rules
-) -> Any:
-    """Return what stands for a token."""
-    name, raw = grammar.terminals[terminal], text[slice(*place)]
-    if name in _RAW:
-        return rules.token(Token(name, raw, *place), value)
-    if name == "NUMBER":
-        written = squeezed(raw)
-        return rules.token(
-            Token(name, written, *place), value if value == value else float(written)
-        )
-    if grammar.is_keyword[terminal]:
-        return rules.token(Token(name, grammar.texts[int(value)], *place), value)
-    if name == "NAME" and ";" in raw:
+def _written(terminal: str, raw: str) -> str:
+    """Return the text of a token without blanks, in capitals."""
+    if terminal in _RAW:
+        return raw
+    if terminal == "NAME" and ";" in raw:
         # Blanks behind a semicolon count.
-        written = squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
-        return rules.token(Token(name, written, *place), value)
-    return rules.token(Token(name, squeezed(raw), *place), value)
+        return squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
+    return squeezed(raw)
 
 
 class Translator:
@@ -155,18 +153,16 @@ class Translator:
         """
         return cast(Statement, carried_out(reading, line, self._text, self))
 
-    def token(self, token: Token, value: float) -> Any:
-        """Return a token; a number is a node."""
-        if token.terminal == "NUMBER":
-            return self._number(token, value)
+    def token(self, token: Token) -> Token:
+        """Return a token."""
         if token.terminal == "LETTER":
             self._letter = token.text
         return token
 
     # Expressions
 
-    def _number(self, token: Token, value: float) -> Node:
-        begin, end = token.begin, token.end
+    def number(self, begin: int, end: int, value: float) -> Node:
+        """Return a number as a node."""
         if value == math.inf:
             before = self._text[:begin].rstrip(" \t")
             first = len(before) - 1 if before[-1:].isalpha() else begin

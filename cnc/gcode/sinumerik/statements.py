@@ -57,7 +57,7 @@ _COMPARED_LAST = frozenset(("==", "<>", "<=", ">=", "<", ">", "AND", "XOR", "OR"
 
 @dataclass(frozen=True, slots=True)
 class _Called(Node):
-    """A function of several values, ``IC(..)`` or ``SET(..)``. It is no part of a sum."""
+    """What is no part of a sum: ``IC(..)``, ``SET(..)``, and a value that only a control knows."""
 
     name: str = ""
     arguments: tuple[Node | Token | None, ...] = ()
@@ -111,14 +111,16 @@ class Lines:
         """
         return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
 
-    def token(self, token: Token, value: float) -> Token | Node:
-        """Return a token; a number is a node."""
-        if token.terminal != "NUMBER":
-            return token
+    def token(self, token: Token) -> Token:
+        """Return a token."""
+        return token
+
+    def number(self, begin: int, end: int, value: float) -> Node:
+        """Return a number as a node."""
         if value == math.inf:
             message = "this number is too large"
-            raise self._build.fault("number-too-large", message, token.begin, token.end)
-        return constant(value, token.begin, token.end)
+            raise self._build.fault("number-too-large", message, begin, end)
+        return constant(value, begin, end)
 
     # Expressions
 
@@ -164,6 +166,8 @@ class Lines:
         return _Called(_nothing, begin, end, name=name.text, arguments=tuple(given))
 
     def _variable(self, begin: int, end: int, name: Token) -> Node:
+        if name.terminal == "SYSTEM":
+            return _Called(_nothing, begin, end, name=name.text)
         if name.terminal == "REGISTER" or self._names.is_variable(name.text):
             return self._build.parameter(self._stored(name), begin, end)
         if name.text in ("TRUE", "FALSE"):

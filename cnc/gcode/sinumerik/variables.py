@@ -114,9 +114,13 @@ class _Declarations:
         self.found: list[Variable] = []
         self._local, self._arrays = local, arrays
 
-    def token(self, token: Token, value: float) -> Token:
+    def token(self, token: Token) -> Token:
         """Return the token."""
         return token
+
+    def number(self, begin: int, end: int, value: float) -> Token:
+        """Return the text of a number; empty for one that is not whole."""
+        return Token("NUMBER", f"{value:.0f}" if value.is_integer() else "", begin, end)
 
     def __getattr__(self, name: str) -> Any:
         return lambda begin, end, *parts: parts

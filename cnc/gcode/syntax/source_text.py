@@ -201,7 +201,14 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        return self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
+        if self.plain[index]:
+            return self._plain(index, text)
+        if syntax.flavour == "siemens" and text.isascii() and not self.reading.results.status[index]:
+            from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
+
+            lines = Lines(text, syntax.names, int(self._begin[index]))
+            return lines.statement(self.reading, index)
+        return parse_line(text, syntax)
 
     def _plain(self, index: int, text: str) -> Statement:
         found = _memo.get(text)
