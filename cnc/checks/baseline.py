@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from cnc.checks.catalogue import REPORTED_ONCE
 from cnc.model.diagnostics import SEVERITIES, Diagnostic, UsageError
+from cnc.model.shown_text import shown_name
 from cnc.report.changes import Changes
 
 if TYPE_CHECKING:
@@ -181,9 +182,9 @@ def change_lines(reports: Iterable[Report], missing: Iterable[str]) -> Iterator[
         lines = [] if report.changes is None else report.changes.lines()
         unchanged += not lines
         if lines:
-            yield f"{report.program}, since the baseline:"
+            yield f"{shown_name(report.program)}, since the baseline:"
             yield from (f"  {line}" for line in lines)
     for program in missing:
-        yield f"{program}: in the baseline, but not checked now"
+        yield f"{shown_name(program)}: in the baseline, but not checked now"
     if unchanged:
         yield f"{unchanged} program{'s' if unchanged > 1 else ''} unchanged since the baseline"

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from cnc.gcode.state.tool_table import MAX_TOOL
+from cnc.model.shown_text import printable
 from cnc.model.units import MM_PER_INCH
 
 _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)|;(.*)")
@@ -94,7 +95,7 @@ class ToolList:
 
     def skeleton(self, program: str) -> Iterator[str]:
         """Yield the lines of the table."""
-        yield f"; Tools of {program}, lengths in mm."
+        yield f"; Tools of {printable(program)}, lengths in mm."
         yield "; Measure each tool, add Z and its length, and remove the semicolon before T."
         numbers = sorted({*self.tools, *(each for t in self.tools.values() for each in t.lengths)})
         for number in numbers:

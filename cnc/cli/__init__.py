@@ -13,6 +13,8 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 
+from cnc.cli.streams import prepare_streams
+
 __all__ = ["exit_code", "main"]
 
 
@@ -21,6 +23,7 @@ def main() -> None:
 
     Exit codes: 0 success, 1 program rejected or internal error, 2 usage, 3 board, 130 stopped.
     """
+    prepare_streams()
     _serve_signals()
     gc.disable()  # nothing of what is imported here is garbage
     try:

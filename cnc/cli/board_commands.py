@@ -12,6 +12,7 @@ from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, library
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import report_hang_up
 from cnc.model.operator_control import Control
+from cnc.model.shown_text import printable
 
 TERMINAL = TerminalOptions()
 
@@ -48,7 +49,7 @@ def boards(
     for each in found:
         if each.info is not None:
             write_offsets(identity(each.port), each.info.named_places())
-        print(*port_report(each, baud), sep="\n", flush=True)
+        print(*map(printable, port_report(each, baud)), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")
     return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,10 +35,12 @@ from cnc.cli.progress import ProgressDisplay
 from cnc.cli.serve_command import serve
 from cnc.cli.settings_command import settings
 from cnc.cli.signals import OperatorSignals, report_hang_up
+from cnc.cli.streams import NO_SPACE
 from cnc.cli.tools import tools
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.model.shown_text import printable, shown_name
 from cnc.version import __version__
 
 app = Application(
@@ -232,7 +232,7 @@ def view(
     show(report, common, common.summary_file)
     quiet = common.terminal.quiet
     if report.ok and report.stopped_at_line is None and not quiet:
-        print(f"picture      {output}", file=common.summary_file)
+        print(f"picture      {printable(output)}", file=common.summary_file)
     return end([report], quiet=quiet)
 
 
@@ -256,9 +256,12 @@ def papers(
         if not quiet:
             print(page.markdown(section), end="\n\n", flush=True)
         done.append(section)
-    written = page.write(done, folder)
+    missing = page.drawing_missing()
+    written = page.write(done, folder, draws=missing is None)
+    if missing is not None:
+        print(f"warning: {missing.render()}", file=sys.stderr)
     if not quiet:
-        print(written)
+        print(shown_name(str(written)))
     return 0
 
 
@@ -272,7 +275,7 @@ def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False)
 
     _compile(quiet=quiet)
     if not quiet:
-        print(f"compiled code  {cache_folder()}")
+        print(f"compiled code  {printable(str(cache_folder()))}")
     return 0
 
 
@@ -315,20 +318,40 @@ def schema(
     return 0
 
 
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a write to a full disk, as to a file to which standard output is redirected."""
-
-
 def run_arguments() -> None:
     """Carry out the command line of this process, and exit."""
-    # A file name may contain bytes that are not text; printing it must not fail.
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(exit_code(sys.argv[1:]))
 
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
+    try:
+        return _carry_out(arguments)
+    except BrokenPipeError:
+        # Python flushes standard output again at its exit, which must not fail.
+        _drop_output()
+        return EXIT_PIPE
+    except OSError as error:
+        if error.errno not in NO_SPACE or error.filename is not None:
+            return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+        _drop_output()
+        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
+
+        return fail(write_error("-", error))
+    except Exception as error:
+        return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+    finally:
+        close_log()
+
+
+def _drop_output() -> None:
+    """Let standard output take and drop everything."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+def _carry_out(arguments: Sequence[str]) -> int:
     OperatorSignals.moved = False
     asks = not {"--help", "-h"}.isdisjoint(arguments)
     Application.collections = {} if asks else None
@@ -353,18 +376,3 @@ def exit_code(arguments: Sequence[str]) -> int:
         nothing = "" if OperatorSignals.moved else "; nothing has moved"
         print(str(stop) or f"stopped by the operator{nothing}", file=sys.stderr)
         return EXIT_STOPPED
-    except BrokenPipeError:
-        # Python flushes standard output again at its exit, which must not fail.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_PIPE
-    except OSError as error:
-        if error.errno not in NO_SPACE or error.filename is not None:
-            return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
-
-        return fail(write_error("-", error))
-    except Exception as error:
-        return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
-    finally:
-        close_log()

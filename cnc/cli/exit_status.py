@@ -18,6 +18,7 @@ from cnc.model.diagnostics import (
     Diagnostic,
     Severity,
 )
+from cnc.model.shown_text import shown_name
 
 if TYPE_CHECKING:
     from cnc.report.result import Report
@@ -77,12 +78,12 @@ def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") 
     counting = SEVERITIES[: SEVERITIES.index(fail_on) + 1]
     sys.stdout.flush()
     for report in reports:
+        name = shown_name(report.program)
         if report.hidden_warnings and not quiet:
-            _print_error(f"{report.program}: {report.hidden_warnings} more warnings are not shown")
+            _print_error(f"{name}: {report.hidden_warnings} more warnings are not shown")
         if report.hidden_faults:
             _print_error(
-                f"{report.program}: {report.hidden_faults} more places outside the travel are not "
-                "shown"
+                f"{name}: {report.hidden_faults} more places outside the travel are not shown"
             )
         for finding in report.counting:
             if finding.severity in counting:

@@ -26,6 +26,7 @@ from cnc.model.operator_control import (
     RAPID_OVERRIDES,
     Control,
 )
+from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input
@@ -69,7 +70,7 @@ class Keyboard:
         Raises:
             UsageError: ``needs-yes`` without a terminal.
         """
-        print(*steps, sep="\n  ", file=sys.stderr, flush=True)
+        print(*map(printable, steps), sep="\n  ", file=sys.stderr, flush=True)
         if yes:
             return True
         if not self.available:

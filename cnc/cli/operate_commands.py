@@ -28,6 +28,7 @@ from cnc.model.diagnostics import (
     UsageError,
 )
 from cnc.model.operator_control import Control
+from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -173,7 +174,7 @@ def height_map(
     if not terminal.quiet:
         low, high = found.extremes
         count = f"{len(found.x)} x {len(found.y)} points"
-        print(f"height map   {output}: {count}, {low:.3f} to {high:.3f} mm")
+        print(f"height map   {printable(output)}: {count}, {low:.3f} to {high:.3f} mm")
     return 0
 
 

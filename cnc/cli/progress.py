@@ -14,6 +14,7 @@ from cnc.cli.run_screen import PlainLines, RunScreen
 from cnc.cli.signals import OperatorSignals, report_hang_up
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
+from cnc.model.shown_text import shown_name
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -90,7 +91,7 @@ class ProgressDisplay:
         if not self._quiet:
             self._show(sent)
         if sent.held and not self._held and not self._quiet:
-            place = f"{sent.hold_reason}, line" if sent.hold_reason else "held at line"
+            place = f"{shown_name(sent.hold_reason)}, line" if sent.hold_reason else "held at line"
             print(f"{place} {sent.line}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from cnc.cli.keyboard import HELP
 from cnc.model.operator_control import Control
+from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -64,7 +65,7 @@ def rows(sent: Progress, control: Control, total: int | None) -> Iterator[tuple[
     yield "state", f"{state}{reason}" if not sent.held else f"{state}, held{reason}"
     number = sent.at or sent.line
     place = f"{number} of {total}" if total else f"{number}"
-    yield "line", f"{place}  {sent.text}".rstrip()
+    yield "line", f"{place}  {printable(sent.text)}".rstrip()
     if machine is not None and machine.work:
         yield "work", position(axes, machine.work)
     if sent.position is not None:

@@ -11,6 +11,7 @@ from cnc.cli.keyboard import Keyboard
 from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, library, option
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
+from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from cnc.boards.grbl.driver import GrblBoard
@@ -94,7 +95,10 @@ def _show(board: GrblBoard, machine: Machine, name: str | None) -> None:
             message, hint = f"the board has no setting ${number}", "cncrun settings lists them"
             raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
         mark = f"  (machine file: {other[number]:.10g})" if number in other else ""
-        print(f"${number} = {info.settings[number]}  {names.get(number, '')}".rstrip() + mark)
+        print(
+            f"${number} = {info.settings[number]}  {printable(names.get(number, ''))}".rstrip()
+            + mark
+        )
     if name is None and other:
         count = "1 setting differs" if len(other) == 1 else f"{len(other)} settings differ"
         print(f"{count} from those of the machine file {machine.name!r}")
@@ -127,7 +131,7 @@ def _save(board: GrblBoard, name: str) -> None:
     except OSError as error:
         message, hint = f"{name} is not writable: {error.strerror}", "name another file"
         raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
-    print(f"{len(board.info.settings)} settings in {name}")
+    print(f"{len(board.info.settings)} settings in {printable(name)}")
 
 
 def _lines_of(name: str) -> list[str]:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from cnc.model.operator_control import Control
+from cnc.model.operator_control import Control, StoppedAtOnce
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", getattr(signal, "SIGBREAK", None))
 """The terminal was closed; on Windows, the console."""
@@ -45,7 +45,7 @@ class OperatorSignals:
         self.moving = False
         self.hung_up = False
         self._control = control
-        self._suspends = False
+        self._suspends = self._at_once = False
         self._before: dict[signal.Signals, Any] = {}
         self._terminals: list[int] = []
 
@@ -83,9 +83,10 @@ class OperatorSignals:
         if not self.moving:
             raise KeyboardInterrupt("stopped by the operator; nothing has moved")
         if self._control.stopped and not self.hung_up:
-            raise KeyboardInterrupt(
-                "stopped by the operator at once; the position is lost, so home the machine"
-            )
+            # Only the first of these leaves the board the time to come to rest.
+            kind = KeyboardInterrupt if self._at_once else StoppedAtOnce
+            self._at_once = True
+            raise kind("stopped by the operator at once; the position is lost, so home the machine")
         self._control.stop()
 
     def _hang_up(self, *_: object) -> None:

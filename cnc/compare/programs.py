@@ -12,6 +12,7 @@ from cnc.compare.match import SAME
 from cnc.compare.track import Recorder, Track
 from cnc.machine.models import Machine
 from cnc.model.choices import DialectName
+from cnc.model.shown_text import printable
 from cnc.report.number_format import clock, number, position
 from cnc.report.result import Report
 from cnc.session.observer import Callbacks
@@ -71,7 +72,7 @@ class Difference:
             yield "path    the same"
         else:
             where = " ".join(f"{axis.upper()}{position(value)}" for axis, value in self.at.items())
-            one, other = (f"{place.file}:{place.line}" for place in self.places)
+            one, other = (f"{printable(place.file)}:{place.line}" for place in self.places)
             yield f"path    at most {number(self.distance)} mm apart, at {where}: {one}, {other}"
         yield f"length  {number(first.path_length_mm)} -> {number(second.path_length_mm)} mm"
         change = 100.0 * (second.duration_s / first.duration_s - 1.0) if first.duration_s else 0.0

@@ -43,11 +43,13 @@ _COMPILER = {
     _SOURCES / f"{name}.py"
     for name in (
         "borrowing",
+        "code_cache",
         "code_library",
         "compiler",
         "compiler_work",
         "kernel_arguments",
         "lean_code",
+        "loader",
         "values",
     )
 }
@@ -56,7 +58,8 @@ _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
-"""Each file begins with a digest of its code, because a process that runs damaged code crashes."""
+"""Each file begins with a digest of its name and its code: a process that runs damaged code, or
+the code of another kernel, crashes."""
 
 SHIPPED = _SOURCES / "compiled"
 """Compiled code that was installed with the sources. It is only read."""
@@ -173,7 +176,7 @@ _unwritten: dict[str, bytes] = {}
 def find(file: str) -> bytes | None:
     """Return the contents of a file, of installed code or of this computer; None if it has none."""
     for place in (SHIPPED, cache_folder()):
-        code = read(os.path.join(place, file))
+        code = read(place, file)
         if code is not None:
             return code
     return _unwritten.get(file)
@@ -181,33 +184,52 @@ def find(file: str) -> bytes | None:
 
 def keep(file: str, code: bytes) -> None:
     """Write a file of compiled code; keep it in memory if that fails, as on a full disk."""
-    if file.startswith(_UNREADABLE) or not write(cache_folder() / file, code):
+    if file.startswith(_UNREADABLE) or not write(cache_folder(), file, code):
         _unwritten[file] = code
 
 
-def read(path: str | Path) -> bytes | None:
+def read(place: str | Path, file: str) -> bytes | None:
     """Return the contents of a file of compiled code; None if there is none, or it is damaged.
 
     A start reads some 200 files. ``Path`` and a buffer would double the time of that.
+
+    Args:
+        place: the folder of all compiled code.
+        file: folder and name of the file in there.
     """
     try:
-        with open(path, "rb", buffering=0) as file:
-            data = file.read()
+        with open(os.path.join(place, file), "rb", buffering=0, opener=_open_at_once) as opened:
+            data = opened.read() or b""
     except OSError:
         return None
     digest, code = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
-    return code if hashlib.sha256(code).digest() == digest else None
+    return code if _digest_of(file, code) == digest else None
 
 
-def write(path: Path, code: bytes) -> bool:
-    """Write a file of compiled code, all of it or nothing; return whether that succeeded."""
+def _open_at_once(path: str, flags: int) -> int:
+    """Open a file to read; a pipe of this name does not wait for a writer."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _digest_of(file: str, code: bytes) -> bytes:
+    return hashlib.sha256(file.encode() + b"\0" + code).digest()
+
+
+def write(place: Path, file: str, code: bytes) -> bool:
+    """Write a file of compiled code, all of it or nothing; return whether that succeeded.
+
+    The arguments are those of :func:`read`. A folder in the place of the file is removed.
+    """
+    path = place / file
     try:
         _make_folder(path.parent)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
-            temporary = Path(file.name)
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as new:
+            temporary = Path(new.name)
             try:
-                file.write(hashlib.sha256(code).digest() + code)
-                file.close()
+                new.write(_digest_of(file, code) + code)
+                new.close()
                 temporary.replace(path)
             finally:
                 temporary.unlink(missing_ok=True)
@@ -217,8 +239,10 @@ def write(path: Path, code: bytes) -> bool:
 
 
 def _make_folder(folder: Path) -> None:
-    if not folder.exists():
+    if not folder.is_dir():
         _remove_old_code()
+        if folder.parent == cache_folder():
+            folder.unlink(missing_ok=True)  # a file or a link to nothing in its place
         folder.mkdir(parents=True, exist_ok=True)
 
 

@@ -8,8 +8,8 @@ kernels that it calls, which LLVM would inline. It refers to the others by name:
        '--contains---> rests                                         inside the file of pulses
 
 A file lists the files that its code refers to (:mod:`cnc.kernels.loader`). So the names of
-compiled functions must be the same in all processes: numba's count of compilations, which it puts
-into them, is left out.
+compiled functions must be the same in all processes. Two counts that numba puts into them are left
+out: that of compilations, and that of types of records.
 
 A kernel that Python calls needs a function that converts the arguments. It is made, and kept,
 apart, and only for kernels that are called so.
@@ -31,8 +31,9 @@ numba's documented interface has no means for this, so the classes here derive f
 
 from __future__ import annotations
 
+import hashlib
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -48,7 +49,7 @@ from numba.core.runtime import rtsys
 from numba.core.runtime.context import NRTContext
 from numba.core.serialize import dumps
 from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
-from numba.core.types import unliteral  # type: ignore[attr-defined]
+from numba.core.types import Record, unliteral  # type: ignore[attr-defined]
 from numba.core.untyped_passes import InlineClosureLikes
 
 from cnc.kernels import code_cache, loader
@@ -103,8 +104,14 @@ def _no_inner_code(codegen: Any) -> Iterator[None]:
         patch.object(codegen, "set_env", lambda name, environment: None),
         patch.object(CPUContext, "create_cfunc_wrapper", lambda *parts: None),
         patch.object(NRTContext, "_call_incref_decref", count_where_needed),
+        patch.object(Record, "mangling_args", property(_record_name)),
     ):
         yield
+
+
+def _record_name(record: Any) -> tuple[str, tuple[str]]:
+    """Return the parts of a symbol for a type of records: its fields instead of numba's count."""
+    return "Record", (hashlib.sha256(str(record).encode()).hexdigest()[:16],)
 
 
 class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
@@ -156,7 +163,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             result.library.finalize()
         library, descriptor = result.library, result.fndesc
         descriptor.typemap = descriptor.calltypes = None
-        needs = [_file(callee) for callee in library.callees]
+        needs = _needs(library.callees)
         state = library.kernel, list(library.callees), library.bitcode(), descriptor
         code = loader.Code(library.symbol, needs, library.code, dumps((*state, result.signature)))
         loader.keep(self._kept(arguments), code)
@@ -200,13 +207,13 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         """Make code of a file known to numba.
 
         Raises:
-            LookupError: If it needs a file that is missing, and has another name when it is made.
+            LookupError: If it needs a file that is missing, or a function that has another name.
         """
         kernel, callees, bitcode, descriptor, signature = pickle.loads(code.rest)
         library = KernelLibrary.restored(
             self.targetctx.codegen(), kernel, callees, code.symbol, bitcode
         )
-        if code.needs != [_file(callee) for callee in callees]:
+        if code.needs != _needs(callees):
             raise LookupError
         result = CompileResult(
             target_context=self.targetctx,
@@ -246,8 +253,13 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         with global_compiler_lock:
             self.compile(arguments)
             with code_cache.locked(file):
-                if loader.read(file) is None:
+                code = loader.read(file)
+                if code is None or code.needs != _needs([self._callee(arguments)]):
                     loader.keep(file, self._wrapper(arguments))
+
+    def _callee(self, arguments: Types) -> Callee:
+        callee: Callee = self.overloads[arguments].library.kernel
+        return callee
 
     def _wrapper(self, arguments: Types) -> loader.Code:
         result, context = self.overloads[arguments], self.targetctx.subtarget(enable_nrt=True)
@@ -266,10 +278,15 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             )
         library.finalize()
         rest = dumps((descriptor.env_name, environment.consts))
-        needs = [self._files[arguments]]
+        needs = _needs(library.callees)
         return loader.Code(descriptor.llvm_cpython_wrapper_name, needs, library.code, rest)
 
 
-def _file(callee: Callee) -> str:
-    """Return the file of the compiled code of a kernel."""
-    return str(kernels[callee.module, callee.name].dispatcher.file(callee.arguments))
+def _needs(callees: Iterable[Callee]) -> dict[str, str]:
+    """Return the symbols of some kernels by the files of their compiled code."""
+    needs = {}
+    for callee in callees:
+        dispatcher = kernels[callee.module, callee.name].dispatcher
+        symbol = dispatcher.overloads[callee.arguments].library.symbol
+        needs[dispatcher.file(callee.arguments)] = symbol
+    return needs

@@ -6,7 +6,8 @@ longer than a small program. The compiler is imported where code is missing.
 
     Python --calls--> f-*.wrapper --needs--> f-*.code --needs--> g-*.code
 
-A file lists the files that its code refers to. All of them are loaded at once.
+A file lists the files that its code refers to, with the names of their functions. All of them are
+loaded at once, or none if one of them is missing or has a function of another name.
 """
 
 from __future__ import annotations
@@ -41,14 +42,14 @@ class Code(NamedTuple):
 
     Attributes:
         symbol: name of the function.
-        needs: files of the code to which this code refers.
+        needs: names of the functions to which this code refers, by the file that has them.
         code: an object file.
         rest: for a kernel what the compiler needs to compile its callers; for the conversion of
             arguments name and contents of its environment.
     """
 
     symbol: str
-    needs: list[str]
+    needs: dict[str, str]
     code: bytes
     rest: bytes
 
@@ -137,11 +138,11 @@ class Loader:
     """Compiled code in memory.
 
     Attributes:
-        files: the files that have been loaded.
+        files: the files that have been loaded, with the names of their functions.
     """
 
     def __init__(self) -> None:
-        self.files: dict[str, None] = {}
+        self.files: dict[str, str] = {}
         self._symbols: set[str] = set()
         self._entries: dict[str, Callable[..., Any]] = {}
         self._lock = threading.RLock()
@@ -154,7 +155,8 @@ class Loader:
             variables: those of the kernel's module.
 
         Returns:
-            The function; None if the file, or one that it needs, is missing or damaged.
+            The function; None if the file, or one that it needs, is missing, damaged, or not the
+            one with which the file was compiled.
         """
         with self._lock:
             if file not in self._entries:
@@ -165,18 +167,23 @@ class Loader:
             return self._entries[file]
 
     def _load(self, found: dict[str, Code]) -> bool:
-        """Load some files and those that they need; return False if one of them is missing."""
-        waiting = [need for code in found.values() for need in code.needs]
+        """Load some files and those that they need; return False if one of them is not right.
+
+        LLVM does not check names: a call of a function that is not there ends the process.
+        """
+        waiting = [need for code in found.values() for need in code.needs.items()]
         while waiting:
-            file = waiting.pop()
+            file, symbol = waiting.pop()
             if file not in self.files and file not in found:
                 code = read(file)
                 if code is None:
                     return False
                 found[file] = code
-                waiting += code.needs
+                waiting += code.needs.items()
+            if symbol != (self.files[file] if file in self.files else found[file].symbol):
+                return False
         for file, code in found.items():
-            self.files[file] = None
+            self.files[file] = code.symbol
             if code.symbol not in self._symbols:  # it may be there for another processor
                 self._symbols.add(code.symbol)
                 self._engine.add_object_file(binding.ObjectFileRef.from_data(code.code))

@@ -23,6 +23,10 @@ def inconsistencies(machine: Machine) -> Iterator[Inconsistency]:
         pull_off = (joint.homing or Homing()).pull_off
         towards = switch_end(name, joint.homing)
         yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
+    if machine.diameters is not None and machine.kind != "lathe":
+        yield Inconsistency(
+            ("machine", "diameters"), f"the machine is a {machine.kind}", "remove the key"
+        )
     for letter, axis in machine.axes.items():
         yield from _homing_position(machine, letter)
         if axis.wrap is not None and letter not in ROTARY_LETTERS:

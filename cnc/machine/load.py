@@ -103,17 +103,21 @@ def load_machine(path: Path | str | None = None) -> Machine:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _toml_error(file, text, str(error)) from None
+    except RecursionError:
+        depths = [line.count("[") + line.count("{") for line in text.splitlines()]
+        place = f"(at line {depths.index(max(depths)) + 1}, column 1)"
+        raise _toml_error(file, text, f"lists or tables are nested too deeply {place}") from None
     try:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    for key in ("name", "kind", "start", "file"):
+    for key in (*Header.model_fields, "file"):
         if key in tables:
             hint = "remove it" if key == "file" else f"put the {key} into [machine]"
             raise _error(file, text, (key,), "there is no such key", hint)
     _complete_axes(file, text, tables)
     try:
-        machine = Machine.model_validate({**dict(header), "file": str(file), **tables})
+        machine = Machine.model_validate({**header.model_dump(), "file": str(file), **tables})
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in inconsistencies(machine):

@@ -50,6 +50,13 @@ class Header(Section):
             "or of joints (mm, degrees). Without it: machine zero, or the nearest place in reach."
         ),
     )
+    diameters: bool | None = Field(
+        default=None,
+        description=(
+            "For a lathe: whether X of a program is a diameter at its start. Without it: true for "
+            "fanuc, haas, siemens and mach3, false for the others."
+        ),
+    )
 
 
 class Homing(Section):
@@ -205,6 +212,9 @@ class Machine(Section):
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
+    diameters: bool | None = Field(
+        default=None, description="Whether X is a diameter at the start of a lathe's program."
+    )
     file: str = Field(default="", description="Name of the machine file.", exclude=True)
     start: dict[str, FiniteFloat] = Field(
         default={}, description="Where the machine stands before a program."

@@ -11,8 +11,11 @@ and names the exit code of the command line. No other exception may reach a user
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Literal
+
+from cnc.model.shown_text import printable, shown_name
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
@@ -29,7 +32,7 @@ EXIT_STOPPED = 130
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One finding.
+    """One finding. Control characters in the message and the hint become escapes.
 
     Attributes:
         code: Public code, such as ``soft-limit``.
@@ -53,9 +56,13 @@ class Diagnostic:
     hint: str = ""
     severity: Severity = "error"
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", printable(self.message))
+        object.__setattr__(self, "hint", "\n".join(map(printable, self.hint.split("\n"))))
+
     def location(self) -> str:
         """Return ``file:line:column``, as far as each is known."""
-        parts = [self.file] if self.file else []
+        parts = [shown_name(self.file)] if self.file else []
         if self.line:
             parts.append(str(self.line))
             if self.column:
@@ -84,14 +91,16 @@ class Diagnostic:
             shown = "".join(
                 c if c.isprintable() else " " for c in self.text[first : first + SHOWN_CHARACTERS]
             )
-            lines.append(f"  {shown}")
+            # As in cnc.model.shown_text, but each character keeps its column.
+            shown = re.sub(r"^\s*:+(?=:)", lambda found: " " * len(found[0]), shown)
+            lines.append("  " + shown.replace("##[", "# ["))
             if self.column:
                 marked = min(
                     max(self.length, 1), max(first + SHOWN_CHARACTERS - self.column + 1, 1)
                 )
                 lines.append("  " + " " * (self.column - 1 - first) + "^" + "~" * (marked - 1))
         if self.hint:
-            lines.append(f"  help: {self.hint}")
+            lines.append(f"  help: {printable(self.hint)}")
         return "\n".join(lines)
 
 

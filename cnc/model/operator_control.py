@@ -15,6 +15,10 @@ MIN_SPINDLE_OVERRIDE, MAX_SPINDLE_OVERRIDE = 10.0, 200.0
 """Limits of the spindle override, per cent: those of GRBL."""
 
 
+class StoppedAtOnce(KeyboardInterrupt):
+    """The operator stopped a run a second time, before the machine was at rest."""
+
+
 class HomingStopped(Exception):
     """The operator stopped a homing cycle.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from cnc.model.diagnostics import Diagnostic
+from cnc.model.shown_text import printable
 from cnc.report.result import Report
 
 
@@ -20,7 +21,9 @@ def github(reports: Sequence[Report]) -> str:
 
 
 def _command(finding: Diagnostic) -> str:
-    properties: list[tuple[str, str | int]] = [("file", finding.file)] if finding.file else []
+    properties: list[tuple[str, str | int]] = (
+        [("file", printable(finding.file))] if finding.file else []
+    )
     if finding.file and finding.line:
         properties += [("line", finding.line), ("endLine", finding.line)]
         if finding.column:

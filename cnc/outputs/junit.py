@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from cnc.model.diagnostics import EXIT_REJECTED
+from cnc.model.shown_text import printable
 from cnc.report.result import Report
 
 
@@ -46,7 +47,7 @@ def _add_case(suite: ElementTree.Element, report: Report) -> ElementTree.Element
         suite,
         "testcase",
         classname="cncrun",
-        name=_clean(report.program),
+        name=printable(report.program),
         time=f"{report.timing.total_s:.3f}",
     )
     faults = report.counting_faults

@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic
+from cnc.model.shown_text import shown_json
 from cnc.report.result import Report
 from cnc.version import __version__
 
@@ -41,7 +42,8 @@ def sarif(reports: Sequence[Report]) -> str:
         ],
         "results": results,
     }
-    return json.dumps({"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
+    log = {"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}
+    return shown_json(json.dumps(log, indent=2)) + "\n"
 
 
 def _with_states(report: Report) -> Iterator[tuple[Diagnostic, dict[str, str]]]:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from cnc.model.shown_text import shown_json
 from cnc.outputs.targets import TextTarget
 from cnc.report.result import Report
 
@@ -28,7 +29,7 @@ def write_object(name: str, value: Any) -> None:
     """
     target = TextTarget(name)
     try:
-        target.write(json.dumps(value, indent=2, allow_nan=False) + "\n")
+        target.write(shown_json(json.dumps(value, indent=2, allow_nan=False)) + "\n")
         target.close()
     finally:
         target.discard()

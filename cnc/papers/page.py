@@ -3,14 +3,14 @@
     papers.md           the sections one after the other, tables as Markdown, figures as links
     NAME.png            one file a figure
 
-matplotlib draws the figures. It comes with the extra ``view`` and is imported late: the tables
-alone do not need it.
+matplotlib draws the figures. It comes with the extra ``view`` and is imported late. Without it the
+page has the tables alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -65,17 +65,8 @@ def prepared(folder: Path) -> Path:
     """Make the folder if necessary, before any work is done.
 
     Raises:
-        UsageError: if it cannot be made, or matplotlib is missing.
+        UsageError: ``can-not-write``.
     """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        hint = "pip install 'cncrun[view]', or pip install matplotlib"
-        raise UsageError(
-            Diagnostic(
-                "drawing-missing", "the figures need matplotlib, which is not installed", hint=hint
-            )
-        ) from None
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -83,8 +74,24 @@ def prepared(folder: Path) -> Path:
     return folder
 
 
-def write(sections: Iterable[Section], folder: Path) -> Path:
+def drawing_missing() -> Diagnostic | None:
+    """Return a warning if the figures cannot be drawn."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        message = "the figures need matplotlib, which is not installed; the tables are complete"
+        hint = "pip install 'cncrun[view]', or pip install matplotlib"
+        return Diagnostic("figures-missing", message, hint=hint, severity="warning")
+    return None
+
+
+def write(sections: Iterable[Section], folder: Path, *, draws: bool = True) -> Path:
     """Write page and pictures into an existing folder.
+
+    Args:
+        sections: The sections.
+        folder: The folder.
+        draws: Whether to draw the figures, and to name them on the page.
 
     Returns:
         The file of the page.
@@ -96,6 +103,8 @@ def write(sections: Iterable[Section], folder: Path) -> Path:
     try:
         parts = ["# The papers' experiments"]
         for section in sections:
+            if not draws:
+                section = replace(section, figures=())
             for figure in section.figures:
                 _save(figure, folder / f"{figure.name}.png")
             parts.append(markdown(section))

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TextIO
 
 from cnc.model.blocks import ROTARY_LETTERS
+from cnc.model.shown_text import printable, shown_name
 from cnc.report.number_format import clock, number, position, spaced
 from cnc.report.result import (
     AXIS_LIMIT_NAMES,
@@ -15,7 +16,7 @@ from cnc.report.result import (
     Extremes,
     Report,
 )
-from cnc.report.text_table import aligned, has_styles, join, printable, styled
+from cnc.report.text_table import aligned, has_styles, join, styled
 
 TRAVEL_NOT_CHECKED = "not checked: the machine file gives none"
 """The statement on a machine without travel."""
@@ -51,7 +52,7 @@ def one_line(report: Report) -> str:
         if report.ok
         else verdict(report)
     )
-    return f"{report.program}: {result}"
+    return f"{shown_name(report.program)}: {result}"
 
 
 def print_summary(report: Report, stream: TextIO, *, verbose: bool = False) -> None:

@@ -28,15 +28,6 @@ def styled(text: str, style: Style) -> str:
     return f"\x1b[{_CODES[style]}m{text}\x1b[0m"
 
 
-def printable(text: str) -> str:
-    """Return text that does not control the terminal: other characters become escapes."""
-    if text.isprintable():
-        return text
-    return "".join(
-        each if each.isprintable() else each.encode("unicode_escape").decode() for each in text
-    )
-
-
 def aligned(rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> list[list[str]]:
     """Return rows whose cells are as wide as their columns.
 

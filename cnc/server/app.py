@@ -171,7 +171,7 @@ async def _receive(websocket: WebSocket, console: Console, keys: list[str]) -> N
                 return
             try:
                 message = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 return
             match message:
                 case {"control": str(key)}:

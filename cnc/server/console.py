@@ -7,13 +7,14 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import BrokenExecutor, Future
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
-from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
+from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.program_runs import failed
@@ -23,7 +24,7 @@ from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, p
 from cnc.server.control import ControlOfMachine
 from cnc.server.cutting import CutOrder, cut_job
 from cnc.server.hub import Hub
-from cnc.server.library import Library, TextLines
+from cnc.server.library import Library, Run, TextLines
 from cnc.session.options import RunOptions
 
 MOST_LOG_LINES = 50_000
@@ -162,6 +163,9 @@ class Console:
         def begun(done: Future[Future[JobEnded]]) -> None:
             if done.exception() is None:
                 self._run = run
+                # A server that is killed during the run leaves this record of it.
+                with suppress(OSError, UsageError):
+                    self.library.add_run(Run(job=name, began=run.began), "")
                 done.result().add_done_callback(lambda each: self._ended(run, each))
 
         # In the thread of the events, so that none comes between.
@@ -243,20 +247,19 @@ class Console:
         """Write the end of a run to the history."""
         run.recorded = True
         self._run = self._asked = None
-        findings = as_object(ended)["findings"]
-        for each in findings:
-            run.note(f"{each['severity']}: {each['code']}: {each['message']}")
+        for each in ended.findings:
+            run.note(f"{each.severity}: {each.code}: {each.message}")
         run.note(f"end: {ended.outcome}")
-        record = {
-            "job": run.job,
-            "began": run.began,
-            "seconds": time.time() - run.began,
-            "machine_seconds": ended.seconds,
-            "outcome": ended.outcome,
-            "line": ended.stopped_at_line,
-            "resume_line": ended.resume_line,
-            "findings": [each for each in findings if each["severity"] == "error"],
-        }
+        record = Run(
+            job=run.job,
+            began=run.began,
+            seconds=time.time() - run.began,
+            machine_seconds=ended.seconds,
+            outcome=ended.outcome,
+            line=ended.stopped_at_line,
+            resume_line=ended.resume_line,
+            findings=[each for each in ended.findings if each.severity == "error"],
+        )
         self.library.add_run(record, "\n".join(run.log) + "\n")
         self.jobs_changed()
 

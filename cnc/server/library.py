@@ -20,10 +20,14 @@ import re
 import tempfile
 from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.operate.events import Finding
+from cnc.report.models import Summary
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,119}\.(?:nc|ngc|gcode|tap|cnc|txt)", re.ASCII)
 DEVICE = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
@@ -40,8 +44,37 @@ RESULTS = ("check.json", "path.json", "sketch.json", "part.json", "stl")
 """Files about a job that a change of its text makes wrong."""
 
 
+class Run(BaseModel):
+    """A line of the history. The file has one at the beginning of a run and one at its end.
+
+    Attributes:
+        job: Name of the job.
+        began: Time of its beginning, s since the epoch.
+        seconds: Time that it took, s.
+        machine_seconds: Machine time, s.
+        outcome: ``running``, or how it ended; ``cut-off`` if the server was killed during it.
+        line: Line at which it was stopped.
+        resume_line: Line at which it can continue.
+        findings: Its errors.
+    """
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    job: str
+    began: FiniteFloat
+    seconds: FiniteFloat = 0.0
+    machine_seconds: FiniteFloat = 0.0
+    outcome: Literal["running", "cut-off", "done", "stopped", "failed"] = "running"
+    line: int | None = Field(default=None, ge=0, le=1 << 53)
+    resume_line: int | None = Field(default=None, ge=0, le=1 << 53)
+    findings: list[Finding] = []
+
+
 class Library:
     """The jobs of a folder, which is made where it does not exist.
+
+    Attributes:
+        running: The run that this process has begun; None if it has none.
 
     Raises:
         UsageError: ``can-not-write``.
@@ -53,6 +86,7 @@ class Library:
         except OSError as error:
             message = f"the library {folder} cannot be made: {error.strerror}"
             raise UsageError(Diagnostic("can-not-write", message, hint="name another")) from error
+        self.running: Run | None = None
         self.folder = folder.resolve()
         self.macros = self.folder / "macros"
 
@@ -117,10 +151,9 @@ class Library:
         try:
             if file.stat().st_mtime_ns < job.stat().st_mtime_ns:
                 return None
-            found = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            return Summary.model_validate_json(file.read_bytes()).as_json()
+        except (OSError, ValueError):  # the remedy is the same as before the first check
             return None
-        return found if isinstance(found, dict) else None
 
     def height_maps(self) -> list[str]:
         """Return the names of the height maps, sorted."""
@@ -158,31 +191,45 @@ class Library:
         folder.mkdir(exist_ok=True)
         return folder / f"{name}.json"
 
-    def add_run(self, run: dict[str, Any], log: str) -> None:
-        """Add a run to the history, and replace the log of its job."""
+    def add_run(self, run: Run, log: str) -> None:
+        """Add the beginning or the end of a run to the history, and replace the log of its job."""
+        self.running = run if run.outcome == "running" else None
         file = self.folder / OWN / "history.jsonl"
-        with file.open("a", encoding="utf-8") as target:
-            target.write(json.dumps(run) + "\n")
+        with file.open("a+b") as target:
+            if target.tell():
+                target.seek(-1, os.SEEK_END)
+                if target.read() != b"\n":  # the computer lost power
+                    target.write(b"\n")
+            target.write(run.model_dump_json().encode() + b"\n")
         if file.stat().st_size > MOST_HISTORY * 4000:
             kept = self.history(MOST_HISTORY // 2)
             lines = "".join(json.dumps(each) + "\n" for each in reversed(kept))
             self._replace(file, lines.encode())
-        self._replace(self.own(run["job"], "log"), log.encode("utf-8", "replace"))
+        self._replace(self.own(run.job, "log"), log.encode("utf-8", "replace"))
 
     def history(self, most: int = MOST_HISTORY, job: str | None = None) -> list[dict[str, Any]]:
-        """Return the runs, the latest first; of one job, or of all."""
+        """Return the runs, the latest first; of one job, or of all.
+
+        Damaged lines are left out.
+        """
         try:
-            with (self.folder / OWN / "history.jsonl").open(encoding="utf-8") as file:
-                lines = deque(file, maxlen=MOST_HISTORY)
+            with (self.folder / OWN / "history.jsonl").open("rb") as file:
+                lines = deque(file, maxlen=2 * MOST_HISTORY)
         except OSError:
             return []
-        found = []
-        for line in reversed(lines):
+        found: dict[tuple[str, float], Run] = {}
+        for line in lines:
             with contextlib.suppress(ValueError):
-                run = json.loads(line)
-                if job is None or run["job"] == job:
-                    found.append(run)
-        return found[:most]
+                run = Run.model_validate_json(line)
+                if job is None or run.job == job:
+                    found[run.job, run.began] = run
+        running = self.running
+        return [
+            run.model_copy(update={"outcome": "cut-off"}).model_dump()
+            if run.outcome == "running" and run != running
+            else run.model_dump()
+            for run in list(reversed(found.values()))[:most]
+        ]
 
     def log(self, name: str) -> str:
         """Return the log of the last run of a job, the end of a long one; empty without a run."""

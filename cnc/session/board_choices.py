@@ -72,7 +72,9 @@ def adopt_kept_offsets(context: SessionContext) -> None:
     if not takes_lines(reader.machine.board.kind):
         return
     port = reader.machine.board.port
-    kept = None if port is None else read_offsets(identity(port))
+    kept, warnings = (None, []) if port is None else read_offsets(identity(port))
+    for warning in warnings:
+        context.observer.warn(warning)
     if kept is not None:
         reader.saved.adopt(offset_parameters(kept))
     values = reader.saved.parameters(macro=False).values

@@ -23,6 +23,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from cnc.executor.run import Progress
+from cnc.model.diagnostics import Diagnostic
+from cnc.model.state_file import read_state
 
 SUFFIX = ".checkpoint"
 WRITE_INTERVAL = 0.5
@@ -40,7 +42,10 @@ class Checkpoint(BaseModel):
     machine: str = Field(description="Name of the machine.")
     board: str = Field(description="Kind of the board.")
     line: int = Field(
-        default=0, ge=0, description="Line that the motion has reached, from 1; 0: none."
+        default=0,
+        ge=0,
+        le=1 << 53,
+        description="Line that the motion has reached, from 1; 0: none.",
     )
     position: dict[str, FiniteFloat] | None = Field(
         default=None,
@@ -53,12 +58,10 @@ class Checkpoint(BaseModel):
     )
 
     @classmethod
-    def read(cls, program: str) -> Checkpoint | None:
-        """Return the checkpoint of an unfinished run; None if there is none that can be read."""
-        try:
-            return cls.model_validate_json(Path(program + SUFFIX).read_bytes())
-        except (OSError, ValueError):
-            return None
+    def read(cls, program: str) -> tuple[Checkpoint | None, list[Diagnostic]]:
+        """Return the checkpoint of an unfinished run, None if there is none, and warnings."""
+        hint = "the line that the last run has reached is not known; see where the tool stands"
+        return read_state(Path(program + SUFFIX), cls, hint)
 
 
 def checkpoint_schema() -> dict[str, Any]:

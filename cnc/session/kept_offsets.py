@@ -9,11 +9,15 @@ reset of the board clears it.
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
+from pydantic import ConfigDict, FiniteFloat, RootModel
+
+from cnc.model.blocks import AxisLetter
+from cnc.model.diagnostics import Diagnostic
+from cnc.model.state_file import read_state
 from cnc.model.state_folder import folder
 from cnc.session.checkpoint import replace_json
 
@@ -22,17 +26,22 @@ Offsets = dict[str, dict[str, float]]
 """Offset of each axis, mm, by name."""
 
 
-def read_offsets(board: str) -> Offsets | None:
-    """Return the offsets of a board by its identity; None if none can be read."""
-    try:
-        found = json.loads(_file(board).read_text(encoding="utf-8"))
-        return {
-            name: {axis: float(value) for axis, value in place.items()}
-            for name, place in found.items()
-            if name in KEPT
-        }
-    except (OSError, ValueError, TypeError, AttributeError):
-        return None
+class _Content(RootModel[dict[str, dict[AxisLetter, FiniteFloat]]]):
+    """Content of the file."""
+
+    model_config = ConfigDict(defer_build=True, strict=True)
+
+
+def read_offsets(board: str) -> tuple[Offsets | None, list[Diagnostic]]:
+    """Return the offsets of a board by its identity, None if none can be read, and warnings."""
+    hint = "cncrun boards reads the offsets of the board, and keeps them for later checks"
+    found, warnings = read_state(_file(board), _Content, hint)
+    if found is None:
+        return None, warnings
+    kept = {name: place for name, place in found.root.items() if name in KEPT}
+    return {
+        name: {str(axis): value for axis, value in place.items()} for name, place in kept.items()
+    }, []
 
 
 def write_offsets(board: str, offsets: Mapping[str, Mapping[str, float]]) -> None:

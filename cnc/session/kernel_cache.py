@@ -213,7 +213,8 @@ def compile_job(job: str) -> None:
     """Compile the kernels of a job, and record that."""
     with as_python(except_in=JOBS[job].modules):
         JOBS[job].example()
-    code_cache.write(_marks(job)[-1], b"")
+    mark = _marks(job)[-1]
+    code_cache.write(mark.parent, mark.name, b"")
 
 
 def _listen(requests: queue.SimpleQueue[str]) -> None:

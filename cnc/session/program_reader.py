@@ -30,6 +30,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
+from cnc.model.shown_text import printable
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.path.due_times import DueTimes
@@ -178,12 +179,12 @@ class ProgramReader:
         is_lathe = self.machine.kind == "lathe"
         system = self.machine.program.g_code_system if is_lathe else None
         if self.dialect != "auto":
-            if self.dialect in dialects.LATHES and not is_lathe:
+            if self.dialect in (*dialects.LATHES, "siemens") and not is_lathe:
                 refuse_lathe(self._evidence(), self.machine.kind, self.name)
             return dialects.load(self.dialect, lathe=system)
         if self.recognition is None:
             self.recognition = self._evidence()
-            log.info("%s is read as %s", self.name, self.recognition.described())
+            log.info("%s is read as %s", printable(self.name), self.recognition.described())
         refuse(self.recognition, self.machine.kind, self.name)
         if is_lathe:
             name = lathe_dialect(self.recognition, self.name)
@@ -193,7 +194,9 @@ class ProgramReader:
     def _evidence(self) -> Recognition:
         """Search the first lines for evidence of a controller and of a lathe, once."""
         if self.evidence is None:
-            self.evidence = recognise(Text.of_file(self.path, self.name).first_lines())
+            self.evidence = recognise(
+                Text.of_file(self.path, self.name).first_lines(), self.dialect
+            )
         return self.evidence
 
     @property
@@ -205,17 +208,28 @@ class ProgramReader:
     def assumed(self) -> str:
         """What the reading of the program assumes from its start on; empty for nothing."""
         assumed = []
-        if self.machine.kind == "lathe" and self.dialect_in_use in dialects.LATHES:
-            system = self.machine.program.g_code_system
-            assumed.append(
-                f"lathe, G-code system {system}; X in diameters; at the start G18 and feed per "
-                "revolution; offsets of T words act with the next move; threads without a chamfer"
-            )
+        if self.machine.kind == "lathe":
+            assumed.append(self._assumed_on_lathe())
         if self.first_lines is not None:
             assumed += self.first_lines.described()
         if self.policy.default_feed is not None:
             assumed.append(f"a feed of {self.policy.default_feed:g} mm/min before the first F")
         return "; ".join(assumed)
+
+    def _assumed_on_lathe(self) -> str:
+        """Return how a program is read on a lathe at its start."""
+        name = self.dialect_in_use
+        stated = self.machine.diameters
+        diameters = dialects.load(name, lathe="A").diameters if stated is None else stated
+        read = f"X in {'diameters' if diameters else 'radii'}"
+        if name in dialects.LATHES:
+            system = self.machine.program.g_code_system
+            return (
+                f"lathe, G-code system {system}; {read}; at the start G18 and feed per "
+                "revolution; offsets of T words act with the next move; threads without a chamfer"
+            )
+        plane = " and G18" if name == "siemens" else ""
+        return f"lathe: at the start {read}{plane}"
 
     def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""
@@ -309,6 +323,8 @@ class ProgramReader:
                 policy=self.policy,
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
+                lathe=self.machine.kind == "lathe",
+                diameters=self.machine.diameters,
                 mark_tool_offsets=mark_tool_offsets,
                 wraps={
                     letter: axis.wrap

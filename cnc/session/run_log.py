@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 
+from cnc.model.shown_text import printable
 from cnc.report.result import Report
 from cnc.session.context import SessionContext
 
@@ -13,7 +14,7 @@ log = logging.getLogger("cnc.session.session")
 def log_begin(context: SessionContext, report: Report) -> None:
     """Log the program, the machine and the options."""
     machine = context.reader.machine
-    log.info("program %s", report.program)
+    log.info("program %s", printable(report.program))
     log.info(
         "machine %s, board %s, dialect %s",
         machine.name,

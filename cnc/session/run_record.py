@@ -43,7 +43,9 @@ class RunRecord:
         if not known.real or report.program in WITHOUT_FILE:
             return
         self._hash = file_hash(reader.path)
-        last = Checkpoint.read(report.program)
+        last, warnings = Checkpoint.read(report.program)
+        for damaged in warnings:
+            context.observer.warn(damaged)
         if last is None:
             return
         unchanged = last.sha256 == self._hash

@@ -18,7 +18,7 @@ from cnc.checks.selection import unknown_codes
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
-from cnc.model.operator_control import Control
+from cnc.model.operator_control import Control, StoppedAtOnce
 from cnc.outputs.targets import BytesTarget, TextTarget
 from cnc.path.due_times import DueTimes
 from cnc.planner.plan import PlanChunk
@@ -322,6 +322,14 @@ class Session:
         except BoardError as error:
             record.end(error.diagnostic.code, report.end_position)
             raise record.with_resume_hint(error) from error
+        except StoppedAtOnce as stop:
+            record.end("broken off", {})
+            text = str(stop)
+            if isinstance(board, LineSink) and not board.position_lost:
+                text = "stopped by the operator at once; the board has kept its position"
+            if report.resume_line is not None:
+                text = f"to continue: --from-line {report.resume_line}\n{text}"
+            raise StoppedAtOnce(text) from stop
         except BaseException as error:
             record.end(error.diagnostic.code if isinstance(error, CncError) else "broken off", {})
             raise

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError
+from cnc.model.shown_text import shown_name
 from cnc.outputs.targets import TextTarget
 from cnc.planner.joints import Joints
 from cnc.report.number_format import clock, number
@@ -129,7 +130,7 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
     strokes, limits = picture.strokes, report.limits
     low, high = strokes.position.min(axis=0), strokes.position.max(axis=0)
     return {
-        "program": report.program,
+        "program": shown_name(report.program),
         "facts": " · ".join(
             (
                 clock(picture.duration),
@@ -151,7 +152,7 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
         "tolerance": strokes.tolerance,
         "exact": picture.curves.within == 0.0,
         "joints": [] if picture.joints is None else _joints(report.machine),
-        "files": picture.files,
+        "files": [shown_name(each) for each in picture.files],
         "findings": [
             [
                 picture.files.index(each.file),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import select
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +19,7 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.cli.signals import OperatorSignals
-from cnc.model.operator_control import Control
+from cnc.model.operator_control import Control, StoppedAtOnce
 from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
@@ -106,6 +109,40 @@ def test_a_closed_terminal_stops_the_machine(run: Run) -> None:
     assert "hold" in kinds
     assert "alarm" not in kinds
     assert 1.0 < run.simulator.position[0] < 19.0
+
+
+def test_a_second_stop_tells_that_the_position_is_kept_and_where_to_go_on(run: Run) -> None:
+    # While the board decelerates, which takes 0.2 s of its own time, the first stop is under way.
+    for _ in range(2):
+        run.process.send_signal(signal.SIGINT)
+        threading.Event().wait(0.02)
+    said = b""
+    while run.process.poll() is None or select.select([run.terminal], [], [], 0.0)[0]:
+        with suppress(BlockingIOError):
+            try:
+                said += os.read(run.terminal, 65536)
+            except OSError as error:
+                if error.errno == errno.EIO:
+                    break
+                raise
+    assert run.process.wait(HANG) == 130
+    text = said.decode()
+    assert "to continue: --from-line 3" in text
+    assert "at once; the board has kept its position" in text
+    assert run.simulator.speed == 0.0
+    assert "alarm" not in [event.kind for event in run.simulator.events]
+    assert 1.0 < run.simulator.position[0] < 19.0
+
+
+def test_only_the_first_stop_at_once_leaves_the_board_its_time() -> None:
+    with OperatorSignals(Control()) as signals:
+        signals.moving = True
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(StoppedAtOnce):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt, match="the position is lost") as caught:
+            signal.raise_signal(signal.SIGINT)
+        assert caught.type is KeyboardInterrupt
 
 
 def test_control_z_holds_the_machine_before_the_program_is_suspended(run: Run) -> None:

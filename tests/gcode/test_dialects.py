@@ -145,7 +145,7 @@ def test_grbl_reads_the_feed_in_the_units_of_its_line() -> None:
 def test_grbl_has_six_systems_and_no_more_linear_axes_and_no_turns() -> None:
     assert error_of("G10 L2 P7 X1", dialect="grbl").code == "value-out-of-range"
     assert error_of("G0 U1", dialect="grbl", axes=("x", "u")).code == "axis-not-in-dialect"
-    assert error_of("G2 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
+    assert error_of("G2 X0 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
 
 
 def test_fanuc_dwells_in_milliseconds_or_by_x() -> None:

@@ -17,7 +17,7 @@ from cnc.machine.load import load_machine
 from cnc.model.blocks import End, Polyline, Spindle
 from cnc.model.diagnostics import GcodeError
 from tests.support.corpus import programs
-from tests.support.gcode.gcode_cases import block_summaries, run
+from tests.support.gcode.gcode_cases import block_summaries, error_of, run
 from tests.support.gcode.turning_cases import lathe_blocks
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program
@@ -371,3 +371,81 @@ def test_a_policy_takes_offsets_of_zero() -> None:
         warn=lambda found: warnings.append(found.code),
     )
     assert "tool-length-zero" in warnings
+
+
+CYCLES_UNDER_COMPENSATION = {
+    "G71": "G71 U2. R1.\nG71 P1 Q2 U1. W0.5 F0.2\nN1 G0 X20.\nN2 G1 Z-5. F0.1",
+    "G72": "G72 W2. R1.\nG72 P1 Q2 U1. W0.5 F0.2\nN1 G0 Z-5.\nN2 G1 X20. F0.1",
+    "G73": "G73 U2. W1. R2.\nG73 P1 Q2 U1. W0.5 F0.2\nN1 G0 X20.\nN2 G1 Z-5. F0.1",
+    "G90": "G90 X36. Z-10. F0.2\nX32.",
+    "G94": "G94 X10. Z0 F0.2\nZ-1.",
+}
+
+
+@pytest.mark.parametrize("code", ["G41", "G42"])
+@pytest.mark.parametrize("name", CYCLES_UNDER_COMPENSATION)
+def test_roughing_under_nose_compensation_is_not_compensated(name: str, code: str) -> None:
+    """FANUC's cycles rough without it: the passes are those without G41 and G42."""
+    cycle, rules = CYCLES_UNDER_COMPENSATION[name], dialects.load("fanuc", lathe="A")
+    found: list[str] = []
+    source = f"{START}T0101\n{{}} G0 X46.\n{cycle}\n{{}} G0 X60. Z5.\nM30"
+    plain, compensated = (
+        block_summaries(
+            source.format(on, off), dialect=rules, axes=("x", "z"), tools=ToolTable(TOOLS),
+            warn=lambda each: found.append(each.code),
+        )
+        for on, off in (("", ""), (code, "G40"))
+    )  # fmt: skip
+    assert found.count("cycle-not-compensated") >= 1
+    passes = plain[plain.index("rapid 3 2") :]
+    assert compensated[compensated.index("rapid 3 2") :] == passes
+
+
+def test_a_tapered_cycle_under_nose_compensation_is_refused() -> None:
+    """Beside a cone the tip of a round nose leaves the programmed line."""
+    source = f"{START}T0101\nG42 G0 X42.\nG90 X36. Z-10. R-1. F0.2\nM30"
+    rules = dialects.load("fanuc", lathe="A")
+    found = error_of(source, dialect=rules, axes=("x", "z"), tools=ToolTable(TOOLS))
+    assert found.code == "compensation-active"
+
+
+def test_a_feed_on_the_axis_without_a_limit_has_the_speed_before() -> None:
+    """At X 40 (radius 20) 100 m/min are 795.77 rpm: at 0.1 mm a turn 79.577 mm/min."""
+    found: list[str] = []
+    blocks = block_summaries(
+        "G96 S100 M3\nG0 X40. Z2.\nX0\nG1 Z-1. F0.1\nM30",
+        dialect=dialects.load("fanuc", lathe="A"), axes=("x", "z"),
+        warn=lambda each: found.append(each.code),
+    )  # fmt: skip
+    assert blocks[3] == "line 0 -1 F79.577472"
+    assert found == ["spindle-speed-assumed"]
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_m5_in_the_line_of_a_cut_stops_behind_it(dialect: str) -> None:
+    rules = dialects.load(dialect, lathe="A")
+    found = block_summaries(f"{START}G1 Z-10. F0.2 M05\nM30", dialect=rules, axes=("x", "z"))
+    assert found == [*STARTED, "line 20 -10 F120", "spindle off 0", "end"]
+    mill = "G90 G21 G94\nS600 M3\nG1 X5. F100. M5\nG0 X1.\nM30"
+    assert block_summaries(mill, dialect=dialect) == [
+        "spindle cw 600", "line 5 0 0 F100", "spindle off 0", "rapid 1 0 0", "end",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "haas"])
+def test_g49_alone_has_no_effect(dialect: str) -> None:
+    assert summaries(f"{START}G49\nG0 X38.", dialect) == [*STARTED, "rapid 19 2"]
+
+
+@pytest.mark.parametrize(
+    ("line", "dialect"),
+    [
+        ("G71 P1 Q2 U0.5 W0.1 D1.5 F0.2", "haas"),
+        ("G76 X18. Z-20. K1.2 D0.3 F1.5 A60", "haas"),
+        ("G71 P1 Q2 U0.5 W0.1 D1500 F0.2", "fanuc"),
+    ],
+)
+def test_a_lathe_program_with_five_digits_is_haas_by_its_cycles(line: str, dialect: str) -> None:
+    """Haas' depths have a decimal point; FANUC's D counts thousandths."""
+    found = recognise(["%", "O58214", "G50 S2000", "T0101", "G96 S200 M3", line])
+    assert lathe_dialect(found, "part.nc") == dialect

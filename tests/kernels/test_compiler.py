@@ -98,6 +98,15 @@ class Place:
         return sorted(self.cache.glob(f"example-*/{name}"))
 
 
+def contents(path: Path) -> bytes:
+    """Return the contents of a file of compiled code; nothing if it is damaged."""
+    return code_cache.read(path.parents[1], f"{path.parent.name}/{path.name}") or b""
+
+
+def code_of(path: Path) -> Code:
+    return Code._make(pickle.loads(contents(path)))
+
+
 def answer(process: subprocess.Popen[str]) -> tuple[float, list[str]]:
     out, _ = process.communicate("go\n", timeout=HANG)
     assert process.returncode == 0
@@ -233,6 +242,127 @@ def test_damaged_files_are_compiled_again(warm: Place) -> None:
     assert warm.call() == (in_python(), [])
 
 
+def swap(one: Path, other: Path) -> None:
+    whole = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(whole)
+
+
+def in_its_place(make: Callable[[Path], object]) -> Callable[[list[Path]], None]:
+    """Return a damage: something else is in the place of each file."""
+
+    def damage(files: list[Path]) -> None:
+        for file in files:
+            file.unlink()
+            make(file)
+
+    return damage
+
+
+def no_folder(files: list[Path]) -> None:
+    """Put a file in the place of the folder."""
+    shutil.rmtree(files[0].parent)
+    files[0].parent.touch()
+
+
+def link_to_nothing(files: list[Path]) -> None:
+    shutil.rmtree(files[0].parent)
+    files[0].parent.symlink_to("nowhere")
+
+
+DAMAGES: dict[str, Callable[[list[Path]], object]] = {
+    "two files swapped": lambda files: swap(*files[:2]),
+    "all files alike": lambda files: [file.write_bytes(files[0].read_bytes()) for file in files],
+    "a pipe": in_its_place(os.mkfifo),
+    "a folder": in_its_place(lambda file: (file / "inner").mkdir(parents=True)),
+    "a link to nothing": in_its_place(lambda file: file.symlink_to("nowhere")),
+    "a link to a folder": in_its_place(lambda file: file.symlink_to(".")),
+    "no permission": lambda files: [file.chmod(0) for file in files],
+    "a file instead of the folder": no_folder,
+    "a link to nothing instead of the folder": link_to_nothing,
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no pipes in folders")
+@pytest.mark.parametrize("name", DAMAGES)
+def test_a_cache_that_is_damaged_in_any_way_heals(warm: Place, name: str) -> None:
+    DAMAGES[name](warm.files("*.*"))
+    value, _ = warm.call()
+    assert value == in_python()
+    assert warm.call() == (in_python(), [])
+
+
+RECORDS = '''
+import numpy as np
+
+from cnc.kernels.jit import njit
+
+ROW = np.dtype([("x", "f8"), ("n", "i8")])
+
+
+@njit
+def large(row, n):
+    """Change a record; longer than what callers contain."""
+    total = 0.0
+    for k in range(n):
+        if k % 3 == 0:
+            total += row["x"] * k
+        elif k % 3 == 1:
+            total -= row["x"] / (k + 1.0)
+        else:
+            total *= 0.5
+        if total > 100.0 * k:
+            total -= 7.0 * row["x"]
+        if total < -100.0 * k:
+            total += 11.0 * row["x"]
+        row["n"] += k
+    return total
+
+
+@njit
+def top(rows, n):
+    return large(rows[0], n) + large(rows[1], n)
+'''
+CALL_WITH_RECORDS = """
+import json
+import numpy as np
+from numba import from_dtype
+from cnc.kernels import compiler
+for k in range({others}):
+    from_dtype(np.dtype([(f"a{{k}}", "f8")]))
+import example
+compiled = []
+compiler.watchers.append(lambda kernel: compiled.append(kernel.name))
+print(json.dumps([example.top(np.ones(2, dtype=example.ROW), 10), compiled]))
+"""
+
+
+def test_a_missing_kernel_of_records_is_made_under_the_same_name(place: Place) -> None:
+    """numba counts the types of records of a process, and puts this count into names."""
+    place.source.write_text(RECORDS)
+    value, compiled = answer(place.start(CALL_WITH_RECORDS.format(others=0)))
+    assert compiled == ["top", "large"]
+    (large,) = place.files("large-*.code")
+    before = code_of(large)
+    large.unlink()
+    assert answer(place.start(CALL_WITH_RECORDS.format(others=5))) == (value, ["large"])
+    assert code_of(large)[:3] == before[:3]
+    assert answer(place.start(CALL_WITH_RECORDS.format(others=3))) == (value, [])
+
+
+def test_callers_of_a_function_of_another_name_are_compiled_again(warm: Place) -> None:
+    """LLVM would not check the name: the call of a function that is not there crashes."""
+    (top,) = warm.files("top-*.code")
+    (wrapper,) = warm.files("top-*.wrapper")
+    for file in (top, wrapper):
+        code = code_of(file)
+        renamed = code._replace(needs={need: f"{name}x" for need, name in code.needs.items()})
+        name = f"{file.parent.name}/{file.name}"
+        code_cache.write(warm.cache, name, pickle.dumps(tuple(renamed)))
+    assert warm.call() == (in_python(), ["top"])
+    assert warm.call() == (in_python(), [])
+
+
 def test_a_compiling_process_that_is_killed_leaves_whole_files(place: Place) -> None:
     process = place.start()
     assert process.stdin is not None
@@ -241,7 +371,7 @@ def test_a_compiling_process_that_is_killed_leaves_whole_files(place: Place) -> 
     wait_until(lambda: place.files("*.code") or process.poll() is not None)
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=HANG)
-    assert all(code_cache.read(path) is not None for path in place.files("*.code"))
+    assert all(contents(path) for path in place.files("*.code"))
     value, compiled = place.call()
     assert value == in_python()
     assert len(compiled) < 3
@@ -335,10 +465,7 @@ def test_the_machine_code_is_that_of_a_compiler_that_repeats_its_work(
     assert answer(again.start(WITH_ALL_WORK))[0] == in_python()
     codes = []
     for place in (warm, again):
-        found = {
-            file.name: Code._make(pickle.loads(code_cache.read(file) or b""))
-            for file in place.files("*.*")
-        }
+        found = {file.name: code_of(file) for file in place.files("*.*")}
         codes.append({name: (each.symbol, each.code) for name, each in found.items()})
     assert len(codes[0]) == 4  # small, large, top, and its conversion of arguments
     assert codes[0] == codes[1]

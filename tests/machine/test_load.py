@@ -232,6 +232,15 @@ def test_unknown_key_is_reported_with_a_suggestion(tmp_path, text, line, column,
     assert found.hint.startswith(hint)
 
 
+@pytest.mark.parametrize(("begin", "end"), [("[", "]"), ("{a=", "}")])
+@pytest.mark.parametrize("depth", [500, 20_000])
+def test_a_file_that_is_nested_deeply_is_refused(tmp_path, begin, end, depth):
+    inner = "1" if begin != "[" else ""
+    found = fault(tmp_path, f"[axes.x]\nsteps_per_mm = {begin * depth}{inner}{end * depth}\n\n")
+    assert (found.code, found.line) == ("machine-file-syntax", 2)
+    assert "too deeply" in found.message
+
+
 def test_syntax_error_has_line_and_column(tmp_path):
     found = fault(tmp_path, AXES.replace("= 50\n", "= = 50\n"))
     assert (found.code, found.line, found.column, found.text) == (

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from cnc.report.text_table import aligned, has_styles, join, printable, styled
+from cnc.model.shown_text import printable
+from cnc.report.text_table import aligned, has_styles, join, styled
 
 
 class Terminal(io.StringIO):

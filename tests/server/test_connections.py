@@ -296,10 +296,9 @@ def pulses_of_run(console, library, controller, pulses):
     controller("POST", "/api/mdi", {"line": "G0 X0 Y0"})
     wait_until(lambda: not console.session._busy)
     (library.folder / "pulses.nc").write_text(PROGRAM)
-    before = len(library.history())
     pulses.clear()
     assert controller("POST", "/api/jobs/pulses.nc/run").status_code == 200
-    wait_until(lambda: len(library.history()) > before)
+    wait_until(lambda: library.history()[0]["outcome"] != "running")
     wait_until(lambda: not console.session._busy)
     assert library.history()[0]["outcome"] == "done"
     return pulses.copy()

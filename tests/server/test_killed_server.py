@@ -78,8 +78,14 @@ def test_the_machine_rests_on_the_path_without_its_server(server, simulator, ter
     wait_until(lambda: simulator.core.spindle_text.startswith("M5"))
     assert 4.0 < simulator.position[0] < STEP * LINES
     assert simulator.lost == 0
-    # The next run knows that this one did not finish.
+    # The next run knows that this one did not finish, and so does the history.
     assert (tmp_path / "jobs" / "long.nc.checkpoint").is_file()
+    again = ServerProcess(tmp_path, "grbl-uno")
+    try:
+        (run,) = again("GET", "history")
+        assert (run["job"], run["outcome"]) == ("long.nc", "cut-off")
+    finally:
+        again.close()
 
 
 def test_the_board_plays_its_lines_without_its_session(server, simulator, terminal, tmp_path):
@@ -93,7 +99,7 @@ def test_the_board_plays_its_lines_without_its_session(server, simulator, termin
     assert end - reached <= STEP * (RING / SHORTEST_LINE + BLOCKS + 1)
     assert simulator.lost == 0
     assert (tmp_path / "jobs" / "long.nc.checkpoint").is_file()
-    wait_until(lambda: server("GET", "history"))
+    wait_until(lambda: server("GET", "history")[0]["outcome"] != "running")
     run = server("GET", "history")[0]
     assert (run["outcome"], run["findings"][0]["code"]) == ("failed", "session-lost")
     # The server goes on, with a new process.

@@ -128,7 +128,8 @@ def test_a_job_from_its_upload_to_its_history(controller, console, library):
     assert controller("POST", "/api/jobs/part.nc/run").status_code == 200
     assert controller("DELETE", "/api/jobs/part.nc").json()["code"] == "machine-busy"
     assert controller("PUT", "/api/jobs/part.nc", {"text": ""}).json()["code"] == "machine-busy"
-    wait_until(lambda: library.history())
+    assert library.history()[0]["outcome"] == "running"
+    wait_until(lambda: library.history()[0]["outcome"] != "running")
     end()
     run = controller("GET", "/api/history").json()[0]
     assert (run["job"], run["outcome"], run["findings"]) == ("part.nc", "done", [])
@@ -145,14 +146,14 @@ def test_a_run_is_in_the_history_before_its_end_is_told(controller, console, lib
 
     def published(event):
         if event.event == "job-ended":
-            seen.append(library.history()[0]["job"] if len(library.history()) > before else None)
+            seen.append(library.history()[0] if len(library.history()) > before else None)
         publish(event)
 
     monkeypatch.setattr(console.hub, "publish", published)
     assert controller("POST", "/api/jobs/short.nc/run").status_code == 200
     wait_until(lambda: seen)
     wait_until(lambda: not console.session._busy)
-    assert seen == ["short.nc"]
+    assert [(each["job"], each["outcome"]) for each in seen] == [("short.nc", "done")]
     assert len(library.history()) == before + 1
     library.remove("short.nc")
 

@@ -271,7 +271,7 @@ def test_a_reader_never_sees_a_partial_checkpoint(
     for line in range(1, 300):
         recorder.note(Progress(0.0, line, 0, position=(line, 0.0), at=line))
         threading.Event().wait(0.001)
-        found = Checkpoint.read(name)
+        found, _ = Checkpoint.read(name)
         if seen:
             assert found is not None and found.position is not None
         if found is not None and found.position is not None:
@@ -282,7 +282,7 @@ def test_a_reader_never_sees_a_partial_checkpoint(
     assert len(seen) > 5
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.ngc.checkpoint"]
     Path(name + ".checkpoint").write_text("{")
-    assert Checkpoint.read(name) is None
+    assert Checkpoint.read(name)[0] is None
 
 
 @pytest.mark.parametrize(
@@ -296,10 +296,10 @@ def test_a_checkpoint_with_a_wrong_value_is_not_read(
     good = first_of(name).model_dump() | {"line": 3, "position": {"x": 1.0}}
     jsonschema.validate(good, checkpoint_schema())
     Path(name + ".checkpoint").write_text(json.dumps(good))
-    found = Checkpoint.read(name)
+    found, _ = Checkpoint.read(name)
     assert found is not None and (found.line, found.position) == (3, {"x": 1.0})
     Path(name + ".checkpoint").write_text(json.dumps(good | {key: value}))
-    assert Checkpoint.read(name) is None
+    assert Checkpoint.read(name)[0] is None
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(good | {key: value}, checkpoint_schema())
 

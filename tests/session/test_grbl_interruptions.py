@@ -55,7 +55,7 @@ def test_no_material_is_skipped(kind: str, seed: int, tmp_path: Path) -> None:
             simulator.power_up()
 
     report = ran(simulator, program, control=control, callbacks=Callbacks(on_sent=on_sent))
-    kept = Checkpoint.read(str(program))
+    kept, _ = Checkpoint.read(str(program))
     if kept is None:
         assert report.resume_line is None, "no line has been reached: the program begins anew"
         return

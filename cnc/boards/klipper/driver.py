@@ -101,17 +101,18 @@ class Klipper(PulseBoard):
             raise
 
     def unlike(self, machine: Machine) -> list[Diagnostic]:
-        """Return a warning where the board's clock is far from the rate its firmware assumes."""
-        clock = self._supervisor.connection.board_clock
+        """Return warnings: of a clock far from its rate, and of a damaged file of positions."""
+        clock, warnings = self._supervisor.connection.board_clock, self._supervisor.warnings
         if abs(clock.drift) < USUAL_DRIFT:
-            return []
+            return warnings
         pace = "fast" if clock.drift > 0.0 else "slow"
         message = (
             f"the clock of the board runs {100.0 * abs(clock.drift):.1f} % too {pace}, "
             "and so does the motion: its speeds differ from the plan's by as much"
         )
         hint = "build the firmware for the crystal of the board, or use a board with a crystal"
-        return [Diagnostic("board-clock-drift", message, hint=hint, severity="warning")]
+        drift = Diagnostic("board-clock-drift", message, hint=hint, severity="warning")
+        return [*warnings, drift]
 
     @property
     def capabilities(self) -> Capabilities:

@@ -17,12 +17,15 @@ class PositionKeeper:
     Args:
         identity: Identity of the board, "" for one whose position is not kept.
         layout: The objects of the board.
+
+    Attributes:
+        warnings: Findings about the file.
     """
 
     def __init__(self, identity: str, layout: Layout) -> None:
         self._layout = layout
         self._store = PositionStore(identity)
-        self._stored = self._store.read()
+        self._stored, self.warnings = self._store.read()
         self._number = 0
 
     def configure(self, connection: Connection) -> tuple[int, bool]:
@@ -52,4 +55,12 @@ class PositionKeeper:
     def write(self, position: MotorPosition, *, moving: bool) -> None:
         """Keep the position for the next program."""
         known, offset = position.known.tolist(), list(position.offset)
-        self._store.write(StoredPosition(self._layout.crc, self._number, offset, known, moving))
+        self._store.write(
+            StoredPosition(
+                layout=self._layout.crc,
+                number=self._number,
+                offset=offset,
+                known=known,
+                moving=moving,
+            )
+        )

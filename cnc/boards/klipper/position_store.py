@@ -14,18 +14,23 @@ motors stopped without a ramp.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import secrets
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
+from pydantic import BaseModel, ConfigDict, Field
+
+from cnc.model.diagnostics import Diagnostic
+from cnc.model.state_file import read_state
 from cnc.model.state_folder import folder
 
+Unsigned = Annotated[int, Field(ge=0, lt=1 << 32)]
+GridPoint = Annotated[int, Field(gt=-(1 << 53), lt=1 << 53)]
 
-@dataclass(frozen=True, slots=True)
-class StoredPosition:
+
+class StoredPosition(BaseModel):
     """Content of the file.
 
     Attributes:
@@ -36,11 +41,13 @@ class StoredPosition:
         moving: Whether a program runs.
     """
 
-    layout: int
-    number: int
-    offset: list[int] = field(default_factory=list)
-    known: list[bool] = field(default_factory=list)
-    moving: bool = False
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
+
+    layout: Unsigned
+    number: Unsigned
+    offset: list[GridPoint]
+    known: list[bool]
+    moving: bool
 
 
 class PositionStore:
@@ -55,16 +62,11 @@ class PositionStore:
         if board:
             self._file = folder() / f"{quote(board, safe='')}.klipper.json"
 
-    def read(self) -> StoredPosition | None:
-        """Return the content, None if there is none or it is not readable."""
+    def read(self) -> tuple[StoredPosition | None, list[Diagnostic]]:
+        """Return the content, None if there is none that can be used, and warnings."""
         if self._file is None:
-            return None
-        try:
-            found = StoredPosition(**json.loads(self._file.read_text(encoding="utf-8")))
-            numbers = [int(each) for each in (found.layout, found.number, *found.offset)]
-        except (OSError, ValueError, TypeError):
-            return None
-        return found if numbers else None
+            return None, []
+        return read_state(self._file, StoredPosition, "home the machine: its position is not known")
 
     def write(self, content: StoredPosition) -> None:
         """Replace the file. A failure does not stop the machine."""
@@ -74,7 +76,7 @@ class PositionStore:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             new = self._file.with_suffix(".new")
             with new.open("w", encoding="utf-8") as file:
-                json.dump(asdict(content), file)
+                file.write(content.model_dump_json())
                 file.flush()
                 os.fsync(file.fileno())
             new.replace(self._file)

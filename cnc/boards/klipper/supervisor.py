@@ -40,6 +40,7 @@ class Supervisor(PulseSupervisor):
     Attributes:
         connection: The connection.
         layout: The objects of the board.
+        warnings: Findings about the file of the position.
         slots: Entries of its move queue.
         drivers: Watch on the motor drivers that the board configures.
         position: Conversion of positions.
@@ -70,6 +71,7 @@ class Supervisor(PulseSupervisor):
         self.layout = LayoutBuilder(machine, self.connection.dictionary).build()
         self.position = MotorPosition(machine, self.layout.motors)
         self._keeper = PositionKeeper(identity, self.layout)
+        self.warnings = self._keeper.warnings
         self.slots, same = self._keeper.configure(self.connection)
         positions = self.read_positions()
         if same:

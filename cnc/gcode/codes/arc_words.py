@@ -10,11 +10,13 @@ from cnc.gcode.codes.move_feeds import MoveFeeds
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
+from cnc.gcode.geometry.tilted_arcs import spline_of
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
-from cnc.model.blocks import PLANE_AXES, ArcFeed
+from cnc.kernels.gcode.arcs import SAME_POINT
+from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 
 MAX_TURNS = 1000
 """Most turns of an arc. More are a typing error in P, and each turn is planned on its own."""
@@ -46,8 +48,10 @@ class ArcMoves:
             if first in columns and second in columns
         }
 
-    def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed:
+    def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed | NurbsFeed:
         """Return the arc of a line with G2 or G3, or while one of them is in effect.
+
+        It is a spline where a rotation tilts the plane.
 
         Args:
             words: The words of the line.
@@ -59,7 +63,9 @@ class ArcMoves:
         """
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
-        i, j = self.plane_columns(at)
+        i, j = self._columns(at, "an arc")
+        if self._dialect.grbl_arcs:
+            self._check_axis_words(words, user, at)
         opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
         radius = words.take("R", user)
@@ -81,8 +87,51 @@ class ArcMoves:
             offsets = [word.number if word else None for word in centers]
             word = next(filter(None, centers), at)
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
+        if self._tilted((i, j)):
+            return self._tilted_block(words, arc, end, (i, j), at)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         return self._block(arc, end, feed)
+
+    def _check_axis_words(self, words: LineWords, user: str, at: Word) -> None:
+        """Refuse an arc without an axis word of its plane, as GRBL does."""
+        names = [axis.upper() for axis in PLANE_AXES[self._state.plane]]
+        if words.rest.keys().isdisjoint(names):
+            message = f"{user} without {names[0]} and {names[1]}: GRBL refuses the line"
+            hint = f"give {names[0]} and {names[1]} of the end, also for a full circle"
+            raise fault("axis-words-missing", message, at, hint)
+
+    def _check_single_precision(
+        self, here: arcs.Point, there: arcs.Point, radius: float, word: Word
+    ) -> None:
+        """Refuse an R that is less than half of the chord in GRBL's arithmetic (error 34)."""
+        x0, y0, x1, y1, r = np.array((*here, *there, radius), np.float32)
+        x, y = x1 - x0, y1 - y0
+        if np.float32(4.0) * r * r - x * x - y * y < 0.0:
+            chord = math.dist(here, there)
+            message = (
+                f"{word.written}: R is less than half of the chord of {chord:.6g} mm, in the "
+                "single precision of GRBL"
+            )
+            raise fault("arc-radius-too-small", message, word, "write I and J, or a larger R")
+
+    def _tilted_block(
+        self, words: LineWords, arc: arcs.Arc, end: list[float], plane: tuple[int, int], at: Word
+    ) -> NurbsFeed:
+        """Return an arc in program coordinates as a spline of the machine."""
+        mover, here, coordinates = self._axis_words, self._here, self._axis_words.coordinates
+        start, to = coordinates.to_program(mover.position), coordinates.to_program(end)
+        rise = math.hypot(
+            *(
+                to[index] - start[index]
+                for index, axis in enumerate(mover.axes)
+                if axis in "xyz" and index not in plane
+            )
+        )
+        length = arc.length(rise) * (coordinates.figure.scale(plane) or 1.0)
+        feed = mover.feed(words, end, length, at)
+        knots, points, weights = spline_of(arc, start, to, plane, coordinates.to_machine)
+        points[0], points[-1] = mover.position, end
+        return NurbsFeed(here.file, here.line, 2, knots, points, weights, feed)
 
     def _refuse_center(self, radius: Word, centers: list[Word | None], user: str) -> None:
         """Refuse a centre beside R, or report it where the dialect ignores it."""
@@ -103,13 +152,15 @@ class ArcMoves:
         It is negative for an arc of more than half a turn.
         """
         i, j = plane
-        chord = math.dist(
-            (end[i], end[j]), (self._axis_words.position[i], self._axis_words.position[j])
-        )
+        coordinates, here = self._axis_words.coordinates, self._axis_words.position
+        tilted = self._tilted(plane)
+        if tilted:
+            here, end = coordinates.to_program(here), coordinates.to_program(end)
+        chord = math.dist((end[i], end[j]), (here[i], here[j]))
         if not 0.0 < word.number < 360.0 or chord == 0.0:
             message = f"{word.number:g}: an arc has more than 0 and less than 360 degrees"
             raise fault("arc-angle", message, word)
-        factor = self._axis_words.coordinates.figure.scale(plane) or 1.0
+        factor = 1.0 if tilted else coordinates.figure.scale(plane) or 1.0
         radius = chord / (2.0 * math.sin(math.radians(word.number) / 2.0))
         radius *= -1.0 if word.number > 180.0 else 1.0
         return Word(
@@ -126,27 +177,34 @@ class ArcMoves:
         Raises:
             GcodeError: ``axis-missing``, ``arc-rotated``.
         """
-        state = self._state
-        first, second = PLANE_AXES[state.plane]
+        plane = self._columns(at, what)
+        if not self._tilted(plane):
+            return plane
+        coordinates, name = self._axis_words.coordinates, self._state.plane
+        if coordinates.rotation:
+            message = f"{what} can't be made in the {name} plane of a rotated coordinate system"
+            raise fault("arc-rotated", message, at, "use a coordinate system without R")
+        message = f"{what} can't be made in the {name} plane under G68 of another one"
+        raise fault("arc-rotated", message, at, "give G69 before")
+
+    def _tilted(self, plane: tuple[int, int]) -> bool:
+        """Return whether a rotation tilts a plane of the program."""
+        coordinates = self._axis_words.coordinates
+        other = coordinates.figure.plane not in (None, plane)
+        return other or (coordinates.rotation != 0.0 and self._state.plane != "XY")
+
+    def _columns(self, at: Word, what: str) -> tuple[int, int]:
+        """Return the columns of the two axes of the plane, which a rotation may tilt."""
+        first, second = PLANE_AXES[self._state.plane]
         for axis in (first, second):
             if axis not in self._axis_words.axes:
                 raise fault(
                     "axis-missing",
-                    f"{what} in the {state.plane} plane needs the {axis.upper()} axis, "
+                    f"{what} in the {self._state.plane} plane needs the {axis.upper()} axis, "
                     "which the machine lacks",
                     at,
                 )
-        if self._axis_words.coordinates.rotation and state.plane != "XY":
-            message = (
-                f"{what} can't be made in the {state.plane} plane of a rotated coordinate system"
-            )
-            raise fault("arc-rotated", message, at, "use a coordinate system without R")
-        plane = self._axis_words.axes.index(first), self._axis_words.axes.index(second)
-        figure = self._axis_words.coordinates.figure
-        if figure.plane is not None and plane != figure.plane:
-            message = f"{what} can't be made in the {state.plane} plane under G68 of another one"
-            raise fault("arc-rotated", message, at, "give G69 before")
-        return plane
+        return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
 
     def _arc_of(
         self,
@@ -162,15 +220,20 @@ class ArcMoves:
         state, position = self._state, self._axis_words.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
-        figure = self._axis_words.coordinates.figure
+        coordinates = self._axis_words.coordinates
+        figure, tilted = coordinates.figure, self._tilted(plane)
         factor = figure.scale(plane)
         if factor is None:
             message = f"{word.written}: an arc under different factors of G51 would be an ellipse"
             raise fault("scaling-arc", message, word, "give both axes of the plane one factor")
-        radius *= factor
+        if tilted:
+            position, end = coordinates.to_program(position), coordinates.to_program(end)
+        radius *= 1.0 if tilted else factor
         here, there = (position[i], position[j]), (end[i], end[j])
-        clockwise = (motion is _CLOCKWISE) != figure.mirrors(plane)
+        clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
         if offsets is None:
+            if self._dialect.grbl_arcs and math.dist(here, there) > SAME_POINT:
+                self._check_single_precision(here, there, radius * state.scale, word)
             return arcs.from_radius(
                 here,
                 there,
@@ -181,6 +244,9 @@ class ArcMoves:
                 word=word,
             )
         center = self._center((i, j), offsets)
+        if tilted:
+            x, y = (offset * state.scale for offset in (offsets[0] or 0.0, offsets[1] or 0.0))
+            center = (x, y) if state.arc_absolute else (here[0] + x, here[1] + y)
         return arcs.from_center(
             here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word
         )
@@ -267,6 +333,8 @@ class ArcMoves:
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
+            return None
+        if self._dialect.grbl_arcs and not any(column in plane for column, _ in move.axes):
             return None
         parameters = self._axis_words.coordinates.parameters
         first = second = radius = None

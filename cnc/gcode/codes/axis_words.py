@@ -62,6 +62,7 @@ class AxisWords:
         self._here = here
         self._idle: set[str] = set()
         self.polar = PolarMode()
+        self._polar_end: tuple[float, float] | None = None
         self.rotary = RotaryAxes(axes, {}, dialect.wrap)
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
@@ -78,11 +79,11 @@ class AxisWords:
         self.units_changed()
 
     def units_changed(self) -> None:
-        """Compute the scales again after G20, G21, G7 or G8."""
+        """Compute the scales again after G20, G21, G7, G8, or G90 and G91 under DIAM90."""
         state = self._state
         self.scales = [state.scale if linear else 1.0 for linear in self._linear]
-        if state.diameter and "X" in self.column:
-            self.scales[self.column["X"]] *= 0.5
+        if "X" in self.column:
+            self.scales[self.column["X"]] *= state.x_factor(absolute=state.absolute)
 
     @property
     def has_direction_words(self) -> bool:
@@ -174,10 +175,14 @@ class AxisWords:
         if given and self._state.absolute:
             self.coordinates.figure_is_new = False
 
+    def in_polar_mode(self, values: dict[int, float]) -> bool:
+        """Return whether values by column have a radius or an angle of G16."""
+        return self.polar.plane is not None and not values.keys().isdisjoint(self.polar.plane)
+
     def _polar_mode(self, found: dict[int, float], plane: tuple[int, int]) -> None:
         """Replace radius and angle of G16 by the two axis values."""
         i, j = plane
-        if i not in found and j not in found:
+        if not self.in_polar_mode(found):
             return
         absolute, scale = self._state.absolute, self.scales[j]
         angle = found[j] / scale if j in found else None
@@ -202,9 +207,14 @@ class AxisWords:
         if {x, y} & found.keys():
             raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
         program = self.coordinates.to_program(self.position)
-        found[x], found[y] = polar.point(
-            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
-        )
+        here, absolute = (program[x], program[y]), self._state.absolute
+        siemens = self._dialect.flavour == "siemens"
+        if siemens:
+            polar.refuse_other_start(words, here, self._polar_end)
+        point = polar.point(words, user, here, self._state.scale, absolute=absolute)
+        found[x], found[y] = point
+        if siemens:
+            self._polar_end = point if absolute else (here[0] + point[0], here[1] + point[1])
 
     def polar_steps(self, words: LineWords, user: str) -> tuple[float, float] | None:
         """Take @ and ^ under G91 as steps of the radius (mm) and the angle (degrees).

@@ -11,6 +11,9 @@ compensation".
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
@@ -109,12 +112,37 @@ class CompensationCodes:
         if idle and self._motion.compensated and given == self._active:
             return
         self._active = given
+        self._start(code.g, at)
+
+    def _start(self, code: G, at: Word) -> None:
+        """Start the compensation of the last G41 or G42 at the position."""
+        assert self._active is not None
+        side, radius, plane, shift = self._active
+        columns = self._motion.arcs.plane_columns(at, "cutter compensation")
         compensation = self._motion.compensation
-        compensation.start(
-            side, radius, self._state.plane, columns, self._motion.position, at, shift=shift
-        )
-        self._state.compensation = code.g
+        compensation.start(side, radius, plane, columns, self._motion.position, at, shift=shift)
+        self._state.compensation = code
         self._out.defer = compensation.add
+
+    @contextmanager
+    def suspended(self, at: Word) -> Iterator[None]:
+        """Make a cycle of a lathe without the compensation, as FANUC does, with a warning.
+
+        The tool goes to the programmed start point before the cycle. The next move behind the cycle
+        leads in again.
+        """
+        motion, code = self._motion, self._state.compensation
+        if not motion.compensated:
+            yield
+            return
+        message = f"{at.written} roughs without the nose compensation of {code.written}"
+        hint = "the allowance of the finish must be larger than the difference; G70 compensates"
+        self._here.report_warning("cycle-not-compensated", message, at, hint)
+        self.off()
+        if motion.compensation.active:
+            motion.traverse(motion.position.copy())
+        yield
+        self._start(code, at)
 
     def keep_offset(self, words: LineWords) -> None:
         """Keep the D of a line without G41 or G42 for a later one, as FANUC does.

@@ -14,6 +14,7 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.model.units import MM_PER_INCH
 
@@ -65,6 +66,22 @@ class FeedCodes:
             if diameter := codes.get("diameter"):
                 state.diameter = diameter.number == G.G7
             self._motion.units_changed()
+
+    def diameters(self, at: Remark, *, is_lathe: bool) -> None:
+        """Execute SINUMERIK's DIAMON, DIAMOF or DIAM90 (diameters under G90 only).
+
+        Raises:
+            GcodeError: ``code-not-supported``: diameters on another machine than a lathe.
+        """
+        state = self._state
+        if at.text != "DIAMOF" and not is_lathe:
+            word = Word(at.text, 0.0, at.text, at.column, at.length)
+            message = f"{at.text} (X in diameters) is for a lathe"
+            hint = 'set kind = "lathe" under [machine] of the machine file'
+            raise fault("code-not-supported", message, word, hint)
+        state.diameter = at.text != "DIAMOF"
+        state.radius_increments = at.text == "DIAM90"
+        self._motion.units_changed()
 
     def feed(self, words: LineWords, codes: Codes) -> None:
         """Execute F. In inverse time mode the move of the line uses it instead.

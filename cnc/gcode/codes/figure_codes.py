@@ -44,6 +44,10 @@ class FigureCodes:
         for group in _GROUPS:
             if code := codes.get(group):
                 self._execute(words, code)
+        polar, plane = self._motion.polar.plane, codes.get("plane")
+        if polar is not None and plane and self._plane(plane.word) != polar:
+            message = f"{plane.word.written} under G16 of another plane"
+            raise fault("polar-active", message, plane.word, "give G15 before")
 
     def _execute(self, words: LineWords, code: Code) -> None:
         at, figure = code.word, self._coordinates.figure

@@ -23,7 +23,7 @@ from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
+from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation
 from cnc.model.blocks import ArcFeed, NurbsFeed
 from cnc.model.diagnostics import GcodeError
 
@@ -256,13 +256,24 @@ class Motion(MoveFeeds):
             else:
                 self.feed_to(end, feed)
         elif motion in _ARCS:
+            at = code or words.first()
             block = self.arcs.block(words, motion, code)
+            if isinstance(block, NurbsFeed):
+                self._make_tilted_arc(block, at)
+                return
             name = motion.written
             self._arc(block, corner_words.take(words, name) if self._dialect.corners else None)
         else:
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)
             self.handlers[motion](words, explicit)
+
+    def _make_tilted_arc(self, block: NurbsFeed, at: Word) -> None:
+        """Make an arc in a plane that a rotation tilts, which has no offset curve here."""
+        if self.compensated:
+            raise under_compensation(at)
+        self.compensation.refuse_curve(at)
+        self.spline(block)
 
     def _end_at_angle(self, angle: Word, given: set[str], end: list[float]) -> list[float]:
         """Return the end of a straight move of which one axis and the angle are given."""
@@ -283,6 +294,8 @@ class Motion(MoveFeeds):
 
     def feed_to(self, end: list[float], feed: float) -> None:
         """Make a straight move to a machine position at ``feed`` mm/s."""
+        if self._state.constant_surface and math.isnan(feed):
+            self.keep_surface_radius(end)
         if self.corners.corner is not None:
             if math.isnan(feed):
                 raise self.corners.fault("G0")

@@ -23,6 +23,9 @@ _FEED_HINT = "write F and the feed in this line or before it, or use --default-f
 class MoveFeeds(AxisWords):
     """Feeds of moves, from F and the mode of the feed."""
 
+    _surface_radius = 0.0
+    """Radius of the last move under G96 that was not on the axis, mm."""
+
     def distance(self, end: list[float]) -> float:
         """Length of a straight move for its feed, mm or degrees.
 
@@ -151,21 +154,39 @@ class MoveFeeds(AxisWords):
             )
         if not state.constant_surface:
             return state.speed
-        x = self.column.get("X")
-        radius = (
-            0.0
-            if x is None
-            else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
-        )
+        radius = max(self._radius(self.position), self._radius(end))
+        if radius > 0.0:
+            self._surface_radius = radius
+        elif self._surface_radius and not state.most_rpm:
+            radius = self._surface_radius
+            rpm = surface_rpm(state.speed, 0.0, radius)
+            message = (
+                f"{at.written} on the axis under G96 without a limit: the spindle has its highest "
+                f"speed, which is not known; the feed is that of {rpm:.0f} rpm, as at X before"
+            )
+            hint = "limit the speed, such as G50 S2000"
+            self._here.report_warning("spindle-speed-assumed", message, at, hint)
         rpm = surface_rpm(state.speed, state.most_rpm, radius)
         if math.isinf(rpm):
             raise fault(
                 "spindle-speed-unlimited",
                 "G96 gives an infinite spindle speed on the axis",
                 at,
-                "limit the speed with D in the line of G96",
+                "limit the speed: G50 S2000 on FANUC's and Haas' lathes, D in the line of G96 in "
+                "LinuxCNC",
             )
         return rpm
+
+    def _radius(self, place: list[float]) -> float:
+        """Return the distance of a machine position from the axis of a lathe's spindle, mm."""
+        x = self.column.get("X")
+        return 0.0 if x is None else abs(self.coordinates.to_program(place)[x])
+
+    def keep_surface_radius(self, end: list[float]) -> None:
+        """Keep the radius of a traverse under G96, for a feed on the axis without a limit."""
+        self._surface_radius = (
+            self._radius(end) or self._radius(self.position) or self._surface_radius
+        )
 
 
 def _missing(words: LineWords, at: Word) -> GcodeError:

@@ -28,6 +28,7 @@ class PolarMode:
         self._origin: Point = (0.0, 0.0)
         self._centre: Point = (0.0, 0.0)
         self._radius = self._angle = 0.0
+        self._words: tuple[float | None, float | None] = (None, None)
 
     def begin(
         self, plane: tuple[int, int], program: list[float], at: Word, *, from_here: bool
@@ -66,6 +67,7 @@ class PolarMode:
             here: Present position in the plane, in program coordinates, mm.
             absolute: Whether G90 is in effect.
         """
+        self._words = radius, angle
         if absolute:
             self._centre = self._origin
             self._angle = self._angle if angle is None else angle
@@ -78,3 +80,7 @@ class PolarMode:
             self._centre[0] + self._radius * cosine(self._angle),
             self._centre[1] + self._radius * sine(self._angle),
         )
+
+    def again(self, here: Point) -> Point:
+        """Return the point of the last words once more, counted from ``here`` under G91."""
+        return self.place(*self._words, here, absolute=False)

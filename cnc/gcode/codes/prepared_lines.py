@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
+from cnc.kernels.gcode.rows import MOST_LINE_NUMBER
 
 NEAR_CODE = 1e-3
 """Largest distance of ten times a computed code from a whole number."""
@@ -120,6 +122,8 @@ def prepare(
         GcodeError: The words or codes are wrong.
     """
     words = LineWords.of(statement.words, builder.replace)
+    if dialect.most_line_number:
+        _check_line_number(statement, dialect)
     if "E" in words.rest:
         _refuse_exponent(statement)
     extra = builder.take(words)
@@ -128,6 +132,14 @@ def prepare(
     codes = codes_of(words.g, words.m, dialect) if constant else None
     quick = None if extra else _quick(statement, words, codes, dialect, column)
     return PreparedLine(statement, words, codes, extra, builder, quick)
+
+
+def _check_line_number(statement: Statement, dialect: Dialect) -> None:
+    for word in statement.words:
+        if word.letter == "N" and word.number > dialect.most_line_number:
+            message = f"{word.written}: {dialect.name} has line numbers up to "
+            message += f"{dialect.most_line_number}"
+            raise fault("line-number-bad", message, word, "number the lines anew, or without N")
 
 
 def _refuse_exponent(statement: Statement) -> None:
@@ -147,9 +159,16 @@ def _refuse_exponent(statement: Statement) -> None:
                 before.length + word.length,
             )
             message = f"{whole.written}: a number has no exponent"
-            digits = int(word.written[1:])
-            value = f"{before.number * 10.0**digits:.9f}".rstrip("0").rstrip(".")
-            raise fault("number-exponent", message, whole, f"write {before.letter}{value}")
+            raise fault("number-exponent", message, whole, _without_exponent(before, word))
+
+
+def _without_exponent(before: Word, exponent: Word) -> str:
+    """Return the hint for a number with an exponent: its digits, unless they would be too many."""
+    value = Decimal(before.number).scaleb(int(exponent.written[1:]))
+    if abs(value) > MAX_NUMBER:
+        return f"a number is at most {MAX_NUMBER:.0f}"
+    digits = f"{value:.9f}".rstrip("0").rstrip(".")
+    return f"write {before.letter}{digits}"
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
@@ -200,7 +219,7 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
             motion = _MOTION_OF.get(number)
             if motion is None:
                 return None
-        elif number < 0.0 or not number.is_integer():
+        elif not 0.0 <= number <= MOST_LINE_NUMBER or not number.is_integer():
             return None
     return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
 

@@ -26,9 +26,13 @@ _OFFSETS = 100
 _LONGEST = 9999
 
 
-def power_on(state: ModalState) -> None:
-    """Set the modes in effect at the start: G18, diameters, feed per revolution."""
-    state.plane, state.diameter, state.feed_mode = "ZX", True, "per-revolution"
+def power_on(state: ModalState, dialect: Dialect, diameters: bool | None) -> None:
+    """Set the modes in effect at the start on a lathe; ``diameters`` None is the dialect's rule."""
+    state.diameter = dialect.diameters if diameters is None else diameters
+    if dialect.lathe or dialect.flavour == "siemens":
+        state.plane = "ZX"
+    if dialect.lathe:
+        state.feed_mode = "per-revolution"
 
 
 def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:

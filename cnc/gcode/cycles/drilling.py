@@ -22,7 +22,11 @@ from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.fagor_words import with_own_words
-from cnc.gcode.cycles.hole_places import holes_on_circle, holes_on_line
+from cnc.gcode.cycles.hole_places import (
+    holes_in_polar_mode,
+    holes_on_circle,
+    holes_on_line,
+)
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
@@ -123,10 +127,7 @@ class DrillingCycles:
         refuse_axes(words, name, "XYZABC" if self._turns else "XYZ")
         plane = CyclePlane(motion, state)
         plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
-        across = plane.columns[2]
-        if across is not None and motion.coordinates.figure.factors[across] != 1.0:
-            message = f"{name} under G51 with another factor than 1 along {plane.across}"
-            raise fault("scaling-cycle", message, at, "give G50 before, or I1. J1. K1.")
+        _check_figure(motion, plane, cycle, at)
         motion.take_length_change(at, absolute=state.absolute, moves=False)
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
@@ -150,10 +151,12 @@ class DrillingCycles:
         if settings.peck and repeats * (top - bottom) > MOST_PECKS * smallest:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
-        if polar is None:
-            holes = holes_on_line(plane, given, heights, repeats, absolute=state.absolute)
-        else:
+        if polar is not None:
             holes = holes_on_circle(plane, polar, heights, repeats)
+        elif motion.in_polar_mode(given) and not state.absolute:
+            holes = holes_in_polar_mode(plane, motion.polar, given, heights, repeats)
+        else:
+            holes = holes_on_line(plane, given, heights, repeats, absolute=state.absolute)
         end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self.series = series
@@ -387,6 +390,20 @@ class DrillingCycles:
         clear = max(level, top) if state.initial_level else top
         self._check_level(top, clear, at)
         return top, bottom, clear
+
+
+def _check_figure(motion: Motion, plane: CyclePlane, cycle: G, at: Word) -> None:
+    """Refuse a figure that controllers do not apply to heights, or to the side of fine boring."""
+    figure, across = motion.coordinates.figure, plane.columns[2]
+    if across is not None and figure.factors[across] != 1.0:
+        message = f"{cycle.written} under G51 with another factor than 1 along {plane.across}"
+        raise fault("scaling-cycle", message, at, "give G50 before, or I1. J1. K1.")
+    turns = figure.plane is not None and figure.angle % 360.0 != 0.0
+    if cycle == FINE_BORING and (turns or any(factor != 1.0 for factor in figure.factors)):
+        message = (
+            f"{cycle.written} under a rotation, scaling or mirror, which the tool does not follow"
+        )
+        raise fault("scaling-cycle", message, at, "give G69, G50 or G50.1 before, or G86")
 
 
 def _downwards(name: str, across: str, at: Word) -> str:

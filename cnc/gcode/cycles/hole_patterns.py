@@ -36,7 +36,8 @@ class HolePatterns:
         """Drill the holes of a line with G70 or G71.
 
         Raises:
-            GcodeError: ``cycle-not-active``, ``cycle-word-missing``, ``value-out-of-range``.
+            GcodeError: ``cycle-not-active``, ``cycle-word-missing``, ``polar-active``,
+                ``value-out-of-range``.
         """
         assert code is not None
         motion, state, name = self._motion, self._state, code.word.written
@@ -48,6 +49,9 @@ class HolePatterns:
             raise fault("cycle-not-active", message, code.word, hint)
         if state.plane != "XY":
             raise fault("cycle-not-active", f"{name} in another plane than G17", code.word)
+        if motion.polar.plane is not None:
+            message = f"{name} under G16: its holes have no radius and angle"
+            raise fault("polar-active", message, code.word, "give G15 before")
         found: dict[str, Word] = {}
         for letter in _LETTERS[code.g]:
             word = words.take(letter, name)

@@ -1,10 +1,11 @@
-"""Places of the holes of one line: repeats of a step, or steps around the zero point."""
+"""Places of the holes of one line: repeats of a step, or steps around a pole."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from cnc.gcode.codes.polar import stepped
+from cnc.gcode.codes.polar_mode import PolarMode
 from cnc.gcode.cycles.cycle_runner import CyclePlane
 from cnc.gcode.cycles.drilling_steps import Hole
 
@@ -35,4 +36,26 @@ def holes_on_circle(
     top, bottom, clear = heights
     for number in range(1, repeats + 1):
         x, y = stepped(plane.start[:2], *polar, number)
+        yield Hole(x, y, bottom, top, clear)
+
+
+def holes_in_polar_mode(
+    plane: CyclePlane,
+    mode: PolarMode,
+    given: dict[int, float],
+    heights: Heights,
+    repeats: int,
+) -> Iterator[Hole]:
+    """Yield the holes of a line under G16 and G91, whose step is one of the radius and angle.
+
+    ``given`` is the step to the first hole; ``mode`` repeats the words of the line for the others.
+    """
+    top, bottom, clear = heights
+    i, j = plane.columns[:2]
+    assert i is not None
+    assert j is not None
+    x, y = plane.start[0] + given[i], plane.start[1] + given[j]
+    for number in range(repeats):
+        if number:
+            x, y = mode.again((x, y))
         yield Hole(x, y, bottom, top, clear)

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
+from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.motion import Handler, Motion
 from cnc.gcode.cycles import turning_holes, turning_threads
 from cnc.gcode.cycles.roughing import MOST_PASSES
@@ -54,10 +56,12 @@ class _Staying:
 
 
 def register(
-    motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation, out: BlockBuffer
-) -> TurningCycles:
+    motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation, out: BlockBuffer,
+    compensation: CompensationCodes,
+) -> TurningCycles:  # fmt: skip
     """Register the handlers of the cycles of a lathe, and return their settings."""
     moves = TurningMoves(motion, state, here, out)
+    moves.compensation = compensation
     cycles = TurningCycles(dialect, moves)
     motion.handlers |= {
         G.G71: cycles.once(cycles.roughing_settings),
@@ -139,10 +143,16 @@ class TurningCycles:
         """Execute G77 (along Z) or G79 (along X): in, cut, out, back.
 
         R is the difference between the start and the end of the cut: of X as a radius, or of Z.
+        Without it the cut is along an axis, where nose compensation changes nothing.
         """
+        at = code.word if code else words.first()
+        tapered = "R" in words.rest or (code is None and "R" in self._staying.words)
+        with nullcontext() if tapered else self.moves.uncompensated(at):
+            self._turn_once(words, code, at)
+
+    def _turn_once(self, words: LineWords, code: Code | None, at: Word) -> None:
         moves, state = self.moves, self._state
         assert state.motion is not None
-        at = code.word if code else words.first()
         facing = state.motion == G.G79
         moves.check(at)
         if code:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
+from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import refuse_modes
 from cnc.gcode.state.block_buffer import BlockBuffer
@@ -15,7 +16,11 @@ from cnc.model.blocks import PathMode, SpindleSync
 
 
 class TurningMoves:
-    """Moves to points (z, x), mm in the coordinate system in use; x is a radius."""
+    """Moves to points (z, x), mm in the coordinate system in use; x is a radius.
+
+    Attributes:
+        compensation: Nose compensation, which some cycles suspend; None if none does.
+    """
 
     def __init__(
         self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
@@ -27,6 +32,11 @@ class TurningMoves:
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
         self._follows = False
+        self.compensation: CompensationCodes | None = None
+
+    def uncompensated(self, at: Word) -> AbstractContextManager[None]:
+        """Suspend nose compensation for the cycle at a word."""
+        return nullcontext() if self.compensation is None else self.compensation.suspended(at)
 
     def check(self, at: Word) -> None:
         """Check that the cycle at a word is possible.

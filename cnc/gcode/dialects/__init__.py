@@ -39,6 +39,8 @@ class Dialect:
     units_before_feed: bool
     arc_turns: bool
     arc_idle_center: bool
+    grbl_arcs: bool
+    most_line_number: int
     arc_radius_first: bool
     path_stop: PathControl
     path_words: frozenset[str]
@@ -52,6 +54,8 @@ class Dialect:
     offset_memory: bool
     tool_offset_unclear: bool
     offset_diameters: bool
+    diameters: bool
+    stops_after_move: bool
     length_in_increments: Literal["left", "added", "unclear"]
     length_axes: str
     home_beside_motion: bool
@@ -281,7 +285,7 @@ _PLAIN = (
     "units_before_feed", "arc_turns", "arc_idle_center", "arc_radius_first", "path_stop",
     "offsets_current", "offsets_add", "more_systems", "shift_stays", "rotation", "offset_memory",
     "tool_offset_unclear", "length_axes",
-    "offset_diameters",
+    "offset_diameters", "diameters", "grbl_arcs", "most_line_number", "stops_after_move",
     "length_in_increments", "home_beside_motion", "home_needs_axes", "machine_in_incremental",
     "program_number", "decimal_points", "program_end", "flavour", "siemens", "dollar",
     "initial_level", "lenient", "first_bracket", "after_g80", "local_calls", "scale_unit",

@@ -27,8 +27,11 @@ DRIVEN = 3
 """Evidence for a lathe in a program with Y, as a multiple of the evidence without Y."""
 _FIVE_DIGITS = "fanuc or haas"
 """Name of the evidence that does not tell FANUC's language from Haas'."""
-_LATHES = ("auto", "fanuc", "haas")
-"""Languages that mean something else on a lathe; ``auto`` is no language."""
+_LATHES = {"auto": "lathe", "fanuc": "lathe", "haas": "lathe", "siemens": "siemens-lathe"}
+"""Evidence for a lathe of each language that means something else on a lathe.
+
+``auto`` is no language.
+"""
 
 _AROUND = " \t\r\n\x0c\2\x11\x12\x13\x14\x1a\x7f"
 """Characters that mean nothing around a line. Zero bytes inside a line are a sign of UTF-16."""
@@ -85,7 +88,7 @@ class Recognition(NamedTuple):
         reasons: The evidence for it.
         refusal: A language that is not read, or a machine of another kind, in words; else empty.
         rival: Another dialect with evidence of its own; empty if there is none.
-        lathe: The evidence for a lathe in FANUC's or Haas' language.
+        lathe: The evidence for a lathe in FANUC's, Haas' or SINUMERIK's language.
         turns: Whether that evidence is enough to refuse the program on another machine.
         prints: Whether the program heats or feeds filament.
         five_digits: Whether the program number of a FANUC program may be one of Haas', too.
@@ -137,8 +140,11 @@ def evidence() -> list[tuple[str, int, str]]:
     return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
 
 
-def recognise(lines: Iterable[str]) -> Recognition:
-    """Return the language of a program, from its first lines."""
+def recognise(lines: Iterable[str], named: DialectName = "auto") -> Recognition:
+    """Return the language of a program, from its first lines.
+
+    Evidence for a lathe is that of the ``named`` language, or of the one that is recognised.
+    """
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
     has_y, plane, begun = False, None, False
@@ -164,17 +170,19 @@ def recognise(lines: Iterable[str]) -> Recognition:
                     reason = Reason(_shown(match[0]), each.what, number)
                     found.setdefault(each.language, []).append((each, reason))
                     break
-    lathe = found.pop("lathe", [])
+    lathes = {kind: found.pop(kind, []) for kind in set(_LATHES.values())}
     five_digits = bool(found.pop(_FIVE_DIGITS, ()))
     if prose and not has_words and not found:
         return Recognition(refusal="plain text", reasons=(prose,))
     choice = _choice(table, found)
     choice = choice._replace(five_digits=five_digits and choice.dialect == "fanuc")
     if choice.dialect == "fagor" and not has_y:
-        kind = "a program of a Fagor control without a Y word, which may be for a lathe"
-        return choice._replace(dialect="auto", refusal=kind)
-    if choice.refusal or choice.dialect not in _LATHES:
+        refusal = "a program of a Fagor control without a Y word, which may be for a lathe"
+        return choice._replace(dialect="auto", refusal=refusal)
+    kind = _LATHES.get(choice.dialect if named == "auto" else named)
+    if choice.refusal or kind is None:
         return choice
+    lathe = lathes[kind]
     lathe.sort(key=lambda row: -row[0].points)
     if not lathe or lathe[0][0].points < STRONG:
         return choice
@@ -291,8 +299,8 @@ def refuse_lathe(recognition: Recognition, kind: MachineKind, file: str) -> None
     line, why = recognition.lathe[0].line, "; ".join(map(str, recognition.lathe))
     message = f"this looks like a program for a lathe, by {why}; the machine is a {kind}"
     hint = (
-        'set kind = "lathe" under [machine] of the machine file; on a mill G98, G99, U, W and '
-        "T0101 mean something else"
+        'set kind = "lathe" under [machine] of the machine file; on a mill X is no diameter, and '
+        "G98, G99, U, W and T0101 mean something else"
     )
     raise GcodeError(Diagnostic("program-for-lathe", message, file, line, hint=hint))
 
@@ -307,6 +315,6 @@ def lathe_dialect(recognition: Recognition, file: str) -> DialectName:
         return recognition.dialect
     if recognition.lathe:
         return "fanuc"
-    message = "nothing in the first lines says whether X is a diameter (FANUC, Haas) or a radius"
+    message = "nothing in the first lines says whether X is a diameter or a radius, as in LinuxCNC"
     hint = 'name the dialect, such as --dialect fanuc, or dialect = "fanuc" under [program]'
     raise GcodeError(Diagnostic("lathe-dialect-unclear", message, file, 1, hint=hint))

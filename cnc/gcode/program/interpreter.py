@@ -52,7 +52,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import DIRECTION, Statement
+from cnc.gcode.syntax.statement import DIAMETERS, DIRECTION, Statement
 from cnc.gcode.syntax.words import LineWords, whole
 from cnc.model.blocks import Abort, BoardCommand
 
@@ -91,8 +91,8 @@ class Interpreter:
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
         self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
-        if dialect.lathe:
-            turning.power_on(self.modal)
+        if dialect.lathe or policy.lathe:
+            turning.power_on(self.modal, dialect, policy.diameters)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect, self.policy = dialect, policy
@@ -171,13 +171,18 @@ class Interpreter:
             return None
         from cnc.gcode.cycles import turning_cycles
 
-        return turning_cycles.register(motion, dialect, modal, here, self.out)
+        return turning_cycles.register(
+            motion, dialect, modal, here, self.out, self.compensation_codes
+        )
 
     def _bind_parameters(self) -> None:
         """Let parameters read the position and the state."""
         parameters, modal = self.parameters, self.modal
         bind_position(self.coordinates, lambda: self.motion.position, lambda: modal.scale)
         system_parameters.bind(parameters, modal, self.here)
+        if self.dialect.flavour == "siemens":
+            parameters.bind("_x_absolute", lambda: modal.x_factor(absolute=True))
+            parameters.bind("_x_incremental", lambda: modal.x_factor(absolute=False))
         if parameters.macro:
             macro_variables.bind(
                 parameters, modal, self.here, self.coordinates, self.out,
@@ -202,6 +207,9 @@ class Interpreter:
         for remark in statement.remarks:
             if remark.kind == DIRECTION:
                 self.motion.turn_directions(remark.text)
+            elif remark.kind == DIAMETERS:
+                self.feed_codes.diameters(remark, is_lathe=self.policy.lathe)
+                self.update_plain()
             elif error := self._comment_commands.execute(remark):
                 self.compensation_codes.off()
                 self.out.put(Abort(self.here.file, line))
@@ -279,6 +287,7 @@ class Interpreter:
         self.plain = (
             state.feeds_are_plain
             and not self.dialect.lathe
+            and not state.radius_increments
             and motion.collector is None
             and not self.coordinates.turned
             and motion.length_change is None
@@ -332,12 +341,24 @@ class Interpreter:
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=True)
         self.motion.move(words, moving, codes.get("motion"))
+        if self._stops_after(codes):
+            self.machine_codes.spindle(words, codes)
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=False)
         if code := codes.get("skip-alarm"):
             self.probing.alarm(code)
         if code := codes.get("stop"):
             self.stop(code)
+
+    def _stops_after(self, codes: Codes) -> bool:
+        """Return whether the line has an M5 that takes effect behind its move."""
+        code = codes.get("spindle")
+        return (
+            code is not None
+            and code.number == M.M5
+            and self.feed_codes.moving is not None
+            and self.dialect.stops_after_move
+        )
 
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
@@ -356,7 +377,8 @@ class Interpreter:
             self.tool_codes.check_change(state.loaded, change.word)
         if code := codes.get("kinematics"):
             self.tip_control.kinematics(code)
-        functions.spindle(words, codes)
+        if not self._stops_after(codes):
+            functions.spindle(words, codes)
         if code := codes.get("state"):
             self._saved_state.execute(code)
         functions.coolant(codes)
@@ -380,6 +402,8 @@ class Interpreter:
             self.machine_codes.path_control(words, code)
         if code := codes.get("distance"):
             state.absolute = code.number == G.G90
+            if state.radius_increments:
+                self.motion.units_changed()
         if code := codes.get("arc-distance"):
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):

@@ -94,12 +94,14 @@ class LineMachine:
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
                 setup["m_action"][m] = action
+        if dialect.stops_after_move:
+            setup["m_action"][M.M5] = kernel.STOP
         cycles, dwell = dialect.cycles, dialect.dwell
         setup["min_feed"], setup["longest_dwell"] = MIN_FEED, LONG_DWELL
         # The unit of a P with a decimal point is another one.
         if "P" not in dialect.dwell_point:
             setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)
-        setup["idle_center"] = dialect.arc_idle_center
+        setup["idle_center"], setup["grbl_arcs"] = dialect.arc_idle_center, dialect.grbl_arcs
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"

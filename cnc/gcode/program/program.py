@@ -55,6 +55,8 @@ class ProgramOptions:
         on_line: Called with the number of executed lines from time to time.
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
+        lathe: The machine is a lathe.
+        diameters: X is a diameter at the start on a lathe; None for the rule of the dialect.
         laser: S is the power of a laser, which changes in motion.
         mark_tool_offsets: Put the tool offsets among the blocks
             (:class:`cnc.model.blocks.ToolOffset`).
@@ -68,6 +70,8 @@ class ProgramOptions:
     limits: Limits = field(default_factory=Limits)
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
+    lathe: bool = False
+    diameters: bool | None = None
     laser: bool = False
     mark_tool_offsets: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
@@ -120,7 +124,12 @@ def interpret(
         warn,
         tools,
         replace(
-            options.policy, laser=options.laser, wraps=options.wraps, tool_tip=options.tool_tip
+            options.policy,
+            lathe=options.lathe,
+            diameters=options.diameters,
+            laser=options.laser,
+            wraps=options.wraps,
+            tool_tip=options.tool_tip,
         ),
     )
     syntax = Syntax(

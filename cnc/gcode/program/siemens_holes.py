@@ -42,6 +42,9 @@ class Pattern:
         if flow.modal is None:
             raise self._fault(flow, "cycle-not-active", " without MCALL and a cycle before it")
         modal = interpreter.modal
+        if modal.diameter:
+            message = " under DIAMON: its places may be diameters or radii"
+            raise self._fault(flow, "code-not-supported", message)
         before = modal.motion, modal.absolute
         after = line + 1
         for x, y in self._holes(flow):

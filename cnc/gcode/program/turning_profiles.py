@@ -77,12 +77,14 @@ class ProfileCycle:
             _finish(interpreter, lines, line)
             return after
         moves = [_Line(each.number, _path_words(each.statement)) for each in lines]
-        blocks = _path_of(interpreter, moves, line)
-        assert interpreter.turning_cycles is not None
+        turning = interpreter.turning_cycles
+        assert turning is not None
         letters = {word.letter for word in lines[0].statement.words}
-        cycles = ProfileCycles(interpreter.dialect, interpreter.turning_cycles)
         both = bool(letters & set("XU")) and bool(letters & set("ZW"))
-        cycles.run(self._code, words, blocks, at, pockets=both)
+        with turning.moves.uncompensated(at):
+            blocks = _path_of(interpreter, moves, line)
+            cycles = ProfileCycles(interpreter.dialect, turning)
+            cycles.run(self._code, words, blocks, at, pockets=both)
         return after
 
     def _sorted(self, flow: Flow) -> tuple[LineWords, Statement]:

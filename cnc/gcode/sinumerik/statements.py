@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from cnc.gcode.reader.lines import Reading
@@ -29,6 +29,7 @@ from cnc.gcode.sinumerik.variables import (
 from cnc.gcode.sinumerik.words import no_names, not_supported, refused, words
 from cnc.gcode.syntax.expressions import Builder, Node, constant
 from cnc.gcode.syntax.statement import (
+    DIAMETERS,
     DIRECTION,
     NOTED,
     SHOWN,
@@ -39,7 +40,7 @@ from cnc.gcode.syntax.statement import (
     Statement,
     Value,
 )
-from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault
+from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.model.diagnostics import GcodeError
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
@@ -49,6 +50,8 @@ _LABEL = re.compile(r"[A-Z_][A-Z0-9_]+")
 _REPEATS = re.compile("[0-9]{1,4}")
 _FRAME = re.compile(r"A?(TRANS|ROT|SCALE|MIRROR)")
 _CENTRES = {"I": "_x", "J": "_y", "K": "_z"}
+_COORDINATES = frozenset("XYZABCUVWIJK^@")
+"""Letters whose value may count from the position."""
 _ENDS = {17.0: "", 2.0: "2", 30.0: "30"}
 _LEVEL = slice(4, 13)
 """Arguments of CYCLE800: zero before the rotation (3), angles (3), zero after it (3)."""
@@ -84,6 +87,31 @@ class _Named(NamedTuple):
     end: int
     value: Node | Token | None = None
     arguments: tuple[Node | Token | None, ...] | None = None
+
+
+class _Sums:
+    """Sums and products with the position, all at one place of a line."""
+
+    def __init__(self, build: Builder, place: tuple[int, int]) -> None:
+        self._build, self._place = build, place
+
+    def of(self, left: Node | str, sign: str, right: Node | str) -> Node:
+        """Return a sum or a product; names are those of parameters."""
+        a, b = (
+            self._build.parameter(each, *self._place) if isinstance(each, str) else each
+            for each in (left, right)
+        )
+        return self._build.binary(a, sign, b, *self._place)
+
+    def position(self, letter: str) -> Node:
+        """Return the position of an axis, or the angle (^) or radius (@) of that in the plane."""
+        x, y = (self._build.parameter(name, *self._place) for name in ("_x", "_y"))
+        if letter == "^":
+            return self._build.arctangent(y, x, self._place[0])
+        if letter == "@":
+            squares = self.of(self.of(x, "*", x), "+", self.of(y, "*", y))
+            return self._build.call("SQRT", squares, *self._place)
+        return self._build.parameter(f"_{letter.lower()}", *self._place)
 
 
 class Lines:
@@ -354,6 +382,9 @@ class Lines:
         if mode not in words()["axes"] or len(right.arguments) != 1 or len(letter) > 1:
             raise not_supported(f"{name}={mode}(..)", begin, right.end)
         value = self._value(right.arguments[0], given)
+        if letter not in _COORDINATES:
+            hint = f"{mode} is for coordinates"
+            raise not_supported(f"{name}={mode}(..)", right.begin, right.end, hint)
         if letter in "ABC" and (turn := words()["axes"][mode]):
             column, _ = self._build.place(right.begin, right.end)
             self._remarks.append(Remark(DIRECTION, f"{letter} {turn}", column, 1))
@@ -367,22 +398,29 @@ class Lines:
 
     def _from_here(self, letter: str, mode: str, value: Node, place: tuple[int, int]) -> Node:
         """Return a coordinate in the distance mode of the line."""
-        build = self._build
-        here = build.parameter(f"_{letter.lower()}", *place)
+        if letter in _CENTRES and mode == "IC":
+            return value
+        sums = _Sums(self._build, place)
         if letter in _CENTRES:
-            if mode == "IC":
-                return value
-            return build.binary(value, "-", build.parameter(_CENTRES[letter], *place), *place)
+            whole = sums.of(value, "*", "_x_absolute") if letter == "I" else value
+            return sums.of(whole, "-", _CENTRES[letter])
         absolute, incremental = self._has("G90"), self._has("G91")
-        sign, same, other = (
-            ("+", incremental, absolute) if mode == "IC" else ("-", absolute, incremental)
-        )
+        same, other = (incremental, absolute) if mode == "IC" else (absolute, incremental)
         if same:
             return value
-        if not other:
-            factor = build.parameter("_absolute" if mode == "IC" else "_incremental", *place)
-            here = build.binary(here, "*", factor, *place)
-        return build.binary(value, sign, here, *place)
+        own, foreign = (
+            ("_incremental", "_absolute") if mode == "IC" else ("_absolute", "_incremental")
+        )
+        sign = "+" if mode == "IC" else "-"
+        if letter == "X":
+            # A diameter, or a radius.
+            there = sums.of(sums.of(value, "*", f"_x{own}"), sign, "_x")
+            moved = sums.of(there, "/", f"_x{foreign}")
+            if other:
+                return moved
+            return sums.of(sums.of(moved, "*", foreign), "+", sums.of(value, "*", own))
+        here = sums.position(letter)
+        return sums.of(value, sign, here if other else sums.of(here, "*", foreign))
 
     def _has(self, code: str) -> bool:
         """Return whether the line has a code."""
@@ -415,6 +453,8 @@ class Lines:
             return [_Word(Word(name, 1.0, name, column, length), None)]
         if name in tables["turns"]:
             self._remarks.append(Remark(DIRECTION, f"TOOL {tables['turns'][name]}", column, length))
+        elif name in tables["diameters"]:
+            self._remarks.append(Remark(DIAMETERS, name, column, length))
         elif name in tables["only-zero"]:
             if item.value is None or not self._is_zero(item.value):
                 what = f"{name} ({tables['only-zero'][name]})"
@@ -535,9 +575,7 @@ class Lines:
         listed += [zero] * (len(numbers) - len(listed))
         return numbers, [self._as_type(kind, each) for each in listed]
 
-    def _procedure(
-        self, begin: int, end: int, keyword: Token, name: Token, *parts: Any
-    ) -> Control:
+    def _procedure(self, begin: int, end: int, keyword: Token, name: Token, *parts: Any) -> Control:
         given = next((each for each in parts if isinstance(each, list)), [])
         for mode in parts:
             if isinstance(mode, Token) and mode.text not in ("DISPLOF", "SBLOF"):
@@ -715,7 +753,9 @@ class Lines:
         if name in no_names():
             return None
         if first.arguments and len(rest) == 1:
-            if any(isinstance(each, Token) and each.terminal == "STRING" for each in first.arguments):
+            if any(
+                isinstance(each, Token) and each.terminal == "STRING" for each in first.arguments
+            ):
                 return None
             return self._control("s-call", name, self._values(first), begin, first.end)
         repeats = None if first.arguments else self._repeats(rest[1:])

@@ -31,7 +31,7 @@ def words() -> dict[str, dict[str, str]]:
 @cache
 def no_names() -> frozenset[str]:
     """Return the words that are no names of subprograms."""
-    tables = ("not-needed", "only-zero", "refused", "codes", "turns")
+    tables = ("not-needed", "only-zero", "refused", "codes", "turns", "diameters")
     return frozenset(name for table in tables for name in words()[table]) | {"BSPLINE"}
 
 

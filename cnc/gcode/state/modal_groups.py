@@ -196,6 +196,7 @@ class ModalState:
         scale: mm of a program unit.
         feed_scale: mm of a unit of feeds, which SINUMERIK's G70 and G71 leave as it was.
         diameter: X words are diameters (G7).
+        radius_increments: X words are radii under G91 all the same (DIAM90).
         speed: rpm, or mm/s under G96.
         most_rpm: Limit of the spindle speed under G96; 0 for none.
         tool: Number of the last T word.
@@ -211,6 +212,7 @@ class ModalState:
     scale: float = 1.0
     feed_scale: float = 1.0
     diameter: bool = False
+    radius_increments: bool = False
     absolute: bool = True
     arc_absolute: bool = False
     feed_mode: FeedMode = "per-minute"
@@ -232,6 +234,10 @@ class ModalState:
     speed_override: bool = True
     adaptive_feed: bool = False
     feed_stop: bool = True
+
+    def x_factor(self, *, absolute: bool) -> float:
+        """Return the length of a unit of X, which is a diameter or a radius."""
+        return 0.5 if self.diameter and (absolute or not self.radius_increments) else 1.0
 
     @property
     def feeds_are_plain(self) -> bool:

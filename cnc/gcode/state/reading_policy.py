@@ -21,6 +21,8 @@ class ReadingPolicy:
         codes: Effects of a builder's M-codes by number.
         default_feed: Feed before the first F word, mm/min; None for none.
         optional_stop: M1 stops like M0.
+        lathe: The machine is a lathe.
+        diameters: X is a diameter at the start on a lathe; None for the rule of the dialect.
         laser: S is the power of a laser, which changes in motion.
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
@@ -32,6 +34,8 @@ class ReadingPolicy:
     codes: Mapping[int, CodeAction] = field(default_factory=dict)
     default_feed: float | None = None
     optional_stop: bool = False
+    lathe: bool = False
+    diameters: bool | None = None
     laser: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from cnc.gcode.syntax.arithmetic import (
-    Binary,
     FUNCTIONS,
     MACRO_FUNCTIONS,
     MACRO_OPERATORS,
     OPERATORS,
     SIEMENS_FUNCTIONS,
     SIEMENS_OPERATORS,
+    Binary,
     Undefined,
     arctangent,
     half_away,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -36,9 +35,14 @@ if TYPE_CHECKING:
 MEMO = 4096
 """Parsed lines that are kept."""
 
+MOST_ZEROS = 512
+"""Zero bytes in a line from which on they are a lost sector of a disk, and no leader of a tape."""
+
 _QUERY = re.compile(r"[ \t]*(\?)[ \t]*(?:;.*)?")
 _SWITCH = re.compile(r"([ \t]*/)[1-9](?=[ \t]*[A-Za-z(#])")
 """Block delete with the number of a switch, as FANUC and SINUMERIK have it."""
+_NUMBERED = re.compile(r"[ \t]*O[ \t]*([0-9]+)(?![0-9. \t]*\.)", re.IGNORECASE)
+"""The label of an O-word that is a number."""
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _TAPE = "\0\2\3\4\x0c\x11\x12\x13\x14\x1a\x7f \t"
 """Characters of paper tape, printers and serial links, which mean nothing around a line."""
@@ -108,9 +112,7 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         GcodeError: A syntax error with its column (from 1). The caller adds line and file. Computed
             values raise the same kind of error when they are computed.
     """
-    if len(text) > MAX_LINE:
-        message = f"the line has more than {MAX_LINE} characters"
-        raise fault("line-too-long", message, column=MAX_LINE + 1)
+    _check_size(text)
     if syntax.lenient and not text.strip(_TAPE):
         return Statement()
     if control := _CONTROL.search(text):
@@ -142,7 +144,39 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         what = "? (report of the board's status) has no effect here"
         return Statement(remarks=(Remark(NOTED, what, query.start(1) + 1, 1),))
     text = with_plain_tools(text) if syntax.dialect == "fagor" else text
+    if syntax.flavour == "ngc" and (found := _of_other_label(text, syntax)) is not None:
+        return found
     return _parse_mended(text, syntax)
+
+
+def _check_size(text: str) -> None:
+    """Refuse a line that is too long, or a lost part of a file."""
+    if len(text) > MAX_LINE:
+        message = f"the line has more than {MAX_LINE} characters"
+        raise fault("line-too-long", message, column=MAX_LINE + 1)
+    if (zeros := text.count("\0")) >= MOST_ZEROS:
+        message = f"{zeros} zero bytes in one line: the file was not copied or saved whole"
+        raise fault("zero-bytes", message, column=text.index("\0") + 1, hint="copy the file again")
+
+
+def _of_other_label(text: str, syntax: Syntax) -> Statement | None:
+    """Return the statement of an O-word from the same line with another label of as many digits.
+
+    A program has many such lines, each with a label of its own. None for another line, for one with
+    an error, and for that other line itself.
+    """
+    number = _NUMBERED.match(text)
+    if number is None or not number[1].strip("1"):
+        return None
+    label, (begin, end) = "1" * len(number[1]), number.span(1)
+    try:
+        found = parse_line(f"{text[:begin]}{label}{text[end:]}", syntax)
+    except GcodeError:
+        return None
+    control = found.control
+    if control is None or control.label != label or found.remarks:
+        return None
+    return replace(found, control=replace(control, label=str(int(number[1]))))
 
 
 def _meaning_of_head(text: str, syntax: Syntax) -> str:

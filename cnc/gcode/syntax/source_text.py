@@ -203,8 +203,14 @@ class Window:
         text = self.text(index)
         if self.plain[index]:
             return self._plain(index, text)
-        if syntax.flavour == "siemens" and text.isascii() and not self.reading.results.status[index]:
-            from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
+        if (
+            syntax.flavour == "siemens"
+            and text.isascii()
+            and not self.reading.results.status[index]
+        ):
+            from cnc.gcode.sinumerik.statements import (
+                Lines,
+            )  # most programs are in another language
 
             lines = Lines(text, syntax.names, int(self._begin[index]))
             return lines.statement(self.reading, index)

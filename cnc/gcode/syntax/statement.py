@@ -44,6 +44,8 @@ class Assignment:
     length: int
 
 
+DIAMETERS = "diameters"
+"""Kind of a remark that says whether X is a diameter from here on (DIAMON, DIAMOF, DIAM90)."""
 DIRECTION = "direction"
 """Kind of the remark that sets how a rotary axis turns, or the tool (TOOL): its letter and how."""
 MENDED = "mended"

@@ -31,6 +31,22 @@ from cnc.kernels.gcode.statements import Words
 from cnc.kernels.jit import njit
 
 _A = 65
+_SINGLE = 1e-5
+"""Far above the rounding of single precision, relative."""
+
+
+@njit
+def _is_near_refusal(radius: float, x0: float, y0: float, x1: float, y1: float) -> bool:
+    """Return whether GRBL may refuse an arc: no axis word, or R (NaN for none) of half the chord.
+
+    GRBL computes in single precision, as the interpreter does for such an arc.
+    """
+    if x0 == x1 and y0 == y1:
+        return True
+    room = 2.0 * abs(radius) - math.sqrt((x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
+    return radius == radius and room < _SINGLE * (
+        abs(radius) + abs(x0) + abs(y0) + abs(x1) + abs(y1)
+    )
 
 
 @njit
@@ -55,6 +71,10 @@ def _arc_row(
     elif plane == 2:
         first, second, across = center[1], center[2], center[0]
     if across == across and not (setup["idle_center"] and across == 0.0):
+        return False
+    if setup["grbl_arcs"] and _is_near_refusal(
+        radius * setup["unit"], position[i], position[j], end[i], end[j]
+    ):
         return False
     x = y = math.nan
     has_first, has_second = first == first, second == second

@@ -13,6 +13,7 @@ from cnc.kernels.gcode.rows import (
     DWELL,
     INCREMENTAL,
     INITIAL_LEVEL,
+    MOST_LINE_NUMBER,
     MOVE,
     NO_MOTION,
     PLANE,
@@ -27,7 +28,8 @@ from cnc.kernels.gcode.rows import (
 )
 from cnc.kernels.jit import njit
 
-_A, _F, _G, _I, _J, _K, _L, _M, _P, _Q, _R, _S = 65, 70, 71, 73, 74, 75, 76, 77, 80, 81, 82, 83
+_A, _F, _G, _I, _J, _K, _L, _M, _N = 65, 70, 71, 73, 74, 75, 76, 77, 78
+_P, _Q, _R, _S = 80, 81, 82, 83
 LAST_MOTION = 3
 """The last motion mode that is no cycle."""
 
@@ -133,6 +135,8 @@ def read_words(
             ci = value if char == _I else ci
             cj = value if char == _J else cj
             ck = value if char == _K else ck
+        elif char == _N:
+            known = known and value <= MOST_LINE_NUMBER
         else:
             known = known and place == TAKEN_WORD
     return known, LineWords(

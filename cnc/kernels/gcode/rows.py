@@ -77,6 +77,9 @@ DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""
 
 
+MOST_LINE_NUMBER = 10_000_000
+"""Largest line number of GRBL. A larger one is left to the interpreter."""
+
 SETUP = np.dtype(
     [
         ("column", np.int64, (26,)),
@@ -97,6 +100,7 @@ SETUP = np.dtype(
         ("restored", np.int64),
         ("arc_absolute", np.bool_),
         ("idle_center", np.bool_),
+        ("grbl_arcs", np.bool_),
         ("surface_speed", np.bool_),
         ("notes", np.bool_),
         ("dwell_needed", np.bool_),
@@ -122,10 +126,10 @@ dwell (s) that is left to the interpreter; s of P1 in a cycle, 0 if compiled cod
 retraction of G73 and distance of G83 from the bottom (mm); the highest of G0 to G3 to which G80
 returns, -1 for none.
 
-Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; G96 is
-in effect; F and S words without effect are reported; a cycle with a dwell needs P; the words of a
-cycle stay in effect for another one; K is the number of repeats of a cycle, as L is; G89 retracts
-at feed to R only; G64 is in effect.
+Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; arcs
+follow GRBL's rules; G96 is in effect; F and S words without effect are reported; a cycle with a
+dwell needs P; the words of a cycle stay in effect for another one; K is the number of repeats of a
+cycle, as L is; G89 retracts at feed to R only; G64 is in effect.
 
 By tenths of a G-code: its action and its modal group. By M-code: its action.
 """

@@ -49,7 +49,7 @@ ERRORS = {
     "5420 is read-only": ("parameter-read-only", "¦#5420=1"),
     "5400 is read-only": ("parameter-read-only", "¦#5400=1"),
     "named ones, too": ("parameter-read-only", "¦#<_x>=1"),
-    "arc in another plane under R": ("arc-rotated", "G10 L2 P1 R30\nG18 ¦G2 X10 I5 F60"),
+    "compensation in another plane under R": ("arc-rotated", "G10 L2 P1 R30\nG18 ¦G41.1 D1"),
 }
 
 

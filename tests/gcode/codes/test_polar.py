@@ -6,7 +6,14 @@ import math
 
 import pytest
 
-from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of, rows, run
+from tests.support.gcode.gcode_cases import (
+    assert_error_at,
+    block_summaries,
+    error_of,
+    points,
+    rows,
+    run,
+)
 
 HALF = f"{math.sqrt(3) / 2 * 10:.6f}"
 
@@ -73,6 +80,7 @@ def test_increments_count_from_the_polar_position() -> None:
 
 ERRORS = {
     "an increment from the zero point": ("polar-at-origin", "G91 G0 ¦@5"),
+    "a distance alone from the zero point": ("polar-at-origin", "G0 ¦@5"),
     "in another plane": ("polar-plane", "G18 G0 ¦@5 ^30"),
     "beside X": ("polar-and-axis", "G0 ¦@5 X1"),
     "beside Y": ("polar-and-axis", "G0 Y1 ¦^5"),
@@ -102,3 +110,20 @@ def test_other_dialects_have_no_polar_coordinates(dialect: str, code: str) -> No
 
 def test_a_machine_without_y_has_no_polar_coordinates() -> None:
     assert error_of("G0 @5", axes=("x", "z")).code == "axis-missing"
+
+
+@pytest.mark.parametrize("line", ["AP=90", "RP=5", "AP=IC(30)"])
+@pytest.mark.parametrize("before", ["G0 X10 Y0", "G0 RP=10 AP=0\nX5", ""])
+def test_one_polar_word_of_siemens_goes_on_from_the_last_polar_point(
+    line: str, before: str
+) -> None:
+    """The control keeps the last AP and RP, which moves by X and Y do not change."""
+    assert error_of(f"G90\n{before}\n{line}\nM30", dialect="siemens").code == "polar-word-missing"
+
+
+def test_polar_increments_of_siemens() -> None:
+    source = "G90 G0 RP=10 AP=0\nAP=IC(90)\nRP=IC(5)\nG91 AP=IC(90)\nG90 AP=AC(0)\nM30"
+    ends = [(10, 0), (0, 10), (0, 15), (-15, 0), (15, 0)]
+    assert [end[:2] for end in points(source, "siemens")] == [
+        pytest.approx(end, abs=1e-9) for end in ends
+    ]

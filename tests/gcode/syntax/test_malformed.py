@@ -56,6 +56,7 @@ CASES: dict[str, tuple[str, str]] = {
     "percent after a word": ("percent-place", "G0 X1 ¦%"),
     "percent before more lines": ("percent-place", "G0 X1\n¦%\nG0 X2"),
     "NUL": ("control-character", "G0 ¦\0X1"),
+    "a lost sector": ("zero-bytes", "G0 X1¦" + "\0" * 512),
     "escape in a comment": ("control-character", "G0 X1 (¦\x1b[1m)"),
     "carriage return inside": ("control-character", "G0 X1¦\rG0 X2"),
     "line too long": ("line-too-long", "G0 X1\n" + ";" * MAX_LINE + "¦;"),
@@ -282,7 +283,7 @@ latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-ch
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
 not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
 s-call s-end s-proc s-holes s-again
-s-until skip-alarm
+s-until skip-alarm siemens-lathe
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
@@ -292,6 +293,7 @@ profile-line profile-missing profile-not-monotone profile-place profile-start pr
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
+cycle-not-compensated spindle-speed-assumed
 tool-length-zero moves-not-checked tool-offset-assumed word-idle compensation-radius-zero
 decimal-point-missing
 dwell-long

@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cnc.gcode.reader import tables
-from cnc.gcode.syntax.parser import MAX_LINE, MEMO, Syntax, parse_line
+from cnc.gcode.syntax import parser
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.parser import AUTO, MAX_LINE, MEMO, Syntax, parse_line
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.diagnostics import GcodeError
 from tests.support.waiting import HANG
@@ -141,3 +145,40 @@ def test_the_homing_of_marlin_names_axes_without_numbers(text: str, read: str) -
 def test_a_line_of_only_a_checksum_is_empty(text: str) -> None:
     """Senders of Marlin number and sum every line, empty ones too."""
     assert parse_line(text, Syntax("ngc", dialect="marlin")) == Statement()
+
+
+@pytest.mark.parametrize("label", ["7", "11", "20", "007", "12345", "99999999"])
+@pytest.mark.parametrize(
+    "line",
+    ["o{} if [#1 EQ 2] (c)", "  O {} endif", "o{}else", "o{} while [1]", "o{} repeat [#2]",
+     "o{} call [1] [#3]", "o{} sub", "o{} return [#1]", "o{}"],
+)  # fmt: skip
+def test_an_o_word_is_parsed_from_one_with_another_label(label: str, line: str) -> None:
+    """All is as the grammar reads it; values are computed alike."""
+    text = line.format(label)
+    wanted, found = parser._parse(text, AUTO, None), parse_line(text)
+    assert found.control is not None
+    assert wanted.control is not None
+    values = Parameters()
+    for number in (1, 2, 3):
+        values.values[number] = 2.0 * number
+    assert [value(values) for value in found.control.values] == [
+        value(values) for value in wanted.control.values
+    ]
+    assert replace(found, control=replace(found.control, values=())) == replace(
+        wanted, control=replace(wanted.control, values=())
+    )
+
+
+def test_many_labels_need_the_grammar_once_for_each_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    plain = parser._parse
+
+    def counted(text: str, *rest: Any) -> Statement:
+        calls.append(text)
+        return plain(text, *rest)
+
+    monkeypatch.setattr(parser, "_parse", counted)
+    for label in range(1, 3000):
+        parse_line(f"o{label} if [#77 EQ 5.5]")
+    assert len(calls) <= 12

@@ -20,7 +20,9 @@ _PLANES = {"G17": ("XY", "IJ", "Z"), "G18": ("ZX", "KI", "Y"), "G19": ("YZ", "JK
 def program(rng: random.Random, dialect: str) -> list[str]:
     """Return the lines of a program for a dialect."""
     lines = [HEADS[dialect], "G21 G90 G17 G94", "G0 X1. Y2. Z30.", "F100."]
-    kinds = [*_KINDS, *([] if dialect == "grbl" else [_cycles, _local])]
+    kinds = [*_KINDS, _full_circle, _cycles, _local]
+    if dialect == "grbl":
+        kinds = [*_KINDS, _circle_with_end]
     for _ in range(rng.randint(5, 20)):
         lines += rng.choice(kinds)(rng)
     return [*lines, "M30"]
@@ -45,6 +47,14 @@ def _full_circle(rng: random.Random) -> list[str]:
     plane, (_, centre, across) = rng.choice(list(_PLANES.items()))
     rise = rng.choice(("", f" {across}{_number(rng)}"))
     return [f"{plane} {rng.choice(('G2', 'G3'))} {_words(rng, centre)}{rise}", "G17"]
+
+
+def _circle_with_end(rng: random.Random) -> list[str]:
+    """Return a full circle with an axis word of its plane, which GRBL needs."""
+    plane, (axes, centre, across) = rng.choice(list(_PLANES.items()))
+    rise = rng.choice(("", f" {across}{_number(rng)}"))
+    code = rng.choice(("G2", "G3"))
+    return [f"{plane} G91 {code} {axes[0]}0 {_words(rng, centre)}{rise}", "G90 G17"]
 
 
 def _radius_arc(rng: random.Random) -> list[str]:
@@ -88,5 +98,5 @@ def _cycles(rng: random.Random) -> list[str]:
 
 
 _KINDS: list[Callable[[random.Random], list[str]]] = [
-    _straight, _straight, _full_circle, _radius_arc, _mode, _mode, _offset, _machine,
+    _straight, _straight, _radius_arc, _mode, _mode, _offset, _machine,
 ]  # fmt: skip

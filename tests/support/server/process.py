@@ -27,7 +27,7 @@ class ServerProcess:
     """
 
     def __init__(self, folder: Path, machine: str, options: Sequence[str] = ()) -> None:
-        (folder / "jobs").mkdir()
+        (folder / "jobs").mkdir(exist_ok=True)
         environment = {
             **os.environ,
             "PYTHONPATH": str(ROOT),

@@ -177,7 +177,7 @@ class Dictionary:
         """
         try:
             content = json.loads(zlib.decompress(data))
-        except (zlib.error, ValueError) as error:
+        except (zlib.error, ValueError, RecursionError) as error:
             raise RemoteError(f"the dictionary is not readable: {error}") from error
         if not isinstance(content, dict):
             raise RemoteError("the dictionary is not a table")
