@@ -17,7 +17,8 @@ MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
 
 _TERMINALS = {
-    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "REGISTER": kernel.VARIABLE, "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
+    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "REGISTER": kernel.VARIABLE,
+    "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
     "O": kernel.LETTER_O, "EQUAL": kernel.EQUALS,
     **dict.fromkeys(
         (

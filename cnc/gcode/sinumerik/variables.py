@@ -167,7 +167,8 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
         lines: The lines.
         in_subprogram: Whether the first line belongs to a subprogram.
     """
-    local, found = in_subprogram, []
+    local = in_subprogram
+    found: list[Variable] = []
     for line in lines:
         if border := _SUBPROGRAM.match(line):
             local = (border[1] or "SPF").upper() == "SPF"
@@ -175,7 +176,7 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
             continue
         reading = read_line(line, GRAMMAR)
         if not reading.results.status[0]:
-            rules = _Declarations(local=local, arrays=sum(1 for each in found if each.sizes))
+            rules = _Declarations(local=local, arrays=sum(bool(each.sizes) for each in found))
             carried_out(reading, 0, line, rules)
             found += rules.found
     return tuple(dict.fromkeys(found))
