@@ -21,7 +21,7 @@ from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
 LENGTHS = "XYZUVWABCIJKRQ"
 """Letters of words in which FANUC's ROUND rounds to the least input increment."""
 
-_REMARK = re.compile(
+REMARK = re.compile(
     r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py"
     r"|abort(?=[ \t]*,))"
     r"(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
@@ -81,7 +81,8 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         shift: Position of the line in the text of the events.
     """
     grammar, events = reading.grammar, reading.events
-    terminals, texts, is_keyword = grammar.terminals, grammar.texts, grammar.is_keyword
+    terminals, texts, methods = grammar.terminals, grammar.texts, grammar.methods
+    is_keyword = grammar.is_keyword
     span = slice(*reading.results.first[line : line + 2].tolist())
     parts: list[Any] = []
     for kind, begin, end, value in zip(
@@ -94,7 +95,7 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         begin, end = begin - shift, end - shift
         if kind < 0:
             at = len(parts) - int(value)
-            made = getattr(rules, f"_{grammar.rules[-kind - 1]}")
+            made = getattr(rules, methods[-kind - 1])
             parts[at:] = [made(begin, end, *parts[at:])]
         elif terminals[kind - 1] == "NUMBER":
             exact = value if value == value else float(squeezed(text[begin:end]))
@@ -286,7 +287,7 @@ class Translator:
         for item in (*items, *self._comments):
             if isinstance(item, Token):
                 if item.terminal == "COMMENT":
-                    if remark := _REMARK.fullmatch(item.text):
+                    if remark := REMARK.fullmatch(item.text):
                         column, length = self._build.place(item.begin, item.end)
                         text = (remark[2] or remark[3] or "").strip()
                         remarks.append(Remark(remark[1].lower(), text, column, length))

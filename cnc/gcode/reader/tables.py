@@ -67,6 +67,7 @@ class Grammar(NamedTuple):
         texts: The texts of keywords; an event of a keyword has the index of its text.
         wanted: Names of the terminals that each state of the parser accepts.
         is_keyword: Whether each terminal is one of the texts.
+        methods: Name of the method for each rule.
     """
 
     tables: Tables
@@ -75,6 +76,7 @@ class Grammar(NamedTuple):
     texts: tuple[str, ...]
     wanted: tuple[frozenset[str], ...]
     is_keyword: tuple[bool, ...]
+    methods: tuple[str, ...]
 
 
 def cache_folder() -> Path:
@@ -149,9 +151,10 @@ def _grammar(
     wanted: Iterable[Iterable[str]],
 ) -> Grammar:  # fmt: skip
     keywords = (tables.spelling.max(axis=1) >= 0).tolist()
+    names = tuple(rules)
     return Grammar(
-        tables, tuple(terminals), tuple(rules), tuple(texts), tuple(map(frozenset, wanted)),
-        tuple(keywords),
+        tables, tuple(terminals), names, tuple(texts), tuple(map(frozenset, wanted)),
+        tuple(keywords), tuple(f"_{name}" for name in names),
     )  # fmt: skip
 
 

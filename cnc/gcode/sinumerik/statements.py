@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from cnc.gcode.reader.lines import Reading
-from cnc.gcode.reader.statements import Token, carried_out, squeezed
+from cnc.gcode.reader.statements import REMARK, Token, carried_out, squeezed
 from cnc.gcode.sinumerik.variables import (
     KINDS,
     MOST_ELEMENTS,
@@ -49,6 +49,8 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _LABEL = re.compile(r"[A-Z_][A-Z0-9_]+")
 _REPEATS = re.compile("[0-9]{1,4}")
 _FRAME = re.compile(r"A?(TRANS|ROT|SCALE|MIRROR)")
+_DISTANCE = re.compile(r"(?<![A-Z])G9([01])(?![0-9])", re.IGNORECASE)
+"""G90 or G91."""
 _CENTRES = {"I": "_x", "J": "_y", "K": "_z"}
 _COORDINATES = frozenset("XYZABCUVWIJK^@")
 """Letters whose value may count from the position."""
@@ -58,7 +60,7 @@ _LEVEL = slice(4, 13)
 _COMPARED_LAST = frozenset(("==", "<>", "<=", ">=", "<", ">", "AND", "XOR", "OR"))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class _Called(Node):
     """What is no part of a sum: ``IC(..)``, ``SET(..)``, and a value that only a control knows."""
 
@@ -105,13 +107,13 @@ class _Sums:
 
     def position(self, letter: str) -> Node:
         """Return the position of an axis, or the angle (^) or radius (@) of that in the plane."""
+        if letter not in "^@":
+            return self._build.parameter(f"_{letter.lower()}", *self._place)
         x, y = (self._build.parameter(name, *self._place) for name in ("_x", "_y"))
         if letter == "^":
             return self._build.arctangent(y, x, self._place[0])
-        if letter == "@":
-            squares = self.of(self.of(x, "*", x), "+", self.of(y, "*", y))
-            return self._build.call("SQRT", squares, *self._place)
-        return self._build.parameter(f"_{letter.lower()}", *self._place)
+        squares = self.of(self.of(x, "*", x), "+", self.of(y, "*", y))
+        return self._build.call("SQRT", squares, *self._place)
 
 
 class Lines:
@@ -404,7 +406,8 @@ class Lines:
         if letter in _CENTRES:
             whole = sums.of(value, "*", "_x_absolute") if letter == "I" else value
             return sums.of(whole, "-", _CENTRES[letter])
-        absolute, incremental = self._has("G90"), self._has("G91")
+        modes = _DISTANCE.findall(self._text)
+        absolute, incremental = "0" in modes, "1" in modes
         same, other = (incremental, absolute) if mode == "IC" else (absolute, incremental)
         if same:
             return value
@@ -421,10 +424,6 @@ class Lines:
             return sums.of(sums.of(moved, "*", foreign), "+", sums.of(value, "*", own))
         here = sums.position(letter)
         return sums.of(value, sign, here if other else sums.of(here, "*", foreign))
-
-    def _has(self, code: str) -> bool:
-        """Return whether the line has a code."""
-        return bool(re.search(rf"(?<![A-Z]){code}(?![0-9])", self._text, re.IGNORECASE))
 
     def _words_of(self, item: _Named) -> list[_Word]:
         """Return the words of a name, with its value or brackets."""
@@ -623,9 +622,16 @@ class Lines:
         rest = [
             item
             for item in items
-            if not (isinstance(item, Token) and item.terminal in ("DELETE", "TAIL"))
+            if not (isinstance(item, Token) and item.terminal in ("DELETE", "TAIL", "COMMENT"))
             and item is not None
         ]
+        for item in items:
+            if (
+                isinstance(item, Token)
+                and item.terminal == "COMMENT"
+                and REMARK.fullmatch(item.text)
+            ):
+                raise not_supported("a command in a comment", item.begin, item.end)
         number: list[_Word] = []
         if rest and isinstance(rest[0], _Word) and rest[0].word.letter == "N":
             number = [rest.pop(0)]

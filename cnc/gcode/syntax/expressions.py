@@ -41,7 +41,7 @@ _OPERATORS = {"ngc": OPERATORS, "macro": MACRO_OPERATORS, "siemens": SIEMENS_OPE
 _FUNCTIONS = {"ngc": FUNCTIONS, "macro": MACRO_FUNCTIONS, "siemens": SIEMENS_FUNCTIONS}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Node:
     """A part of an expression.
 
@@ -71,7 +71,7 @@ class Node:
         return self.raw or self.value
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class ParameterNode(Node):
     """A parameter. ``index`` is its name, or computes its number."""
 
