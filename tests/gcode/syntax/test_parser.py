@@ -156,7 +156,7 @@ def test_a_line_of_only_a_checksum_is_empty(text: str) -> None:
 def test_an_o_word_is_parsed_from_one_with_another_label(label: str, line: str) -> None:
     """All is as the grammar reads it; values are computed alike."""
     text = line.format(label)
-    wanted, found = parser._parse(text, AUTO, None), parse_line(text)
+    wanted, found = parser._parse(text, AUTO), parse_line(text)
     assert found.control is not None
     assert wanted.control is not None
     values = Parameters()
