@@ -168,9 +168,9 @@ def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
 
 def _defined_variables(text: Text) -> Variables:
     """Return the variables that a program of SINUMERIK defines."""
-    from cnc.gcode.sinumerik.variables import defined_variables  # for its programs only
+    from cnc.gcode.sinumerik.variables import DEFINING, defined_variables  # for its programs only
 
-    return defined_variables(text.first_lines())
+    return defined_variables(text.first_lines_with(DEFINING))
 
 
 def _mark_tool_offsets(interpreter: Interpreter) -> None:

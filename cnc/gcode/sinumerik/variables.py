@@ -29,7 +29,8 @@ ROW = 100_000
 SPAN = ROW * ROW
 """Distance between two arrays."""
 MOST_ELEMENTS = 10_000
-_DEFINES = re.compile(r"\b(?:DEF|PROC)\b", re.IGNORECASE)
+DEFINING = re.compile(rb"\b(?:DEF|PROC)\b|%_N_", re.IGNORECASE)
+"""What every line has that defines variables, or begins a program."""
 _SUBPROGRAM = re.compile(r"\s*(?:%_N_\w+_(SPF|MPF)\b|(?:N[0-9]+\s*)?(PROC)\s)", re.IGNORECASE)
 
 
@@ -164,7 +165,7 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
     """Return the variables that lines define by DEF and PROC.
 
     Args:
-        lines: The lines.
+        lines: The lines, at least those with DEFINING.
         in_subprogram: Whether the first line belongs to a subprogram.
     """
     local = in_subprogram
@@ -172,8 +173,6 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
     for line in lines:
         if border := _SUBPROGRAM.match(line):
             local = (border[1] or "SPF").upper() == "SPF"
-        if not _DEFINES.search(line):
-            continue
         reading = read_line(line, GRAMMAR)
         if not reading.results.status[0]:
             rules = _Declarations(local=local, arrays=sum(bool(each.sizes) for each in found))

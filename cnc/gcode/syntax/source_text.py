@@ -323,6 +323,16 @@ class Text:
         if window is not None:
             yield from map(window.text, range(window.count))
 
+    def first_lines_with(self, pattern: re.Pattern[bytes]) -> Iterator[str]:
+        """Yield the lines of the first window that have a pattern."""
+        window = self.window(1)
+        index = 0
+        while window is not None and index < window.count:
+            index = window.find(pattern, index, window.count)
+            if index < window.count:
+                yield window.text(index)
+            index += 1
+
     def _keep(self, index: int, window: Window) -> None:
         self._kept[index] = window
         self._kept.move_to_end(index)
