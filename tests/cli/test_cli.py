@@ -301,7 +301,7 @@ def test_help_imports_no_numerics(arguments):
 def test_a_program_imports_no_reader_of_another_language(program):
     code = (
         "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
-        "sys.exit(code or 'cnc.gcode.syntax.siemens' in sys.modules)"
+        "sys.exit(code or 'cnc.gcode.sinumerik.statements' in sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, "check", program("G21 G90 G1 X5 F600\nM2\n")],

@@ -238,9 +238,9 @@ class CompiledProgram:
         key = self._flow.listing.name, window.first
         table = self._tables.get(key)
         if table is None:
-            window = self._flow.listing.for_compiled_code(window)
             coded = window.code()
-            table = table_of(window, coded, self._mirror.slots(window, coded))
+            names = self._flow.listing.names(window, coded)
+            table = table_of(window, coded, self._mirror.slots(names))
             self._tables[key] = table
             sources = {id(copy.source) for each in self._tables.values() for copy in each.copies}
             others = [name for name, each in self._tables.items() if id(each) not in sources]

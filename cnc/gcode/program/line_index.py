@@ -17,17 +17,15 @@ from numpy.typing import NDArray
 
 from cnc.gcode.reader.lines import MAX_LINE
 from cnc.gcode.syntax.mending import inner_slash
-from cnc.gcode.syntax.parser import Syntax, line_in_ngc, parse_line
+from cnc.gcode.syntax.parser import Syntax, parse_line
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
+from cnc.kernels.gcode.statements import Coded
 from cnc.model.diagnostics import CncError, GcodeError
 
 _CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
-_FOREIGN_LINE = "!"
-SHORTEST_RUN = 20
-"""Mean number of lines in one run of compiled code from which on it is worth its start."""
 _END_OF_TEXT = 1 << 62
 """A line number beyond that of any line."""
 _ALL_SWITCHES = frozenset(range(1, 10))
@@ -143,23 +141,12 @@ class LineIndex:
         except GcodeError as error:
             raise self.placed(error, window.first + index) from None
 
-    def for_compiled_code(self, window: Window) -> Window:
-        """Return a window in the language of compiled code, which is RS274/NGC.
-
-        A line that has no counterpart there is one that compiled code leaves to the interpreter.
-        """
+    def names(self, window: Window, coded: Coded) -> list[tuple[str, bool]]:
+        """Return the names of parameters in lines, and whether compiled code may set each."""
+        written = window.names(coded.names)
         if self._syntax.flavour != "siemens":
-            return window
-        found: list[str] = []
-        most_left = window.count // SHORTEST_RUN
-        for index in range(window.count):
-            line = line_in_ngc(window.text(index), self._syntax)
-            found.append(_FOREIGN_LINE if line is None else line)
-            most_left -= line is None
-            if most_left < 0:
-                found = [_FOREIGN_LINE] * window.count
-                break
-        return window.with_lines(found)
+            return [(name, True) for name in written]
+        return list(map(self._syntax.names.in_compiled_code, written))
 
     def placed(self, error: GcodeError, line: int) -> CncError:
         """Return the error with file, line and text added where it lacks them."""

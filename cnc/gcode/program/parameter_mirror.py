@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
-from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode.evaluation import Parameters as Values
 from cnc.kernels.gcode.program_text import Changes, Frames
-from cnc.kernels.gcode.statements import LAST_PARAMETER, Coded
+from cnc.kernels.gcode.statements import LAST_PARAMETER
 
 _SET, _OF_INTERPRETER = 1, 2
 """Flags: compiled code has set the parameter; it must not, because a function shows it."""
@@ -25,6 +24,7 @@ class ParameterMirror:
         self._calls = parameters.calls
         self._names: list[str] = []
         self._slots: dict[str, int] = {}
+        self._left_alone: set[str] = set()
         self._named = np.full(64, math.nan)
         self._numbered = np.zeros(LAST_PARAMETER + 1)
         self._changes = Changes(
@@ -37,10 +37,14 @@ class ParameterMirror:
             self._read(number)
         parameters.changed = set()
 
-    def slots(self, window: Window, coded: Coded) -> NDArray[np.int32]:
-        """Return the slot of each name in the lines of a window; new names get new slots."""
-        names, known = window.names(coded.names), self._slots
-        new = [name for name in names if name not in known]
+    def slots(self, found: list[tuple[str, bool]]) -> NDArray[np.int32]:
+        """Return the slot of each name; new names get new slots.
+
+        Args:
+            found: The names, and whether compiled code may set each.
+        """
+        names, known = [name for name, _ in found], self._slots
+        new = [name for name in dict.fromkeys(names) if name not in known]
         begin = len(self._names)
         known.update(zip(new, range(begin, begin + len(new)), strict=True))
         self._names += new
@@ -48,6 +52,10 @@ class ParameterMirror:
             self._grow()
         for name in self._parameters.known_among(new):
             self._read(name)
+        for name, may_set in found:
+            if not may_set:
+                self._left_alone.add(name)
+                self._changes.named[known[name]] = _OF_INTERPRETER
         return np.fromiter(map(known.__getitem__, names), np.int32, len(names))
 
     def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
@@ -106,7 +114,8 @@ class ParameterMirror:
                 return
             place = self._slots[place]
         values[place] = self._parameters.stored_value(key)
-        flags[place] = _OF_INTERPRETER if self._parameters.is_bound(key) else 0
+        is_left = self._parameters.is_bound(key) or key in self._left_alone
+        flags[place] = _OF_INTERPRETER if is_left else 0
 
     def _grow(self) -> None:
         more = len(self._named)

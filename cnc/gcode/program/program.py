@@ -36,7 +36,7 @@ from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
 
 if TYPE_CHECKING:
-    from cnc.gcode.syntax.siemens_variables import Variables
+    from cnc.gcode.sinumerik.variables import Variables
 
 REPORT_INTERVAL = 1024
 """Executed lines between two calls of ``on_line``."""
@@ -142,7 +142,7 @@ def interpret(
         variables=_defined_variables(text) if rules.flavour == "siemens" else (),
     )
     if rules.flavour == "siemens":
-        from cnc.gcode.syntax.siemens_arrays import bind_arrays  # for its programs only
+        from cnc.gcode.sinumerik.variables import bind_arrays  # for its programs only
 
         bind_arrays(parameters, syntax.variables)
     listing = Listing(text, syntax, block_delete=options.block_delete)
@@ -168,9 +168,9 @@ def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
 
 def _defined_variables(text: Text) -> Variables:
     """Return the variables that a program of SINUMERIK defines."""
-    from cnc.gcode.syntax.siemens_variables import defined_variables  # for its programs only
+    from cnc.gcode.sinumerik.variables import DEFINING, defined_variables  # for its programs only
 
-    return defined_variables(text.first_lines())
+    return defined_variables(text.first_lines_with(DEFINING))
 
 
 def _mark_tool_offsets(interpreter: Interpreter) -> None:

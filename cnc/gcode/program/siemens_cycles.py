@@ -72,6 +72,8 @@ _COARSE = dict(
 """Pitch of metric threads by size, mm (MPIT). Source: ISO 261, coarse pitches."""
 
 Fault = Callable[[str, str], CncError]
+Move = tuple[tuple[str, float], ...]
+"""Letters and numbers of the words of a line."""
 
 
 class Cycle:
@@ -144,9 +146,9 @@ class _Hole:
         value = self.values.get(name, math.nan)
         return default if value != value else value
 
-    def moves(self) -> Iterator[str]:
-        """Yield the lines of the cycle: codes, heights, feeds and dwells."""
-        yield f"G0 Z{self.start:.9f}"
+    def moves(self) -> Iterator[Move]:
+        """Yield the words of each line of the cycle: codes, heights, feeds and dwells."""
+        yield ("G", 0), ("Z", self.start)
         match self.kind:
             case 83:
                 yield from self._pecks()
@@ -159,18 +161,18 @@ class _Hole:
             case 87 | 88:
                 yield from self._bore_and_stop()
             case _:
-                yield f"G1 Z{self.depth:.9f}"
+                yield ("G", 1), ("Z", self.depth)
                 yield from self._wait("DTB")
                 if self.kind == _BORING:
-                    yield f"G1 Z{self.start:.9f}"
-        yield f"G0 Z{self.back:.9f}"
+                    yield ("G", 1), ("Z", self.start)
+        yield ("G", 0), ("Z", self.back)
 
-    def _wait(self, name: str) -> Iterator[str]:
+    def _wait(self, name: str) -> Iterator[Move]:
         time = self.get(name, 0.0)
         if time < 0.0:
             raise self.fault("code-not-supported", f": {name} in turns of the spindle")
         if time > 0.0:
-            yield f"G4 F{time:.9f}"
+            yield ("G", 4), ("F", time)
 
     def _needs(self, name: str, meaning: str) -> float:
         """Return an argument that must be more than 0."""
@@ -179,7 +181,7 @@ class _Hole:
             raise self.fault("cycle-word-missing", f" needs {name}, {meaning}")
         return value
 
-    def _pecks(self) -> Iterator[str]:
+    def _pecks(self) -> Iterator[Move]:
         """Yield the pecks of CYCLE83: chips are broken (VARI 0) or brought out of the hole (1)."""
         out = self.get("VARI", 0.0)
         factor = self.get("FRF", 1.0) or 1.0
@@ -191,13 +193,13 @@ class _Hole:
         reached = self.top
         for stroke in self._strokes():
             if reached < self.top and out:
-                yield f"G0 Z{self.start:.9f}"
+                yield ("G", 0), ("Z", self.start)
                 yield from self._wait("DTS")
-                yield f"G0 Z{min(reached + ahead, self.start):.9f}"
+                yield ("G", 0), ("Z", min(reached + ahead, self.start))
             elif reached < self.top:
-                yield f"G1 Z{min(reached + back, self.start):.9f}"
+                yield ("G", 1), ("Z", min(reached + back, self.start))
             reached -= stroke
-            yield f"G1 Z{reached:.9f}"
+            yield ("G", 1), ("Z", reached)
             yield from self._wait("DTB")
 
     def _strokes(self) -> Iterator[float]:
@@ -227,7 +229,7 @@ class _Hole:
             stroke = max(stroke - less, least) if less else stroke
         raise self.fault("cycle-too-long", f" makes more than {MOST_PECKS} pecks")
 
-    def _tap(self) -> Iterator[str]:
+    def _tap(self) -> Iterator[Move]:
         """Yield the thread of CYCLE84; a negative pitch is a left-hand thread."""
         size, pitch = self.get("MPIT", 0.0), self.get("PIT", 0.0)
         if self.get("VARI", 0.0) not in (0.0, 1.0, 2.0) or self.get("PTAB", 0.0) not in (0.0, 1.0):
@@ -242,18 +244,18 @@ class _Hole:
         speed = self._needs("SST", "the speed of the spindle")
         out = self.get("SST1", 0.0) or speed
         turn, back = (3, 4) if pitch > 0.0 else (4, 3)
-        yield "G94"
+        yield (("G", 94),)
         for depth, height in self._tapped():
-            yield f"S{speed:.9f} M{turn}"
-            yield f"G1 Z{depth:.9f} F{abs(pitch) * speed:.9f}"
+            yield ("S", speed), ("M", turn)
+            yield ("G", 1), ("Z", depth), ("F", abs(pitch) * speed)
             if depth == self.depth:
                 yield from self._wait("DTB")
-            yield f"S{out:.9f} M{back}"
-            yield f"G1 Z{height:.9f} F{abs(pitch) * out:.9f}"
+            yield ("S", out), ("M", back)
+            yield ("G", 1), ("Z", height), ("F", abs(pitch) * out)
         after = self.get("SDAC", 5.0)
         if after not in (3.0, 4.0, 5.0):
             raise self.fault("code-not-supported", ": SDAC other than 3, 4 and 5")
-        yield f"M{after:.0f}"
+        yield (("M", after),)
 
     def _tapped(self) -> Iterator[tuple[float, float]]:
         """Yield the strokes of CYCLE84: the depth of each, and the height to which it returns.
@@ -271,38 +273,39 @@ class _Hole:
             yield reached, min(reached + back, self.start) if kind == 1.0 else self.start
         yield self.depth, self.start
 
-    def _bore_and_stop(self) -> Iterator[str]:
+    def _bore_and_stop(self) -> Iterator[Move]:
         """Yield the moves of CYCLE87 and CYCLE88: spindle and program stop at the bottom."""
         turn = self.get("SDIR")
         if turn not in (3.0, 4.0):
             raise self.fault("cycle-word-missing", " needs SDIR, 3 or 4")
-        yield f"M{turn:.0f}"
-        yield f"G1 Z{self.depth:.9f}"
+        yield (("M", turn),)
+        yield ("G", 1), ("Z", self.depth)
         yield from self._wait("DTB")
-        yield "M5"
-        yield "M0"
+        yield (("M", 5),)
+        yield (("M", 0),)
 
-    def _ream(self) -> Iterator[str]:
+    def _ream(self) -> Iterator[Move]:
         """Yield the moves of CYCLE85: in and out, each at a feed of its own."""
-        yield f"G1 Z{self.depth:.9f} F{self._needs('FFR', 'the feed'):.9f}"
+        yield ("G", 1), ("Z", self.depth), ("F", self._needs("FFR", "the feed"))
         yield from self._wait("DTB")
-        yield f"G1 Z{self.start:.9f} F{self._needs('RFF', 'the feed out of the hole'):.9f}"
+        out = self._needs("RFF", "the feed out of the hole")
+        yield ("G", 1), ("Z", self.start), ("F", out)
 
-    def _bore(self) -> Iterator[str]:
+    def _bore(self) -> Iterator[Move]:
         """Yield the moves of CYCLE86: the spindle stops oriented, and the tool leaves the wall."""
         turn = self.get("SDIR")
         if turn not in (3.0, 4.0):
             raise self.fault("cycle-word-missing", " needs SDIR, 3 or 4")
         away = [self.get(name, 0.0) for name in ("RPA", "RPO", "RPAP")]
-        yield f"M{turn:.0f}"
-        yield f"G1 Z{self.depth:.9f}"
+        yield (("M", turn),)
+        yield ("G", 1), ("Z", self.depth)
         yield from self._wait("DTB")
-        yield f"M19 R{self.get('POSS', 0.0):.9f}"
-        shift = " ".join(f"{axis}{value:.9f}" for axis, value in zip("XYZ", away, strict=True))
-        yield f"G91 G0 {shift}"
-        yield f"G90 G0 Z{max(self.start, self.depth + away[2]):.9f}"
-        yield f"G91 G0 X{-away[0]:.9f} Y{-away[1]:.9f}"
-        yield f"G90 M{turn:.0f}"
+        yield ("M", 19), ("R", self.get("POSS", 0.0))
+        away_from_wall = zip("XYZ", away, strict=True)
+        yield ("G", 91), ("G", 0), *away_from_wall
+        yield ("G", 90), ("G", 0), ("Z", max(self.start, self.depth + away[2]))
+        yield ("G", 91), ("G", 0), ("X", -away[0]), ("Y", -away[1])
+        yield ("G", 90), ("M", turn)
 
 
 def in_plane(letter: str, plane: Plane) -> str:
@@ -310,21 +313,20 @@ def in_plane(letter: str, plane: Plane) -> str:
     return _IN_PLANE[plane].get(letter, letter)
 
 
-def _perform(flow: Flow, moves: list[str], line: int, fault: Fault) -> int:
+def _perform(flow: Flow, moves: list[Move], line: int, fault: Fault) -> int:
     """Make the moves, written for G17, in the plane; restore the modes that the cycle changes."""
     interpreter = flow.interpreter
     modal = interpreter.modal
-    texts = (text for move in moves for text in move.split())
     if modal.diameter and any(
-        in_plane(text[0], modal.plane) == "X" and float(text[1:]) for text in texts
+        in_plane(letter, modal.plane) == "X" and number for move in moves for letter, number in move
     ):
         raise fault("code-not-supported", " moves X, and its arguments may be diameters or radii")
     before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
     try:
-        for move in ("G90", *moves):
+        for move in ((("G", 90.0),), *moves):
             words = tuple(
-                Word(in_plane(text[0], modal.plane), float(text[1:]), text, 1, 1)
-                for text in move.split()
+                Word(in_plane(letter, modal.plane), float(number), f"{letter}{number:g}", 1, 1)
+                for letter, number in move
             )
             interpreter.execute(Statement(words), line)
     finally:

@@ -8,11 +8,13 @@ section repetition".
 
 from __future__ import annotations
 
-from cnc.gcode.program.call_stack import Flow, Loop, Step
+from cnc.gcode.program.call_stack import Flow, Listing, Loop, Step
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.repeated_sections import Section
 from cnc.gcode.program.siemens_flow import labelled
+from cnc.gcode.program.siemens_subprograms import End, plain_step
 from cnc.gcode.syntax.statement import Control
+from cnc.model.diagnostics import GcodeError
 
 MOST_REPEATS = 9999
 _END = "ENDLABEL"
@@ -68,10 +70,7 @@ class Repeat:
             message = f"the section from {first} on has no end outside of this line"
             hint = f"write {_END}: first in its last line, or a second label here"
             raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
-        from cnc.gcode.syntax.siemens_control import is_end  # for its programs only
-
-        source = flow.listing.source
-        if at := next((at for at in range(begin, end + 1) if is_end(source(at))), 0):
+        if at := next((at for at in range(begin, end + 1) if _is_end(flow.listing, at)), 0):
             message = f"line {at} ends the program inside the repeated section"
             hint = "let the section end before it"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
@@ -91,6 +90,22 @@ class Repeat:
             message = f"there is no {label}:"
             raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
         return found
+
+
+def _is_end(listing: Listing, line: int) -> bool:
+    """Return whether a line ends a program or a subprogram. A faulty line does not."""
+    window = listing.window(line)
+    if window is None:
+        return False
+    try:
+        statement = listing.statement(window, line - window.first)
+    except GcodeError:
+        return False
+    if statement is None:
+        return False
+    if statement.control is not None:
+        return statement.control.keyword == "s-end"
+    return isinstance(plain_step(line, statement), End)
 
 
 class SectionEnd:

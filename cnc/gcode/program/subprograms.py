@@ -97,9 +97,12 @@ class Library:
         """Return the syntax of a file; variables of SINUMERIK that it defines are its own."""
         if self._syntax.flavour != "siemens":
             return self._syntax
-        from cnc.gcode.syntax.siemens_variables import defined_variables  # for its programs only
+        from cnc.gcode.sinumerik.variables import (
+            DEFINING,
+            defined_variables,
+        )  # for its programs only
 
-        own = defined_variables(text.first_lines(), in_subprogram=True)
+        own = defined_variables(text.first_lines_with(DEFINING), in_subprogram=True)
         names = {each.name for each in own}
         others = (each for each in self._syntax.variables if each.name not in names)
         return replace(self._syntax, variables=(*own, *others))

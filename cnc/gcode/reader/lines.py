@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import threading
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.reader.tables import Grammar, grammar
-from cnc.gcode.syntax.arithmetic import FUNCTIONS, OPERATORS
+from cnc.gcode.syntax.arithmetic import (
+    FUNCTIONS,
+    MACRO_OPERATORS,
+    OPERATORS,
+    SIEMENS_FUNCTIONS,
+    SIEMENS_OPERATORS,
+)
 from cnc.gcode.syntax.words import MAX_NUMBER
 from cnc.kernels.gcode import automaton
 from cnc.kernels.gcode import statements as kernel
@@ -20,12 +26,13 @@ MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
 
 _TERMINALS = {
-    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
+    "NUMBER": kernel.DIGITS, "NAME": kernel.NAME, "REGISTER": kernel.VARIABLE,
+    "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
     "O": kernel.LETTER_O, "EQUAL": kernel.EQUALS,
     **dict.fromkeys(
         (
             "LETTER", "SIGN", "SLASH", "TIMES", "POWER", "COMPARE", "LOGIC", "FUNCTION", "ATAN",
-            "PLAIN", "CONDITION", "CALL", "RESULT",
+            "PLAIN", "CONDITION", "CALL", "RESULT", "RADIUS", "AND", "XOR", "OR",
         ),
         kernel.KEY,
     ),
@@ -34,17 +41,20 @@ _RULES = {
     "word": kernel.WORD, "sign": kernel.SIGN, "block": kernel.BLOCK, "binary": kernel.BINARY,
     "function": kernel.FUNCTION, "arctangent": kernel.ARCTANGENT, "parameter": kernel.INDEX,
     "bracket": kernel.BRACKET, "assignment": kernel.ASSIGN, "oword": kernel.O_WORD,
+    "assigned": kernel.WORD, "indexed": kernel.ASSIGN, "named": kernel.ASSIGN,
+    "variable": kernel.PASSED,
 }  # fmt: skip
-_OPERATIONS = (
-    OPERATORS
-    | FUNCTIONS
-    | {"ATAN": ATAN}
-    | {chr(code): code for code in range(ord("A"), ord("Z") + 1)}
-)
-"""Operation or letter of the text of a keyword."""
+_LETTERS = {chr(code): code for code in range(ord("A"), ord("Z") + 1)}
+_OPERATIONS = {
+    "ngc": OPERATORS | FUNCTIONS | {"ATAN": ATAN} | _LETTERS,
+    "macro": MACRO_OPERATORS | _LETTERS,
+    "sinumerik": SIEMENS_OPERATORS | SIEMENS_FUNCTIONS | _LETTERS | {"CR": ord("R")},
+}
+"""Operation or letter of the text of a keyword, by grammar."""
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 """Meanings of rules of the languages whose expressions the interpreter alone computes."""
 
+Arrays = TypeVar("Arrays", kernel.Words, kernel.Code, automaton.Events)
 Positions = NDArray[np.int32]
 _AT_START = np.zeros(1, np.int32)
 
@@ -55,13 +65,16 @@ class Language(NamedTuple):
     Attributes:
         grammar: Name of the grammar.
         joined: Whether no blank may stand inside a word of compiled code.
+        single: Whether a line of compiled code may have one assignment only.
     """
 
     grammar: str
     joined: bool = False
+    single: bool = False
 
 
 NGC, MACRO = Language("ngc"), Language("macro")
+SINUMERIK = Language("sinumerik", joined=True, single=True)
 
 
 class Reading(NamedTuple):
@@ -73,11 +86,12 @@ class Reading(NamedTuple):
 
 
 class Sorted(NamedTuple):
-    """Lines as words and items."""
+    """Lines as words and items, and their events if compiled code does not know all of them."""
 
     lines: kernel.Lines
     words: kernel.Words
     coded: kernel.Coded
+    reading: Reading | None
 
 
 @cache
@@ -100,18 +114,22 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
 
 @cache
 def _meaning(language: Language) -> kernel.Meaning:
-    found = grammar(language.grammar)
+    found, operations = grammar(language.grammar), _OPERATIONS[language.grammar]
     rules = np.array([_RULES.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
-    if language.grammar != "ngc":
+    if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
+    terminals = [_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals]
+    if language is SINUMERIK:
+        terminals[found.terminals.index("NAME")] = kernel.VARIABLE
     return kernel.Meaning(
-        np.array([_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals], np.uint8),
+        np.array(terminals, np.uint8),
         rules,
-        np.array([_OPERATIONS.get(text, 0) for text in found.texts], np.uint8),
+        np.array([operations.get(text, 0) for text in found.texts], np.uint8),
         found.texts.index("CALL") if "CALL" in found.texts else -1,
         found.terminals.index("LETTER") + 1,
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
+        int(language.single),
     )
 
 
@@ -220,15 +238,26 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
     )  # fmt: skip
     words, items = int(lines.first[count]), int(coded.first[count])
     instructions = int(coded.end[items - 1]) if items else 0
+    known = (coded.kind != kernel.UNKNOWN) | (lines.plain > 0)
     return Sorted(
         lines,
-        kernel.Words(*(each[:words].copy() for each in scratch.words)),
+        _copied(scratch.words, words),
         coded._replace(
             letter=coded.letter[:items].copy(),
             begin=coded.begin[:items].copy(),
             end=coded.end[:items].copy(),
-            code=kernel.Code(*(each[:instructions].copy() for each in coded.code)),
+            code=_copied(coded.code, instructions),
         ),
+        None
+        if known.all()
+        else reading._replace(events=_copied(reading.events, int(reading.results.first[count]))),
+    )
+
+
+def _copied(arrays: Arrays, count: int) -> Arrays:
+    """Return the first elements of arrays in memory of their own."""
+    return arrays._replace(
+        **{name: array[:count].copy() for name, array in arrays._asdict().items()}
     )
 
 

@@ -13,15 +13,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, cast
 
 from cnc.gcode.reader.lines import Reading
-from cnc.gcode.reader.tables import Grammar
-from cnc.gcode.syntax.expressions import (
-    OPEN_NUMBER,
-    Builder,
-    Instruction,
-    Node,
-    ParameterNode,
-    constant,
-)
+from cnc.gcode.syntax.expressions import Builder, Node, ParameterNode, constant
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Statement, Value
 from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
@@ -29,7 +21,7 @@ from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault, is_line_number
 LENGTHS = "XYZUVWABCIJKRQ"
 """Letters of words in which FANUC's ROUND rounds to the least input increment."""
 
-_REMARK = re.compile(
+REMARK = re.compile(
     r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py"
     r"|abort(?=[ \t]*,))"
     r"(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
@@ -37,11 +29,6 @@ _REMARK = re.compile(
 )
 """A command in a comment: its first word, and the text after a comma. With PROBEOPEN a blank
 is enough; ABORT needs the comma.
-"""
-
-CHECKED_NOW = -1
-"""A key of the open numbers that is no position in the line: the line has a constant that must be
-checked when it is parsed, so it can have no template.
 """
 
 Item = tuple[Word, Value | None]
@@ -76,8 +63,11 @@ class Rules(Protocol):
     It takes begin and end of the rule in the line, from 0, and its parts.
     """
 
-    def token(self, token: Token, value: float) -> Any:
-        """Return what stands for a token among the parts of a rule; a NUMBER has a value."""
+    def token(self, token: Token) -> Any:
+        """Return what stands for a token among the parts of a rule."""
+
+    def number(self, begin: int, end: int, value: float) -> Any:
+        """Return what stands for a number."""
 
 
 def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int = 0) -> Any:
@@ -91,6 +81,8 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         shift: Position of the line in the text of the events.
     """
     grammar, events = reading.grammar, reading.events
+    terminals, texts, methods = grammar.terminals, grammar.texts, grammar.methods
+    is_keyword = grammar.is_keyword
     span = slice(*reading.results.first[line : line + 2].tolist())
     parts: list[Any] = []
     for kind, begin, end, value in zip(
@@ -101,35 +93,30 @@ def carried_out(reading: Reading, line: int, text: str, rules: Rules, shift: int
         strict=True,
     ):
         begin, end = begin - shift, end - shift
-        if kind > 0:
-            parts.append(_token(grammar, text, kind - 1, (begin, end), value, rules))
-        else:
+        if kind < 0:
             at = len(parts) - int(value)
-            made = getattr(rules, f"_{grammar.rules[-kind - 1]}")
+            made = getattr(rules, methods[-kind - 1])
             parts[at:] = [made(begin, end, *parts[at:])]
+        elif terminals[kind - 1] == "NUMBER":
+            exact = value if value == value else float(squeezed(text[begin:end]))
+            parts.append(rules.number(begin, end, exact))
+        else:
+            name = terminals[kind - 1]
+            is_known = is_keyword[kind - 1]
+            written = texts[int(value)] if is_known else _written(name, text[begin:end])
+            parts.append(rules.token(Token(name, written, begin, end)))
     (whole,) = parts
     return whole
 
 
-def _token(
-    grammar: Grammar, text: str, terminal: int, place: tuple[int, int], value: float, rules: Rules
-) -> Any:
-    """Return what stands for a token."""
-    name, raw = grammar.terminals[terminal], text[slice(*place)]
-    if name in _RAW:
-        return rules.token(Token(name, raw, *place), value)
-    if name == "NUMBER":
-        written = squeezed(raw)
-        return rules.token(
-            Token(name, written, *place), value if value == value else float(written)
-        )
-    if grammar.is_keyword[terminal]:
-        return rules.token(Token(name, grammar.texts[int(value)], *place), value)
-    if name == "NAME" and ";" in raw:
+def _written(terminal: str, raw: str) -> str:
+    """Return the text of a token without blanks, in capitals."""
+    if terminal in _RAW:
+        return raw
+    if terminal == "NAME" and ";" in raw:
         # Blanks behind a semicolon count.
-        written = squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
-        return rules.token(Token(name, written, *place), value)
-    return rules.token(Token(name, squeezed(raw), *place), value)
+        return squeezed(raw[: raw.index(";")]) + raw[raw.index(";") :]
+    return squeezed(raw)
 
 
 class Translator:
@@ -139,9 +126,7 @@ class Translator:
         self,
         text: str,
         build: Builder,
-        open_numbers: dict[int, int] | None = None,
         *,
-        shift: int = 0,
         siemens: bool,
         dialect: str,
     ) -> None:
@@ -150,17 +135,11 @@ class Translator:
         Args:
             text: The line.
             build: Builds the expressions.
-            open_numbers: Indices of open numbers by position in the line. Those that the grammar
-                reads as numbers are removed.
-            shift: Position of the line in the text of the events.
             siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
             dialect: Name of the dialect for messages.
         """
-        self._open = open_numbers
-        self._opened = -1
         self._letter = ""
         self._comments: list[Token] = []
-        self._shift = shift
         self._text = text
         self._build = build
         self._siemens = siemens
@@ -173,28 +152,22 @@ class Translator:
             reading: The events.
             line: Index of the line in them.
         """
-        return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
+        return cast(Statement, carried_out(reading, line, self._text, self))
 
-    def token(self, token: Token, value: float) -> Any:
-        """Return a token; a number is a node."""
-        if token.terminal == "NUMBER":
-            return self._number(token, value)
+    def token(self, token: Token) -> Token:
+        """Return a token."""
         if token.terminal == "LETTER":
             self._letter = token.text
         return token
 
     # Expressions
 
-    def _number(self, token: Token, value: float) -> Node:
-        begin, end = token.begin, token.end
+    def number(self, begin: int, end: int, value: float) -> Node:
+        """Return a number as a node."""
         if value == math.inf:
             before = self._text[:begin].rstrip(" \t")
             first = len(before) - 1 if before[-1:].isalpha() else begin
             raise self._build.fault("number-too-large", "this number is too large", first, end)
-        if self._open is not None and (index := self._open.pop(begin, None)) is not None:
-            self._opened = begin
-            code = Instruction(OPEN_NUMBER, float(index), begin + 1, end - begin)
-            return Node((code,), begin, end)
         return constant(value, begin, end)
 
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:
@@ -224,12 +197,6 @@ class Translator:
     def _parameter(self, begin: int, end: int, index: Node | Token) -> ParameterNode:
         if isinstance(index, Token):
             return self._build.parameter(_name(index), begin, end)
-        if (
-            self._open is not None
-            and begin < self._opened
-            and "#" not in self._text[begin + 1 : index.end]
-        ):
-            self._open[CHECKED_NOW] = 0
         return self._build.parameter(index, begin, end)
 
     def _exists(self, begin: int, end: int, _function: Token, parameter: ParameterNode) -> Node:
@@ -320,7 +287,7 @@ class Translator:
         for item in (*items, *self._comments):
             if isinstance(item, Token):
                 if item.terminal == "COMMENT":
-                    if remark := _REMARK.fullmatch(item.text):
+                    if remark := REMARK.fullmatch(item.text):
                         column, length = self._build.place(item.begin, item.end)
                         text = (remark[2] or remark[3] or "").strip()
                         remarks.append(Remark(remark[1].lower(), text, column, length))

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _FOLDERS = (Path(__file__).parents[2] / "grammars", Path(__file__).parents[3] / "grammars")
 """The grammars: in an installed package, and in a checkout."""
 _DIGEST = 32
-_FORMAT = 4
+_FORMAT = 5
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -67,6 +67,7 @@ class Grammar(NamedTuple):
         texts: The texts of keywords; an event of a keyword has the index of its text.
         wanted: Names of the terminals that each state of the parser accepts.
         is_keyword: Whether each terminal is one of the texts.
+        methods: Name of the method for each rule.
     """
 
     tables: Tables
@@ -75,6 +76,7 @@ class Grammar(NamedTuple):
     texts: tuple[str, ...]
     wanted: tuple[frozenset[str], ...]
     is_keyword: tuple[bool, ...]
+    methods: tuple[str, ...]
 
 
 def cache_folder() -> Path:
@@ -149,9 +151,10 @@ def _grammar(
     wanted: Iterable[Iterable[str]],
 ) -> Grammar:  # fmt: skip
     keywords = (tables.spelling.max(axis=1) >= 0).tolist()
+    names = tuple(rules)
     return Grammar(
-        tables, tuple(terminals), tuple(rules), tuple(texts), tuple(map(frozenset, wanted)),
-        tuple(keywords),
+        tables, tuple(terminals), names, tuple(texts), tuple(map(frozenset, wanted)),
+        tuple(keywords), tuple(f"_{name}" for name in names),
     )  # fmt: skip
 
 
@@ -218,8 +221,9 @@ class _Maker:
     def grammar(self) -> Grammar:
         """Return the grammar."""
         action, goto = self._parser_tables()
-        moves, accepts, texts = self._automaton()
-        lexer_of, token, spelling = self._lexers(action, accepts)
+        lexer_of, lexers = self._lexers(action)
+        moves, begins, accepts, texts = self._automaton(lexers)
+        token, spelling = self._tokens(lexers, accepts)
         pairs, after = self._successors(action, goto)
         rules = [str(rule.alias or rule.origin.name) for rule in self._rules]
         final = (moves == NONE).all(axis=1)
@@ -229,6 +233,7 @@ class _Maker:
             moves=moves,
             final=final.astype(np.uint8),
             lexer=lexer_of,
+            begin=begins,
             token=token,
             spelling=spelling,
             action=action,
@@ -299,10 +304,13 @@ class _Maker:
                 after[row, column] = state
         return pairs, after
 
-    def _automaton(self) -> tuple[NDArray[np.uint16], list[dict[int, int]], list[str]]:
-        """Return the moves of the automaton over all terminals, what its states accept, and texts.
+    def _automaton(
+        self, lexers: Iterable[frozenset[int]]
+    ) -> tuple[NDArray[np.uint16], NDArray[np.uint16], list[dict[int, int]], list[str]]:
+        """Return the moves of the automaton, its first states, what its states accept, and texts.
 
-        What a state accepts is the index of the text of each terminal, -1 if it has none.
+        A lexer begins at a state that knows its terminals only. What a state accepts is the index
+        of the text of each terminal, -1 if it has none.
         """
         parts: list[_Keyword | _Pattern] = []
         texts: list[str] = []
@@ -314,9 +322,17 @@ class _Maker:
                     texts.append(word)
             else:
                 parts.append(_Pattern(number, fsm))
-        begin = tuple((index, part.begin) for index, part in enumerate(parts))
-        numbers = {begin: 0}
-        waiting = [begin]
+        numbers: dict[tuple[tuple[int, int], ...], int] = {}
+        waiting = []
+        begins = []
+        for wanted in lexers:
+            begin = tuple(
+                (index, part.begin) for index, part in enumerate(parts) if part.terminal in wanted
+            )
+            if begin not in numbers:
+                numbers[begin] = len(numbers)
+                waiting.append(begin)
+            begins.append(numbers[begin])
         rows: list[NDArray[np.uint16]] = []
         accepts: list[dict[int, int]] = []
         for state in waiting:
@@ -340,12 +356,12 @@ class _Maker:
                     if parts[index].accepts(at)
                 }
             )
-        return np.array(rows), accepts, texts
+        return np.array(rows), np.array(begins, np.uint16), accepts, texts
 
     def _lexers(
-        self, action: NDArray[np.int16], accepts: list[dict[int, int]]
-    ) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int16]]:
-        """Return the lexer of each parser state, and by lexer and state the terminal and its text.
+        self, action: NDArray[np.int16]
+    ) -> tuple[NDArray[np.uint16], dict[frozenset[int], int]]:
+        """Return the lexer of each parser state, and the numbers of lexers by their terminals.
 
         A parser state reads only the terminals that it accepts, and those that are ignored.
         """
@@ -355,6 +371,12 @@ class _Maker:
         for state, row in enumerate(action[:, :-1]):
             accepted = frozenset(np.flatnonzero(row).tolist()) | ignored
             lexer_of[state] = lexers.setdefault(accepted, len(lexers))
+        return lexer_of, lexers
+
+    def _tokens(
+        self, lexers: dict[frozenset[int], int], accepts: list[dict[int, int]]
+    ) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
+        """Return by lexer and state the terminal, and by terminal and state its text."""
         token = np.full((len(lexers), len(accepts)), NONE, np.uint16)
         spelling = np.full((len(self._names), len(accepts)), -1, np.int16)
         for state, accepted_here in enumerate(accepts):
@@ -364,7 +386,7 @@ class _Maker:
                 found = [number for number in accepted_here if number in wanted]
                 if found:
                     token[lexer, state] = self._chosen(found)
-        return lexer_of, token, spelling
+        return token, spelling
 
     def _chosen(self, found: Iterable[int]) -> int:
         """Return the terminal of highest priority.

@@ -22,17 +22,20 @@ MACRO_OPERATORS = {
 }  # fmt: skip
 """Operators of FANUC."""
 SIEMENS_OPERATORS = {
-    "~EQ": kernel.NEAR_EQ, "~NE": kernel.NEAR_NE, "~GT": kernel.NEAR_GT, "~GE": kernel.NEAR_GE,
-    "~LT": kernel.NEAR_LT, "~LE": kernel.NEAR_LE,
+    **_SUMS, "**": kernel.POWER, "MOD": kernel.MODULO, "AND": kernel.AND, "OR": kernel.OR,
+    "XOR": kernel.XOR, "==": kernel.NEAR_EQ, "<>": kernel.NEAR_NE, ">": kernel.NEAR_GT,
+    ">=": kernel.NEAR_GE, "<": kernel.NEAR_LT, "<=": kernel.NEAR_LE,
 }  # fmt: skip
-"""Comparisons of SINUMERIK in a line that is translated to RS274/NGC."""
+"""Operators of SINUMERIK. Numbers that differ by rounding errors are equal."""
 FUNCTIONS = {
     "ABS": kernel.ABS, "ACOS": kernel.ACOS, "ASIN": kernel.ASIN, "COS": kernel.COS,
     "EXP": kernel.EXP, "FIX": kernel.FIX, "FUP": kernel.FUP, "LN": kernel.LN,
     "ROUND": kernel.ROUND, "SIN": kernel.SIN, "SQRT": kernel.SQRT, "TAN": kernel.TAN,
 }  # fmt: skip
-SIEMENS_FUNCTIONS = {"~FIX": kernel.TRUNC}
-"""TRUNC of SINUMERIK in a line that is translated to RS274/NGC."""
+SIEMENS_FUNCTIONS = {
+    **{name: FUNCTIONS[name] for name in FUNCTIONS if name not in ("FIX", "FUP")},
+    "ROUNDUP": kernel.FUP, "TRUNC": kernel.TRUNC,
+}  # fmt: skip
 MACRO_FUNCTIONS = {
     **FUNCTIONS, "ASIN": kernel.MACRO_ASIN, "BCD": kernel.BCD, "BIN": kernel.BIN,
     "FIX": kernel.TRUNC, "FUP": kernel.AWAY, "RND": kernel.ROUND, "SQR": kernel.SQRT,

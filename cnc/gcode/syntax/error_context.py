@@ -99,9 +99,7 @@ class ErrorContext:
         open: Positions of the brackets that are open at the place.
     """
 
-    def __init__(
-        self, line: str, place: int, wanted: frozenset[str], *, macro: bool, at: int | None = None
-    ) -> None:
+    def __init__(self, line: str, place: int, wanted: frozenset[str], *, macro: bool) -> None:
         """Create a context.
 
         Args:
@@ -109,12 +107,11 @@ class ErrorContext:
             place: Position at which the grammar stopped.
             wanted: Names of the tokens that it would have accepted there.
             macro: Whether the language is FANUC's macro B.
-            at: Place that the error names, if the line is a translation.
         """
         text, columns = squeeze(line)
         self.text, self.macro = text, macro
         self.at = bisect_left(columns, place) if place < len(line.rstrip(" \t")) else len(text)
-        self.columns = columns if at is None else [at] * len(columns)
+        self.columns = columns
         self.char = text[self.at : self.at + 1]
         self.wanted = wanted
         self.before = [

@@ -9,7 +9,7 @@ distinguish it from 0. Words and assignments receive it as vacant; all else take
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from cnc.gcode.syntax.arithmetic import (
     FUNCTIONS,
@@ -27,13 +27,13 @@ from cnc.kernels.gcode.arithmetic import INDIRECT, MINUS, NAMED, NUMBER, PARAMET
 from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import GcodeError
 
-LOCAL_PARAMETER, EXISTS, NAME_EXISTS, TO_INCREMENTS, OPEN_NUMBER = 200, 201, 202, 203, 204
+LOCAL_PARAMETER, EXISTS, NAME_EXISTS, TO_INCREMENTS = 200, 201, 202, 203
 """Operations that compiled code does not have. ROUND to least input increments is FANUC's."""
 _CHECK_INPUT = (
     "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
-_NGC_OPERATORS = OPERATORS | SIEMENS_OPERATORS
-_NGC_FUNCTIONS = FUNCTIONS | SIEMENS_FUNCTIONS
+_OPERATORS = {"ngc": OPERATORS, "macro": MACRO_OPERATORS, "siemens": SIEMENS_OPERATORS}
+_FUNCTIONS = {"ngc": FUNCTIONS, "macro": MACRO_FUNCTIONS, "siemens": SIEMENS_FUNCTIONS}
 _binary, _unary = interpreted(kernel.binary), interpreted(kernel.unary)
 _half_away = interpreted(kernel.half_away)
 _OF_VACANT = (kernel.SAME, kernel.OTHER)
@@ -91,8 +91,6 @@ class Expression:
                 stack.append(-stack.pop())
             elif operation == NAME_EXISTS:
                 stack.append(float(p.exists(operand)))
-            elif operation == OPEN_NUMBER:
-                stack.append(p.open_numbers[int(operand)])
             else:
                 stack.append(_of_one(p, operation, _set(stack.pop()), (column, length)))
         value = float(stack[0])
@@ -128,7 +126,7 @@ def _without_result(
     return fault(code, message, column=column, length=length, hint=_CHECK_INPUT)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Node:
     """A part of an expression.
 
@@ -155,15 +153,16 @@ class Node:
     @property
     def number(self) -> float | None:
         """The value if it is a written number; None for another one."""
-        (first, *more) = self.code
-        return None if more or first.operation != NUMBER else float(first.operand)
+        if len(self.code) != 1 or self.code[0].operation != NUMBER:
+            return None
+        return float(self.code[0].operand)
 
     def spanning(self, begin: int, end: int) -> Node:
         """Return the same node with brackets around it."""
         return replace(self, begin=begin, end=end)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class ParameterNode(Node):
     """A parameter. ``index`` is its name, or computes its number."""
 
@@ -178,21 +177,18 @@ def constant(number: float, begin: int, end: int) -> Node:
 class Builder:
     """Builds the nodes of one line."""
 
-    def __init__(self, *, macro: bool, translated: bool, at: int | None = None) -> None:
+    def __init__(self, language: Literal["ngc", "macro", "siemens"]) -> None:
         """Create a builder.
 
         Args:
-            at: Place that all errors name, if the line is a translation.
-            macro: Whether the language is FANUC's macro B.
-            translated: Whether the line is a translation of one of SINUMERIK.
+            language: The language: RS274/NGC, FANUC's macro B, or that of SINUMERIK.
         """
-        self._at = at
-        self.macro = macro
-        self._translated = translated
+        self.macro = language == "macro"
+        self._operators, self._functions = _OPERATORS[language], _FUNCTIONS[language]
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
         """Return column (from 1) and length of a part of the line."""
-        return (begin + 1, end - begin) if self._at is None else (self._at + 1, 1)
+        return begin + 1, end - begin
 
     def fault(self, code: str, message: str, begin: int, end: int, hint: str = "") -> GcodeError:
         """Return an error at a part of the line."""
@@ -203,12 +199,6 @@ class Builder:
         self, operation: int, begin: int, end: int, operand: float | str = 0.0
     ) -> Instruction:
         return Instruction(operation, operand, *self.place(begin, end))
-
-    def _refuse_mark(self, name: str, begin: int) -> None:
-        """Refuse a name of a translation in a program that is none."""
-        if name[0] == "~" and not self._translated:
-            message = "the character '~' has no meaning here"
-            raise self.fault("character-unknown", message, begin, begin + 1)
 
     def sign(self, sign: str, operand: Node, begin: int) -> Node:
         """Return an operand with a sign before it."""
@@ -221,8 +211,7 @@ class Builder:
 
     def binary(self, left: Node, operator: str, right: Node, begin: int, end: int) -> Node:
         """Return two operands with an operator and its place."""
-        self._refuse_mark(operator, begin)
-        operation = (MACRO_OPERATORS if self.macro else _NGC_OPERATORS)[operator]
+        operation = self._operators[operator]
         code = self._instruction(operation, begin, end)
         return Node((*left.code, *right.code, code), left.begin, right.end)
 
@@ -238,8 +227,7 @@ class Builder:
             end: Position after its name.
             increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
-        self._refuse_mark(name, begin)
-        operation = (MACRO_FUNCTIONS if self.macro else _NGC_FUNCTIONS)[name]
+        operation = self._functions[name]
         if increments and operation == kernel.ROUND:
             operation = TO_INCREMENTS
         code = self._instruction(operation, begin, end)

@@ -63,8 +63,6 @@ class Parameters:
         macro: Whether the ranges are FANUC's. Unset parameters are then vacant (NaN), not 0.
         values: Values of the numbers above the locals. Expressions read it first.
         locals: Values of the numbers of the current call. Expressions read it first.
-        open_numbers: Numbers of the line that is being computed
-            (:mod:`cnc.gcode.syntax.line_templates`).
         changed: Numbers and names that were set, or shown by a function, since the set was emptied.
             None while nobody asks.
         calls: Number of calls entered and left.
@@ -80,7 +78,6 @@ class Parameters:
             dict.fromkeys(sorted(SYSTEM), 0.0) | {numbers.CURRENT_SYSTEM: 1.0} | dict(values or {})
         )
         self.locals: dict[int, float] = {}
-        self.open_numbers: tuple[float, ...] = ()
         self._names: dict[str, float] = {}
         self._globals: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []

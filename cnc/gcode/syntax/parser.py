@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
-from cnc.gcode.reader.lines import MACRO, MAX_LINE, NGC, Language, read_line
+from cnc.gcode.reader.lines import MACRO, MAX_LINE, NGC, SINUMERIK, Language, read_line
 from cnc.gcode.reader.statements import Translator
 from cnc.gcode.syntax.error_context import ErrorContext
 from cnc.gcode.syntax.expressions import Builder
@@ -26,15 +24,13 @@ from cnc.gcode.syntax.mending import (
     without_first_spindle,
     without_printer_text,
 )
-from cnc.gcode.syntax.statement import NOTED, Control, Remark, Statement, Value
+from cnc.gcode.syntax.statement import NOTED, Remark, Statement
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
 from cnc.model.diagnostics import GcodeError
 
 if TYPE_CHECKING:
-    from cnc.gcode.syntax.siemens import Translation
-    from cnc.gcode.syntax.siemens_control import ControlLine
-    from cnc.gcode.syntax.siemens_variables import Variables
+    from cnc.gcode.sinumerik.variables import Names, Variables
 
 MEMO = 4096
 """Parsed lines that are kept."""
@@ -70,7 +66,6 @@ class Syntax:
         first_bracket: Whether a comment ends at the first ), whatever stands in it.
         dialect: Name of the dialect for messages.
         variables: Variables that a program of SINUMERIK defines.
-        translated: Whether the line is a translation of one of SINUMERIK.
     """
 
     flavour: Flavour = "ngc"
@@ -80,14 +75,16 @@ class Syntax:
     first_bracket: bool = False
     dialect: str = "auto"
     variables: Variables = ()
-    translated: bool = False
 
     @property
     def language(self) -> Language:
         """How lines are read by compiled code."""
-        if self.flavour == "macro-b":
-            return MACRO
-        return NGC._replace(joined=self.flavour == "siemens")
+        return {"macro-b": MACRO, "siemens": SINUMERIK}.get(self.flavour, NGC)
+
+    @property
+    def names(self) -> Names:
+        """The variables of a program of SINUMERIK."""
+        return _names_of(self.variables)
 
     @property
     def skips_inside(self) -> bool:
@@ -96,6 +93,13 @@ class Syntax:
 
 
 AUTO = Syntax(siemens=True)
+
+
+@lru_cache(maxsize=8)
+def _names_of(variables: Variables) -> Names:
+    from cnc.gcode.sinumerik.variables import Names  # most programs are in another language
+
+    return Names(variables)
 
 
 @lru_cache(maxsize=MEMO)
@@ -158,100 +162,17 @@ def _meaning_of_head(text: str, syntax: Syntax) -> str:
     return HEAD if syntax.dialect == "fagor" and is_head(text) else ""
 
 
-@lru_cache(maxsize=8)
-def _translated(syntax: Syntax) -> Syntax:
-    """Return the syntax of a translated line of SINUMERIK."""
-    return replace(syntax, flavour="ngc", siemens=True, variables=(), translated=True)
-
-
-class _Reader(NamedTuple):
-    """The functions that :mod:`cnc.gcode.syntax.siemens_templates` reads a line with."""
-
-    translate: Callable[[str], Translation]
-    parse: Callable[[str, dict[int, int] | None], Statement]
-
-
-def _siemens_reader(text: str, syntax: Syntax) -> _Reader:
-    from cnc.gcode.syntax.siemens import translate  # most programs are in another language
-
-    ngc, begin = _translated(syntax), len(text) - len(text.lstrip())
-
-    def parse(translation: str, open_numbers: dict[int, int] | None) -> Statement:
-        # Places in the translation serve to fill in numbers; errors name the place of the line.
-        return _parse(translation, ngc, open_numbers, begin if open_numbers is None else None)
-
-    return _Reader(lambda line: translate(line, syntax.variables), parse)
-
-
-def line_in_ngc(text: str, syntax: Syntax) -> str | None:
-    """Return the line of RS274/NGC that has the effect of a line of SINUMERIK.
-
-    None if there is none, or if none is known before more such lines were read.
-    """
-    from cnc.gcode.syntax import siemens_templates
-
-    if len(text) > MAX_LINE or _CONTROL.search(text) or text.lstrip(" \t").startswith("%"):
-        return None
-    try:
-        return siemens_templates.ngc_line(text, syntax, *_siemens_reader(text, syntax))
-    except GcodeError:
-        return None
-
-
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
-    """Parse a line of SINUMERIK. Its words have no place of their own: errors name the line."""
-    from cnc.gcode.syntax import siemens_templates
+    """Parse a line of SINUMERIK."""
+    from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
+    from cnc.gcode.sinumerik.words import describe
 
-    if text.lstrip(" \t").startswith("%"):
-        return Statement(percent=True)
-    ngc, begin = _translated(syntax), len(text) - len(text.lstrip())
-    reader = _siemens_reader(text, syntax)
-    from_template = siemens_templates.statement(text, syntax, *reader)
-    if from_template is not None:
-        return from_template
-    found = reader.translate(text)
-    length = len(text.split(";", maxsplit=1)[0].strip())
-    try:
-        statement = _parse(found.text, ngc, None, begin) if found.text.strip() else Statement()
-        control = _siemens_control(found.control, ngc, begin + 1, length)
-    except GcodeError as error:
-        known = error.diagnostic
-        message = f"{known.message} (read as {found.text.replace('~', '')})"
-        raise fault(known.code, message, column=begin + 1, length=length, hint=known.hint) from None
-    column = begin + 1
-    return replace(
-        statement,
-        words=()
-        if control
-        else tuple(replace(word, column=column, length=length) for word in statement.words),
-        computed=() if control else statement.computed,
-        assignments=tuple(
-            replace(each, column=column, length=length) for each in statement.assignments
-        ),
-        remarks=found.remarks,
-        control=control,
-        deletable=found.deletable,
-    )
-
-
-def _siemens_control(
-    found: ControlLine | None, syntax: Syntax, column: int, length: int
-) -> Control | None:
-    """Return a jump, block, cycle or frame with its values; None for another line."""
-
-    def value(expression: str) -> Value:
-        if not expression:
-            return lambda parameters: math.nan
-        statement = _parse(f"X[{expression}]", syntax, None, column - 1)
-        if statement.computed:
-            return statement.computed[0][1]
-        number = statement.words[0].number
-        return lambda parameters: number
-
-    if found is None:
-        return None
-    values = tuple(value(each) for each in found.values)
-    return Control(found.keyword, found.label, values, column, length)
+    reading = read_line(text, SINUMERIK.grammar)
+    results = reading.results
+    if results.status[0]:
+        wanted = reading.grammar.wanted[results.state[0]]
+        raise describe(text, int(results.place[0]), wanted)
+    return Lines(text, syntax.names).statement(reading, 0)
 
 
 def _parse_mended(text: str, syntax: Syntax) -> Statement:
@@ -269,7 +190,7 @@ def _parse_mended(text: str, syntax: Syntax) -> Statement:
     if "$" in text and syntax.flavour == "ngc":
         text = without_first_spindle(text)
     try:
-        return _parse(text, syntax, None)
+        return _parse(text, syntax)
     except GcodeError as error:
         mended = None
         if syntax.lenient:
@@ -278,25 +199,12 @@ def _parse_mended(text: str, syntax: Syntax) -> Statement:
             mended = to_first_bracket(text, error.diagnostic)
         if mended is None:
             raise
-    found = _parse(mended.text, syntax, None)
+    found = _parse(mended.text, syntax)
     return replace(found, remarks=(*found.remarks, mended.remark))
 
 
-def _parse(
-    text: str,
-    syntax: Syntax,
-    open_numbers: dict[int, int] | None,
-    place: int | None = None,
-) -> Statement:
-    """Parse a line with the grammar.
-
-    Args:
-        text: The line.
-        syntax: The syntax of the dialect.
-        open_numbers: See :data:`cnc.gcode.syntax.line_templates.Parse`.
-        place: Position of the line's first character, from 0, if the text is a translation, of
-            which no other place is known.
-    """
+def _parse(text: str, syntax: Syntax) -> Statement:
+    """Parse a line with the grammar."""
     if syntax.flavour == "none":
         _refuse_foreign(text, syntax)
     macro = syntax.flavour == "macro-b"
@@ -304,11 +212,11 @@ def _parse(
     results = reading.results
     if results.status[0]:
         wanted = reading.grammar.wanted[results.state[0]]
-        raise describe(ErrorContext(text, int(results.place[0]), wanted, macro=macro, at=place))
-    build = Builder(macro=macro, translated=syntax.translated, at=place)
-    return Translator(
-        text, build, open_numbers, siemens=syntax.siemens, dialect=syntax.dialect
-    ).statement(reading, 0)
+        raise describe(ErrorContext(text, int(results.place[0]), wanted, macro=macro))
+    build = Builder("macro" if macro else "ngc")
+    return Translator(text, build, siemens=syntax.siemens, dialect=syntax.dialect).statement(
+        reading, 0
+    )
 
 
 def _board_line(text: str, syntax: Syntax) -> Statement:

@@ -146,17 +146,13 @@ class Window:
 
     def line_words(self, index: int) -> tuple[list[int], list[float]]:
         """Return the codes of the letters and the numbers of the words of a plain line."""
-        lines, words, _ = self.sorted
+        lines, words, *_ = self.sorted
         begin, end = lines.first[index : index + 2].tolist()
         return words.letter[begin:end].tolist(), words.number[begin:end].tolist()
 
     def code(self) -> Coded:
         """Return the lines as instructions."""
         return self.sorted.coded
-
-    def with_lines(self, lines: list[str]) -> Window:
-        """Return a window of other lines in place of these."""
-        return _window_of_lines(self.first, lines)
 
     def leave_to_parser(self) -> None:
         """Take no line for plain: words and comments have a meaning of their own."""
@@ -196,12 +192,26 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        return self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
+        if self.plain[index]:
+            return self._plain(index, text)
+        reading = self.sorted.reading
+        if (
+            reading is not None
+            and syntax.flavour == "siemens"
+            and text.isascii()
+            and not reading.results.status[index]
+        ):
+            # Most programs are in another language.
+            from cnc.gcode.sinumerik.statements import Lines
+
+            lines = Lines(text, syntax.names, int(self._begin[index]))
+            return lines.statement(reading, index)
+        return parse_line(text, syntax)
 
     def _plain(self, index: int, text: str) -> Statement:
         found = _memo.get(text)
         if found is None:
-            lines, words, _ = self.sorted
+            lines, words, *_ = self.sorted
             span = slice(lines.first[index], lines.first[index + 1])
             found = Statement(
                 tuple(
@@ -304,6 +314,16 @@ class Text:
         window = self.window(1)
         if window is not None:
             yield from map(window.text, range(window.count))
+
+    def first_lines_with(self, pattern: re.Pattern[bytes]) -> Iterator[str]:
+        """Yield the lines of the first window that have a pattern."""
+        window = self.window(1)
+        index = 0
+        while window is not None and index < window.count:
+            index = window.find(pattern, index, window.count)
+            if index < window.count:
+                yield window.text(index)
+            index += 1
 
     def _keep(self, index: int, window: Window) -> None:
         self._kept[index] = window

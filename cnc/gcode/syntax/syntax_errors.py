@@ -35,6 +35,8 @@ _SPLINE_WORDS = (
 )
 """Siemens' words of splines other than the B-spline."""
 _COMMENTS = "write ; before a comment, or ( ) around it"
+_OF_NO_LANGUAGE = "~`\\{}"
+"""Characters that stand in no language of machines."""
 _NAMED = {"#": parameter, "O": label}
 """Tokens that need a number or a name after them."""
 
@@ -57,7 +59,7 @@ def foreign_comment(context: ErrorContext) -> GcodeError | None:
 
 def _of_part(context: ErrorContext) -> GcodeError | None:
     """Return the error of a comment, an expression, a parameter or a label; None otherwise."""
-    if context.char and not context.char.isascii():
+    if context.char and (not context.char.isascii() or context.char in _OF_NO_LANGUAGE):
         return context.unknown_character()
     if not context.open and (refused := spline_word(context)):
         return refused

@@ -33,7 +33,6 @@ OK, WRONG, TOO_LONG = 0, 1, 2
 """Status of a line."""
 NONE = 0xFFFF
 """No state, no terminal. The tables have no signs, which makes them faster to index."""
-START = np.uint16(0)
 INLINED, NODE_OF_SEVERAL, NODE, UNIT = 0, 1, 2, 3
 """Kinds of rules: without a node; with one unless it has a single part; with a node; with a single
 symbol and no node.
@@ -54,6 +53,7 @@ class Tables(NamedTuple):
         moves: (n, 129) the next state of the lexers by character.
         final: (n,) 1 if no longer token can follow.
         lexer: (s,) lexer of each state of the parser.
+        begin: (lexers,) first state of each lexer.
         token: (lexers, n) the terminal that a state accepts.
         spelling: (t, n) index of the text of a keyword, -1 for another terminal.
         action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
@@ -71,6 +71,7 @@ class Tables(NamedTuple):
     moves: States
     final: Bytes
     lexer: States
+    begin: States
     token: States
     spelling: Small
     action: Small
@@ -135,8 +136,8 @@ def _longest_token(
 
     The token is NONE if there is none. Blanks count if ``loose``.
     """
-    token, end, there = NONE, at, START
-    here, place = START, at
+    token, end, there = NONE, at, tables.begin[own]
+    here, place = there, at
     while place < stop:
         column = classes[data[place]]
         place += 1
@@ -201,7 +202,12 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
         The number of events.
     """
     moves, final, lexer, token_of = tables.moves, tables.final, tables.lexer, tables.token
+    begins_of = tables.begin
     action, after, pair = tables.action, tables.after, tables.pair
+    # Blanks between tokens are passed where they end a token, too.
+    gaps = False
+    for k in range(len(tables.ignored)):
+        gaps = gaps or tables.ignored[k] != 0
     kind, begin_of, end_of, value_of = events
     states, nodes, firsts, lasts = stack[0], stack[1], stack[2], stack[3]
     end_token = action.shape[1] - 1
@@ -222,10 +228,12 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
         while True:
             while at < stop and classes[data[at]] == SKIPPED and not loose:
                 at += 1
+            while gaps and at < stop and classes[data[at]] == _BLANK:
+                at += 1
             token, end, value = end_token, at, 0.0
             if at < stop:
                 own = lexer[state]
-                here, place = START, at
+                here, place = begins_of[own], at
                 while place < stop:
                     column = classes[data[place]]
                     if column >= SKIPPED:

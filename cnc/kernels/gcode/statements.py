@@ -47,12 +47,15 @@ MOST_ITEMS = 64
 (
     LEFT_ALONE, DIGITS, KEY, NAME, REMARK, LETTER_O, EQUALS,
     WORD, BINARY, SIGN, FUNCTION, ARCTANGENT, INDEX, BRACKET, ASSIGN, O_WORD, BLOCK,
-) = range(17)  # fmt: skip
-"""Meanings of terminals and rules. LEFT_ALONE: only the interpreter knows it."""
+    VARIABLE, PASSED,
+) = range(19)  # fmt: skip
+"""Meanings of terminals and rules. LEFT_ALONE: only the interpreter knows it. VARIABLE: a name
+without brackets. PASSED: a rule that adds nothing to its part.
+"""
 
 _TAB, _LF, _CR, _BLANK = 9, 10, 13, 32
 _OPEN, _CLOSE, _SLASH, _DOT, _ZERO, _SEMICOLON = 40, 41, 47, 46, 48, 59
-_A, _G, _M, _N, _O, _Z, _LOWER = 65, 71, 77, 78, 79, 90, 32
+_A, _G, _M, _N, _O, _R, _Z, _LOWER = 65, 71, 77, 78, 79, 82, 90, 32
 _LINE_DIGITS, _HEAD_DIGITS = 9, 18
 _HASH_MASK = (1 << 40) - 1
 _ACTIVE = np.array(
@@ -73,6 +76,7 @@ class Meaning(NamedTuple):
         letter: Kind of the events of a word's letter.
         number: Kind of those of a number.
         joined: 1 if no blank may stand inside a word.
+        single: 1 if a line may have one assignment only: they take effect one by one.
     """
 
     terminal: Bytes
@@ -82,6 +86,7 @@ class Meaning(NamedTuple):
     letter: int
     number: int
     joined: int
+    single: int
 
 
 class Lines(NamedTuple):
@@ -444,10 +449,11 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
             # Not for NaN, too.
             if not value <= largest or height > MOST_VALUES:
                 return UNKNOWN
-        elif role == NAME:
+        elif role == NAME or role == VARIABLE:
             index = -1
-            if not _has_blank(data, begin + 1, end - 1):
-                index = index_of_name(data, begin + 1, end - 1, coded.names)
+            inner = int(role == NAME)
+            if not _has_blank(data, begin + inner, end - inner):
+                index = index_of_name(data, begin + inner, end - inner, coded.names)
             operation[count], number[count] = NAMED, index
             count += 1
             height += 1
@@ -457,6 +463,18 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
             label_end = 0
         elif role == EQUALS:
             split = count
+            if keyed > 0 and count == first + 1 and operation[first] == NUMBER:
+                # SINUMERIK's R1=
+                keyed -= 1
+                before = int(events.begin[e - 2])
+                index = -1
+                if keys[keyed] == _R and not _has_blank(data, before, begin):
+                    index = index_of_name(data, before, int(events.end[e - 1]), coded.names)
+                operation[first], number[first] = NAMED, index
+                if index < 0:
+                    return UNKNOWN
+        elif role == PASSED:
+            continue
         elif role == REMARK:
             if not _is_idle(data, begin, end):
                 return UNKNOWN
@@ -520,7 +538,7 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
                 items += 1
             first, height, opened = count, 0, 0
         elif role == ASSIGN:
-            if kind != UNKNOWN and kind != ASSIGNMENT:
+            if kind != UNKNOWN and (kind != ASSIGNMENT or meaning.single):
                 return UNKNOWN
             kind = ASSIGNMENT
             coded.letter[items], coded.letter[items + 1] = TARGET, EQUAL

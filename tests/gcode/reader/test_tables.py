@@ -11,6 +11,7 @@ import pytest
 
 from cnc.gcode.reader.lines import Reading, read_line
 from cnc.gcode.reader.tables import GrammarError, grammar, make, write
+from tests.support.corpus import shops
 from tests.support.gcode.adversary import SYNTAXES, Adversary, decoded
 from tests.support.gcode.expression_cases import grow, spell
 from tests.support.soak import share
@@ -92,6 +93,73 @@ def test_random_lines_are_read_as_by_lark(oracle: tuple[str, lark.Lark]) -> None
             assert events_of(reading) == wanted, line
             good += 1
     assert min(good, wrong) > len(lines) / 20
+
+
+SINUMERIK = """
+%_N_PLATE_MPF
+N10 G17 G54 G71 ; a comment "with" quotes
+/3 N20 X-5. Y+3 Z .5 RND=2
+:30 PART_1: A9: X = IC(5) Y=AC(R1) CR=-10
+R1=2 R2=R1*(3-R[R1+1])**2 MOD 4/.5 S1=500
+_DEPTH=SIN(90)+ATAN2(1,2)-POT(3) GRID[1,2]=SET(1,,2)
+IF (R1<=2) AND (R2<>3) OR (R3==4) XOR (R4>5) GOTOF PART_1
+GOTOB N 10
+IF R1>=2
+WHILE R1<3 ; end
+UNTIL GRID[R1]==2
+FOR R1=1 TO 3*R2
+REPEAT PART_1 P5 P=3
+REPEATB A9
+DEF REAL A[3]=REP(5), _B, BB=3
+DEF STRING[8] CC
+PROC HOLE(REAL XP, VAR INT YP) DISPLOF SAVE
+EXTERN HOLE(REAL,STRING[5])
+MSG("X: ",1)
+MSG()
+MCALL CYCLE81(10,,-R1,"a;b",X,Y1)
+T="DRILL;5" D1 M6
+G1 X5 (note) Y3
+X=
+X=(5
+X=5)
+N10 X5 5
+GOTOF
+MSG("X
+IF GOTOF A
+DEF REAL
+X=R1 * * 2
+FOR R1=1
+é
+""".strip().splitlines()
+
+
+def test_lines_of_sinumerik_are_read_as_by_lark() -> None:
+    parser = lark.Lark.open(str(FOLDER / "sinumerik.lark"), parser="lalr", maybe_placeholders=False)
+    wrong = 0
+    for line in SINUMERIK:
+        reading = read_line(line, "sinumerik")
+        try:
+            wanted = events_of_tree(parser.parse(line))
+        except lark.UnexpectedInput:
+            assert reading.results.status[0], line
+            wrong += 1
+        else:
+            assert not reading.results.status[0], line
+            assert events_of(reading) == wanted, line
+    assert wrong == 11
+
+
+def test_a_name_may_begin_like_a_word_of_the_grammar() -> None:
+    lines = ["TOTAL=ORANGE+MODUS*IFFY", "DEFECT(ANDY)", "IF_1: FORK=SINE", "X=R1MOD 2"]
+    for line in lines:
+        assert not read_line(line, "sinumerik").results.status[0], line
+
+
+@pytest.mark.parametrize("shop", ["fusion-siemens", "siemens-shop"])
+def test_the_grammar_reads_every_line_of_programs_for_sinumerik(shop: str) -> None:
+    for seed in range(20):
+        for line in shops.STYLES[shop](Random(seed)).splitlines():
+            assert not read_line(line, "sinumerik").results.status[0], line
 
 
 def test_numbers_have_the_bits_of_float() -> None:

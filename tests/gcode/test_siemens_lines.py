@@ -1,4 +1,4 @@
-"""Lines of SINUMERIK from templates have the statements of lines that are read in full."""
+"""Statements of lines of SINUMERIK, alone and in their window."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.syntax import line_templates, parser, siemens_templates
+from cnc.gcode.sinumerik.variables import defined_variables
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.siemens_variables import defined_variables
+from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.gcode_cases import end_of, error_of
@@ -66,7 +66,7 @@ def filled(shape: str, rng: random.Random) -> str:
     return shape
 
 
-def plain(found: Statement) -> object:
+def plain(found: Statement) -> Any:
     """Return a statement with its values computed."""
     parameters = Parameters(macro=False)
     for name in ("_x", "_z", "_absolute", "_incremental", "depth", "count"):
@@ -98,42 +98,29 @@ def plain(found: Statement) -> object:
     )
 
 
-def read(line: str) -> object:
+def read(line: str) -> Any:
     try:
         return plain(parse_line.__wrapped__(line, SYNTAX))
     except GcodeError as error:
         return error.diagnostic
 
 
-def read_in_full(line: str, monkeypatch: pytest.MonkeyPatch) -> object:
-    with monkeypatch.context() as patched:
-        patched.setattr(siemens_templates, "statement", lambda *arguments: None)
-        return read(line)
-
-
-def test_a_template_gives_the_statement_of_a_full_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_of_a_window_has_the_statement_of_the_line_alone() -> None:
     rng = random.Random(20261127)
-    siemens_templates._templates.clear()
-    for _ in range(share(40, 8)):
-        for shape in SHAPES:
-            line = filled(shape, rng)
-            assert read(line) == read_in_full(line, monkeypatch), line
-
-
-def test_the_grammar_reads_two_lines_of_a_template(monkeypatch: pytest.MonkeyPatch) -> None:
-    siemens_templates._templates.clear()
-    line_templates._templates.clear()
-    calls: list[str] = []
-    original = parser._parse
-
-    def counted(text: str, *arguments: Any) -> Statement:
-        calls.append(text)
-        return original(text, *arguments)
-
-    monkeypatch.setattr(parser, "_parse", counted)
-    for number in range(100):
-        parse_line.__wrapped__(f"N{number} G1 X=R1+{number}.5 Y=IC({number}.25) F=100", SYNTAX)
-    assert len(calls) == 3  # two lines, and one with open numbers
+    lines = [filled(shape, rng) for _ in range(share(40, 8)) for shape in SHAPES]
+    text = Text.of_lines(lines, "t")
+    text.language = SYNTAX.language
+    for number, line in enumerate(lines, 1):
+        window = text.window(number)
+        assert window is not None
+        try:
+            found = plain(window.statement(number - window.first, SYNTAX))
+        except GcodeError as error:
+            found = error.diagnostic
+        expected = read(line)
+        # M2 and L9 alone are words of a plain line, and control lines for the parser.
+        if not window.plain[number - window.first] or expected[-1]:
+            assert found == expected, line
 
 
 @pytest.mark.parametrize("word", ["RNDM={}", "M{}", "T{}", "G{} Y1", "L{}"])
@@ -149,7 +136,7 @@ def test_a_word_whose_number_is_its_meaning_is_read_by_itself(word: str) -> None
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7])
-def test_values_of_templates_move_the_tool(count: int) -> None:
+def test_values_move_the_tool(count: int) -> None:
     """X is the sum of R1 and the number of the line, and Y the sum of the steps so far."""
     lines = [f"R1={n}.5\nG0 X=R1+{n}.25 Y=IC({n})" for n in range(count)]
     end = end_of("G90 G71\n" + "\n".join(lines), dialect="siemens")
@@ -159,4 +146,4 @@ def test_values_of_templates_move_the_tool(count: int) -> None:
 def test_an_error_in_a_value_names_the_line() -> None:
     divisions = "".join(f"G0 X={n}.5/R0\n" for n in range(3))
     found = error_of(f"R0=1\n{divisions}R0=0\n  G0 X=9.5/R0\nM30", dialect="siemens")
-    assert (found.code, found.line, found.column) == ("division-by-zero", 6, 3)
+    assert (found.code, found.line, found.column) == ("division-by-zero", 6, 11)

@@ -1,0 +1,858 @@
+"""Lines of SINUMERIK as statements.
+
+Each rule of the grammar has a method of its name here. A line of words is executed as one of
+RS274/NGC; ``X=IC(R1)`` is a sum of the position and a parameter. Source: Siemens, "SINUMERIK 840D
+sl/828D Programming Manual, Fundamentals" and "Job Planning".
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zlib
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+from cnc.gcode.reader.lines import Reading
+from cnc.gcode.reader.statements import REMARK, Token, carried_out, squeezed
+from cnc.gcode.sinumerik.variables import (
+    KINDS,
+    MOST_ELEMENTS,
+    Names,
+    Variable,
+    elements,
+    left_from,
+    number_of,
+    parameters_of,
+    sizes_of,
+)
+from cnc.gcode.sinumerik.words import no_names, not_supported, refused, words
+from cnc.gcode.syntax.expressions import Builder, Node, constant
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.statement import (
+    DIAMETERS,
+    DIRECTION,
+    NOTED,
+    SHOWN,
+    Assignment,
+    Control,
+    Keyword,
+    Remark,
+    Statement,
+    Value,
+)
+from cnc.gcode.syntax.words import MAX_NUMBER, Word
+from cnc.model.diagnostics import GcodeError
+
+FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
+"""Range of the numbers of tools that a program calls by a name; a checksum gives the number."""
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_LABEL = re.compile(r"[A-Z_][A-Z0-9_]+")
+_REPEATS = re.compile("[0-9]{1,4}")
+_FRAME = re.compile(r"A?(TRANS|ROT|SCALE|MIRROR)")
+_DISTANCE = re.compile(r"(?<![A-Z])G9([01])(?![0-9])", re.IGNORECASE)
+"""G90 or G91."""
+_CENTRES = {"I": "_x", "J": "_y", "K": "_z"}
+_COORDINATES = frozenset("XYZABCUVWIJK^@")
+"""Letters whose value may count from the position."""
+_ENDS = {17.0: "", 2.0: "2", 30.0: "30"}
+_LEVEL = slice(4, 13)
+"""Arguments of CYCLE800: zero before the rotation (3), angles (3), zero after it (3)."""
+_COMPARED_LAST = frozenset(("==", "<>", "<=", ">=", "<", ">", "AND", "XOR", "OR"))
+
+
+@dataclass(slots=True, eq=False)
+class _Called(Node):
+    """What is no part of a sum: ``IC(..)``, ``SET(..)``, and a value that only a control knows."""
+
+    name: str = ""
+    arguments: tuple[Node | Token | None, ...] = ()
+
+
+class _Word(NamedTuple):
+    """A word with its value, if that is computed."""
+
+    word: Word
+    value: Value | None
+
+
+class _Named(NamedTuple):
+    """A name, with what follows = or stands in brackets.
+
+    Attributes:
+        name: The name.
+        end: Position after it, with its value.
+        value: The value behind =, if there is one.
+        arguments: What stands in brackets; None for a name without them.
+    """
+
+    name: Token
+    end: int
+    value: Node | Token | None = None
+    arguments: tuple[Node | Token | None, ...] | None = None
+
+
+class _Sums:
+    """Sums and products with the position, all at one place of a line."""
+
+    def __init__(self, build: Builder, place: tuple[int, int]) -> None:
+        self._build, self._place = build, place
+
+    def of(self, left: Node | str, sign: str, right: Node | str) -> Node:
+        """Return a sum or a product; names are those of parameters."""
+        a, b = (
+            self._build.parameter(each, *self._place) if isinstance(each, str) else each
+            for each in (left, right)
+        )
+        return self._build.binary(a, sign, b, *self._place)
+
+    def position(self, letter: str) -> Node:
+        """Return the position of an axis, or the angle (^) or radius (@) of that in the plane."""
+        if letter not in "^@":
+            return self._build.parameter(f"_{letter.lower()}", *self._place)
+        x, y = (self._build.parameter(name, *self._place) for name in ("_x", "_y"))
+        if letter == "^":
+            return self._build.arctangent(y, x, self._place[0])
+        squares = self.of(self.of(x, "*", x), "+", self.of(y, "*", y))
+        return self._build.call("SQRT", squares, *self._place)
+
+
+def _nothing(_: Parameters) -> float:
+    """Return what an argument is that is left out."""
+    return math.nan
+
+
+class Lines:
+    """Makes the statement of one line."""
+
+    def __init__(self, text: str, names: Names, shift: int = 0) -> None:
+        """Create the maker of a line.
+
+        Args:
+            text: The line.
+            names: The variables of the program.
+            shift: Position of the line in the text of the events.
+        """
+        self._text, self._names, self._shift = text, names, shift
+        self._build = Builder(language="siemens")
+        self._remarks: list[Remark] = []
+        self._loose: list[tuple[Node, str]] = []
+
+    def statement(self, reading: Reading, line: int) -> Statement:
+        """Return the statement of a line that was read without an error.
+
+        Args:
+            reading: The events.
+            line: Index of the line in them.
+        """
+        return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
+
+    def token(self, token: Token) -> Token:
+        """Return a token."""
+        return token
+
+    def number(self, begin: int, end: int, value: float) -> Node:
+        """Return a number as a node."""
+        if value == math.inf:
+            message = "this number is too large"
+            raise self._build.fault("number-too-large", message, begin, end)
+        return constant(value, begin, end)
+
+    # Expressions
+
+    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
+        return self._part(inside).spanning(begin, end)
+
+    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
+        return self._build.sign(sign.text, self._part(operand), begin)
+
+    def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
+        sign = operator.text
+        made = self._build.binary(
+            self._part(left), sign, self._part(right), operator.begin, operator.end
+        )
+        if sign not in _COMPARED_LAST:
+            return made
+        inside = {id(node): known for node, known in self._loose}
+        before, after = inside.get(id(left), ""), inside.get(id(right), "")
+        if operator.terminal == "COMPARE" and (before or after):
+            first, second = (before, sign) if before else (sign, after)
+            what = f"{first} and {second} without brackets"
+            hint = "SINUMERIK compares last: write brackets, as in (R1>2) AND (R2<5)"
+            raise not_supported(what, operator.begin, operator.end, hint)
+        self._loose.append((made, before or sign))
+        return made
+
+    def _function(self, begin: int, end: int, function: Token, argument: Node) -> Node:
+        build = self._build
+        if function.text == "POT":
+            return build.binary(argument, "**", constant(2.0, end, end), begin, function.end)
+        return build.call(function.text, argument, function.begin, function.end)
+
+    def _call(self, begin: int, end: int, name: Token, *parts: Node | Token) -> Node:
+        given = _arguments(parts)
+        if name.text == "ATAN2":
+            if len(given) != 2:
+                what = f"ATAN2 with {len(given)} values"
+                raise not_supported(what, name.begin, name.end)
+            y, x = (self._value(each, name) for each in given)
+            return self._build.arctangent(y, x, begin).spanning(begin, end)
+        if name.text not in words()["axes"] and name.text not in ("SET", "REP"):
+            raise self._no_value(name)
+        return _Called((), begin, end, name=name.text, arguments=tuple(given))
+
+    def _variable(self, begin: int, end: int, name: Token) -> Node:
+        if name.terminal == "SYSTEM":
+            return _Called((), begin, end, name=name.text)
+        if name.terminal == "REGISTER" or self._names.is_variable(name.text):
+            return self._build.parameter(self._stored(name), begin, end)
+        if name.text in ("TRUE", "FALSE"):
+            return constant(float(name.text == "TRUE"), begin, end)
+        raise self._no_value(name)
+
+    def _cell(self, begin: int, end: int, name: Token, index: list[Node]) -> Node:
+        number = number_of(self._array(name, index), index)
+        return self._build.parameter(number.spanning(begin, end), begin, end)
+
+    def _index(self, begin: int, end: int, *parts: Node | Token) -> list[Node | Token | None]:
+        return _arguments(parts)
+
+    def _axis(self, begin: int, end: int, letter: Token, *number: Node) -> Token:
+        return letter._replace(text=squeezed(self._text[begin:end]), end=end)
+
+    def _part(self, node: Node) -> Node:
+        """Return a part of an expression, which must have one value."""
+        if isinstance(node, _Called):
+            what = f"{node.name} in an expression"
+            raise not_supported(what, node.begin, node.begin + len(node.name))
+        return node
+
+    def _value(self, given: Node | Token | None, of: Token) -> Node:
+        """Return a value in brackets."""
+        if isinstance(given, Node):
+            return self._part(given)
+        what = f"{of.text} without a value" if given is None else f"{given.text} as a value"
+        place = of if given is None else given
+        raise not_supported(what, place.begin, place.end)
+
+    def _no_value(self, name: Token) -> GcodeError:
+        hint = "define a variable by DEF REAL at the beginning of the main program"
+        return not_supported(f"{name.text} in an expression", name.begin, name.end, hint)
+
+    def _stored(self, name: Token) -> str:
+        """Return the name here of an R parameter or a variable."""
+        if self._names.is_ambiguous(name.text):
+            what = f"{name.text} (a variable of more than one program of this text)"
+            hint = "give each variable a name of its own"
+            raise not_supported(what, name.begin, name.end, hint)
+        known = self._names.find(name.text)
+        if known and known.sizes:
+            what = f"{known.name} (an array) without an index"
+            raise not_supported(what, name.begin, name.end)
+        return self._names.stored(name.text)
+
+    def _array(self, name: Token, index: list[Node]) -> Variable | None:
+        """Return the array of an element; None for R."""
+        written = squeezed(self._text[name.begin : index[-1].end]) if index else name.text
+        plain = all(isinstance(each, Node) for each in index)
+        if plain and name.text == "R" and len(index) == 1:
+            return None
+        known = self._names.find(name.text)
+        if known is None or len(known.sizes) != len(index) or not plain:
+            what = f"{written}] (no array of that name, or another number of indices)"
+            hint = "define it by DEF REAL NAME[10] at the beginning of the main program"
+            raise not_supported(what, name.begin, name.end, hint)
+        return known
+
+    def _as_type(self, kind: str, node: Node) -> Node:
+        """Return a value as a type keeps it: INT is rounded, BOOL is 0 or 1."""
+        node = self._part(node)
+        if kind == "INT":
+            return self._build.call("ROUND", node, node.begin, node.end)
+        if kind == "BOOL":
+            zero = constant(0.0, node.end, node.end)
+            return self._build.binary(node, "<>", zero, node.begin, node.end)
+        return node
+
+    # Words
+
+    def _number(self, begin: int, end: int, _colon: Token, number: Node) -> _Word:
+        return self._made("N", number.spanning(begin + 1, end), begin, end)
+
+    def _word(self, begin: int, end: int, letter: Token, number: Node) -> _Word:
+        return self._made(letter.text, number.spanning(letter.end, end), begin, end)
+
+    def _assigned(
+        self, begin: int, end: int, letter: Token, _equal: Token, right: Node | Token
+    ) -> _Word:
+        if isinstance(right, Token):
+            return self._tool(letter, right, begin, end)
+        return self._address(letter.text, right, begin, end)
+
+    def _indexed(
+        self, begin: int, end: int, letter: Token, number: Node, _equal: Token, right: Node | Token
+    ) -> _Word | Assignment:
+        name = letter._replace(
+            text=squeezed(self._text[begin : number.end]), begin=begin, end=number.end
+        )
+        if re.fullmatch("R[0-9]+", name.text):
+            return self._assignment(self._names.stored(name.text), self._value(right, name), name)
+        if name.text in words()["addresses"]:
+            return self._address(name.text, self._a_value(right, name), begin, end)
+        what = f"{name.text}="
+        if meaning := words()["directions"].get(name.text[1:]) if letter.text in "ABC" else None:
+            hint = "give A3= B3= C3=, or the angles of the axes"
+            raise not_supported(f"{what} ({meaning})", name.begin, name.end, hint)
+        raise not_supported(what, name.begin, name.end)
+
+    def _named(
+        self, begin: int, end: int, name: Token, _equal: Token, right: Node | Token
+    ) -> _Named | Assignment:
+        if not self._names.is_variable(name.text):
+            return _Named(name, end, value=right)
+        stored, known = self._stored(name), self._names.find(name.text)
+        kind = known.kind if known else "REAL"
+        return self._assignment(stored, self._as_type(kind, self._value(right, name)), name)
+
+    def _element(
+        self, begin: int, end: int, name: Token, index: list[Node], _equal: Token, right: Node
+    ) -> list[Assignment]:
+        if name.text in words()["refused"]:
+            raise refused(name.text, begin)
+        array = self._array(name, index)
+        values = [right]
+        if isinstance(right, _Called) and right.name in ("SET", "REP"):
+            left = left_from(array, index) if array else None
+            values = [self._part(each) for each in self._listed(right, left)]
+        kind = array.kind if array else "REAL"
+        return [
+            self._assignment(number_of(array, index, step).value, self._as_type(kind, value), name)
+            for step, value in enumerate(values)
+        ]
+
+    def _keyword(self, begin: int, end: int, name: Token) -> _Named:
+        return _Named(name, end)
+
+    def _command(self, begin: int, end: int, name: Token, *parts: Node | Token) -> _Named:
+        return _Named(name, end, arguments=tuple(_arguments(parts)))
+
+    def _assignment(self, target: str | Value, value: Node, name: Token) -> Assignment:
+        column, length = self._build.place(name.begin, name.end)
+        return Assignment(target, value.result, column, length)
+
+    def _listed(self, listed: _Called, left: int | None) -> list[Node]:
+        """Return the values of SET or REP; ``left`` elements are there, if that is known."""
+        kind, values = listed.name, listed.arguments
+        place = listed.begin, listed.begin + 3
+        if kind == "REP":
+            given = values[1] if len(values) == 2 else None
+            count = given.number if isinstance(given, Node) else left
+            if count is None or count != int(count) or not 1 <= len(values) <= 2:
+                what = "REP without a number of elements"
+                raise not_supported(what, *place, "write REP(0,5), or SET")
+            values = values[:1] * int(count)
+        found = [each for each in values if isinstance(each, Node)]
+        if len(found) < len(values) or not found:
+            raise not_supported(f"{kind} with a value left out", *place, "write each value")
+        return found
+
+    def _made(self, letter: str, value: Node, begin: int, end: int) -> _Word:
+        """Return a word with a value, which is a number or is computed."""
+        column, length = self._build.place(begin, end)
+        written = squeezed(self._text[value.begin : value.end])
+        if not _NUMBER.fullmatch(written):
+            word = Word(letter, math.nan, f"{letter}[{written}]", column, length)
+            return _Word(word, self._part(value).result)
+        number = float(written)
+        if abs(number) > MAX_NUMBER:
+            message = f"the number after {letter} is larger than {MAX_NUMBER:.0f}"
+            raise self._build.fault("number-too-large", message, begin, end)
+        return _Word(Word(letter, number, f"{letter}{written}", column, length), None)
+
+    def _tool(self, letter: Token, name: Token, begin: int, end: int) -> _Word:
+        """Return the word of a tool with a name."""
+        if letter.text != "T":
+            raise not_supported(f"{letter.text}={name.text}", begin, end)
+        tool = name.text[1:-1]
+        number = FIRST_NAMED_TOOL + zlib.crc32(tool.encode()) % MOST_NAMED_TOOLS
+        column, length = self._build.place(begin, end)
+        what = f"the tool {tool!r} has the number T{number} here"
+        self._remarks.append(Remark(NOTED, what, column, length))
+        return _Word(Word("T", float(number), f"T{number}", column, length), None)
+
+    def _address(self, name: str, right: Node, begin: int, end: int) -> _Word:
+        """Return the word of an address with = and its value."""
+        letter = words()["addresses"].get(name, name)
+        if not isinstance(right, _Called):
+            return self._made(letter, right, begin, end)
+        mode = right.name
+        given = Token("NAME", mode, right.begin, right.begin + len(mode))
+        if mode not in words()["axes"] or len(right.arguments) != 1 or len(letter) > 1:
+            raise not_supported(f"{name}={mode}(..)", begin, right.end)
+        value = self._value(right.arguments[0], given)
+        if letter not in _COORDINATES:
+            hint = f"{mode} is for coordinates"
+            raise not_supported(f"{name}={mode}(..)", right.begin, right.end, hint)
+        if letter in "ABC" and (turn := words()["axes"][mode]):
+            column, _ = self._build.place(right.begin, right.end)
+            self._remarks.append(Remark(DIRECTION, f"{letter} {turn}", column, 1))
+        elif mode in ("DC", "ACP", "ACN"):
+            hint = f"{mode} is for the rotary axes A, B and C"
+            raise not_supported(f"{name}={mode}(..)", begin, right.end, hint)
+        value = self._from_here(letter, mode, value, (begin, end))
+        column, length = self._build.place(begin, end)
+        written = f"{letter}[{squeezed(self._text[right.begin : right.end])}]"
+        return _Word(Word(letter, math.nan, written, column, length), value.value)
+
+    def _from_here(self, letter: str, mode: str, value: Node, place: tuple[int, int]) -> Node:
+        """Return a coordinate in the distance mode of the line."""
+        if letter in _CENTRES and mode == "IC":
+            return value
+        sums = _Sums(self._build, place)
+        if letter in _CENTRES:
+            whole = sums.of(value, "*", "_x_absolute") if letter == "I" else value
+            return sums.of(whole, "-", _CENTRES[letter])
+        modes = _DISTANCE.findall(self._text)
+        absolute, incremental = "0" in modes, "1" in modes
+        same, other = (incremental, absolute) if mode == "IC" else (absolute, incremental)
+        if same:
+            return value
+        own, foreign = (
+            ("_incremental", "_absolute") if mode == "IC" else ("_absolute", "_incremental")
+        )
+        sign = "+" if mode == "IC" else "-"
+        if letter == "X":
+            # A diameter, or a radius.
+            there = sums.of(sums.of(value, "*", f"_x{own}"), sign, "_x")
+            moved = sums.of(there, "/", f"_x{foreign}")
+            if other:
+                return moved
+            return sums.of(sums.of(moved, "*", foreign), "+", sums.of(value, "*", own))
+        here = sums.position(letter)
+        return sums.of(value, sign, here if other else sums.of(here, "*", foreign))
+
+    def _words_of(self, item: _Named) -> list[_Word]:
+        """Return the words of a name, with its value or brackets."""
+        name, begin = item.name.text, item.name.begin
+        tables = words()
+        column, length = self._build.place(begin, item.end)
+        if item.value is not None and (name in tables["addresses"] or name in ("TURN", "RPL")):
+            value = self._a_value(item.value, item.name)
+            if name == "RPL":
+                raise not_supported("RPL without ROT or AROT", begin, item.name.end)
+            if name == "TURN":
+                one = constant(1.0, item.end, item.end)
+                sum_ = self._build.binary(self._part(value), "+", one, begin, item.end)
+                written = f"P[{squeezed(self._text[value.begin : value.end])}+1]"
+                return [_Word(Word("P", math.nan, written, column, length), sum_.value)]
+            return [self._address(name, value, begin, item.end)]
+        if name == "RNDM" and item.value is not None:
+            if not self._is_zero(item.value):
+                hint = "write RND= at each corner"
+                raise not_supported("RNDM (rounding of each corner)", begin, item.end, hint)
+            return []
+        if name in tables["codes"]:
+            code = tables["codes"][name]
+            return [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+        if name == "BSPLINE":
+            return [_Word(Word(name, 1.0, name, column, length), None)]
+        if name in tables["turns"]:
+            self._remarks.append(Remark(DIRECTION, f"TOOL {tables['turns'][name]}", column, length))
+        elif name in tables["diameters"]:
+            self._remarks.append(Remark(DIAMETERS, name, column, length))
+        elif name in tables["only-zero"]:
+            if item.value is None or not self._is_zero(item.value):
+                what = f"{name} ({tables['only-zero'][name]})"
+                raise not_supported(what, begin, item.name.end, f"only {name}=0 is read")
+        elif name in tables["not-needed"]:
+            what = f"{name} ({tables['not-needed'][name]}) has no effect here"
+            self._remarks.append(Remark(NOTED, what, column, len(name)))
+        else:
+            raise refused(name, begin, values=item.arguments is not None)
+        return []
+
+    def _a_value(self, given: Node | Token, of: Token) -> Node:
+        """Return the value behind =, which may be counted from here."""
+        return given if isinstance(given, Node) else self._value(given, of)
+
+    def _is_zero(self, given: Node | Token | None) -> bool:
+        return isinstance(given, Node) and given.number == 0.0
+
+    # Control lines
+
+    def _jump(self, begin: int, end: int, *parts: Token | Node) -> Control:
+        goto, target = parts[-2:]
+        assert isinstance(goto, Token)
+        assert isinstance(target, Token)
+        direction = goto.text[4:]
+        if direction in ("C", "S"):
+            hint = "write GOTOF, GOTOB or GOTO and a label or N number"
+            raise not_supported("a jump of this form", goto.begin, goto.end, hint)
+        number = re.fullmatch("[N:]?([0-9]+)", target.text)
+        label = str(int(number[1])) if number else target.text
+        condition = (self._value(parts[1], goto).value,) if len(parts) == 4 else ()
+        return self._control("s-goto", f"{direction or ' '}{label}", condition, begin, end)
+
+    def _condition(self, begin: int, end: int, keyword: Token, condition: Node) -> Control:
+        kind = cast(Keyword, f"s-{keyword.text.lower()}")
+        return self._control(kind, "", (self._part(condition).value,), begin, end)
+
+    def _count(
+        self, begin: int, end: int, _for: Token, name: Token, _equal: Token, first: Node,
+        _to: Token, last: Node,
+    ) -> Control:  # fmt: skip
+        if name.terminal != "REGISTER" and not self._names.is_variable(name.text):
+            raise self._no_value(name)
+        values = self._part(first).value, self._part(last).value
+        return self._control("s-for", self._stored(name), values, begin, end)
+
+    def _again(self, begin: int, end: int, keyword: Token, *parts: Token | Node) -> Control:
+        labels = [each.text for each in parts if isinstance(each, Token)]
+        count: Node | None = None
+        if isinstance(parts[-1] if parts else None, Node):
+            count = self._part(cast(Node, parts[-1]))
+            *labels, letter, _ = labels
+            labels += [letter] if letter != "P" else []
+        elif len(labels) > 1 and re.fullmatch("P[0-9]+", labels[-1]):
+            count = constant(float(labels.pop()[1:]), end, end)
+        if not labels and count is None and keyword.text == "REPEAT":
+            return self._control("s-repeat", "", (), begin, end)
+        if not 1 <= len(labels) <= (2 if keyword.text == "REPEAT" else 1):
+            raise refused(keyword.text, begin)
+        kind, first, last = keyword.text[6:], labels[0], labels[1] if len(labels) == 2 else ""
+        value = _one if count is None else count.value
+        return self._control("s-again", f"{kind} {first} {last}", (value,), begin, end)
+
+    def _defined(
+        self, begin: int, end: int, name: Token, *parts: Any
+    ) -> tuple[Token, list[Any] | None, Node | None]:
+        index = next((each for each in parts if isinstance(each, list)), None)
+        return name, index, next((each for each in parts if isinstance(each, Node)), None)
+
+    def _definition(
+        self, begin: int, end: int, keyword: Token, kind: Token, *parts: Any
+    ) -> Control:
+        if kind.text not in KINDS or isinstance(parts[0], list):
+            raise refused("DEF", begin)
+        names: list[str] = []
+        values: list[Node] = []
+        for part in parts:
+            if isinstance(part, Token):
+                continue
+            name, index, value = part
+            if index is not None:
+                numbers, listed = self._defined_array(name, kind.text, index, value)
+                names += [f"#{number}" for number in numbers]
+                values += listed
+            elif len(name.text) < 2:
+                hint = f"DEF REAL NAME=1.5, OTHER[3,2] is read; {MOST_ELEMENTS} elements at most"
+                raise not_supported(f"DEF {kind.text} of this form", name.begin, name.end, hint)
+            else:
+                names.append(self._stored(name))
+                given = constant(0.0, end, end) if value is None else value
+                values.append(self._as_type(kind.text, given))
+        return self._control(
+            "s-def", " ".join(names), tuple(each.value for each in values), begin, end
+        )
+
+    def _defined_array(
+        self, name: Token, kind: str, index: list[Any], value: Node | None
+    ) -> tuple[list[int], list[Node]]:
+        """Return the numbers of the parameters of a new array, and a value for each."""
+        sizes = [
+            squeezed(self._text[each.begin : each.end]) if isinstance(each, Node) else ""
+            for each in index
+        ]
+        if not sizes_of(sizes):
+            hint = f"DEF REAL NAME=1.5, OTHER[3,2] is read; {MOST_ELEMENTS} elements at most"
+            raise not_supported(f"DEF {kind} of this form", name.begin, name.end, hint)
+        known = self._names.find(name.text)
+        numbers = elements(known) if known and known.sizes else []
+        zero = constant(0.0, name.end, name.end)
+        listed: list[Node] | None = [zero] * len(numbers)
+        if value is not None:
+            is_list = isinstance(value, _Called) and value.name in ("SET", "REP")
+            listed = self._listed(cast(_Called, value), len(numbers)) if is_list else None
+        if not numbers or listed is None or len(listed) > len(numbers):
+            hint = "write DEF REAL NAME[3]=SET(1,2) or =REP(0) in the main program"
+            what = f"this definition of the array {name.text}"
+            raise not_supported(what, name.begin, name.end, hint)
+        listed += [zero] * (len(numbers) - len(listed))
+        return numbers, [self._as_type(kind, each) for each in listed]
+
+    def _procedure(self, begin: int, end: int, keyword: Token, name: Token, *parts: Any) -> Control:
+        given = next((each for each in parts if isinstance(each, list)), [])
+        for mode in parts:
+            if isinstance(mode, Token) and mode.text not in ("DISPLOF", "SBLOF"):
+                hint = "write the codes again after the call"
+                raise not_supported(f"PROC with {mode.text}", mode.begin, mode.end, hint)
+        found = parameters_of(given)
+        if found is None:
+            hint = "REAL, INT and BOOL are read, without VAR"
+            raise not_supported("PROC with these parameters", begin, end, hint)
+        label = " ".join(f"{each.stored}:{each.kind}" for each in found)
+        return self._control("s-proc", label, (), begin, end)
+
+    def _declaration(self, begin: int, end: int, *parts: Any) -> None:
+        """EXTERN: the parameters of a subprogram, which its PROC has too."""
+
+    def _parameters(self, begin: int, end: int, *parts: Any) -> list[Any]:
+        return [each for each in parts if not isinstance(each, Token)]
+
+    def _defined_as(self, begin: int, end: int, *parts: Any) -> tuple[Any, ...]:
+        return parts
+
+    def _message(self, begin: int, end: int, keyword: Token, *parts: Token | Node) -> Remark:
+        """Return a message: texts in quotes, and ``#<name>`` for values.
+
+        A value that only a control knows, such as ``$AA_IW[X]``, and one that is computed in the
+        message have the name ``?``; they are shown as unknown.
+        """
+        pieces = parts[:-2] if len(parts) > 1 and _is_comma(parts[-2]) else parts
+        text = "".join(map(self._piece, pieces))
+        return Remark(SHOWN, text, *self._build.place(begin, end))
+
+    def _piece(self, piece: Token | Node) -> str:
+        if isinstance(piece, Token):
+            return piece.text
+        written = squeezed(self._text[piece.begin : piece.end])
+        if _NUMBER.fullmatch(written):
+            return f'"{float(written):.10g}"'
+        index = getattr(piece, "index", None)
+        return f"#<{index if isinstance(index, str) else '?'}>"
+
+    # The whole line
+
+    def _block(self, begin: int, end: int, *items: Any) -> Statement:
+        deletable = bool(items) and isinstance(items[0], Token) and items[0].terminal == "DELETE"
+        rest = [
+            item
+            for item in items
+            if not (isinstance(item, Token) and item.terminal in ("DELETE", "TAIL", "COMMENT"))
+            and item is not None
+        ]
+        for item in items:
+            if (
+                isinstance(item, Token)
+                and item.terminal == "COMMENT"
+                and REMARK.fullmatch(item.text)
+            ):
+                raise not_supported("a command in a comment", item.begin, item.end)
+        number: list[_Word] = []
+        if rest and isinstance(rest[0], _Word) and rest[0].word.letter == "N":
+            number = [rest.pop(0)]
+        rest = self._without_label(rest, number[0].word if number else None)
+        control = self._control_of(rest)
+        if control is not None:
+            return Statement(control=control, deletable=deletable)
+        found: list[_Word] = list(number)
+        assignments: list[Assignment] = []
+        for item in rest:
+            if isinstance(item, Assignment):
+                assignments.append(item)
+            elif isinstance(item, list):
+                assignments += item
+            elif isinstance(item, Remark):
+                self._remarks.append(item)
+            elif isinstance(item, _Named):
+                found += self._words_of(item)
+            elif isinstance(item, _Word):
+                self._check_beside(item.word)
+                found.append(item)
+            else:
+                raise not_supported(repr(item.text), item.begin, item.end)
+        return Statement(
+            tuple(each.word for each in found),
+            tuple((at, each.value) for at, each in enumerate(found) if each.value is not None),
+            tuple(assignments),
+            tuple(self._remarks),
+            deletable=deletable,
+        )
+
+    def _percent(self, begin: int, end: int, _: Token) -> Statement:
+        return Statement(percent=True)
+
+    def _without_label(self, rest: list[Any], number: Word | None) -> list[Any]:
+        """Return the parts behind a label and its colon."""
+        at = next((k for k, item in enumerate(rest) if _is_colon(item)), 0)
+        if not at:
+            return rest
+        begin = 0 if number is None else number.column + number.length - 1
+        text = self._text[begin : rest[at].begin]
+        text = re.sub(r"^\s*/[0-9]?", "", text) if number is None else text
+        if not _LABEL.fullmatch(text.strip().upper()):
+            return rest
+        return rest[at + 1 :]
+
+    def _check_beside(self, word: Word) -> None:
+        """Refuse the end and the call of a subprogram beside other words."""
+        begin, end = word.column - 1, word.column - 1 + word.length
+        if word.letter == "M" and word.number == 17.0:
+            hint = "write M17 in a line of its own"
+            raise not_supported("M17 beside other words", begin, end, hint)
+        if word.letter == "L":
+            raise not_supported(f"{word.written} (call of a subprogram)", begin, end)
+
+    def _control_of(self, rest: list[Any]) -> Control | None:
+        """Return the control of a line without its number; None for a line of words."""
+        if not rest:
+            return None
+        for item in rest:
+            if isinstance(item, Control):
+                if len(rest) > 1:
+                    place = rest[0] if rest[0] is not item else rest[1]
+                    raise self._beside(item, place)
+                return item
+        first = rest[0]
+        if isinstance(first, _Word):
+            return self._plain_control(rest, first.word)
+        if not isinstance(first, _Named) or first.value is not None:
+            return None
+        name, begin, end = first.name.text, first.name.begin, first.end
+        if _FRAME.fullmatch(name) and first.arguments is None:
+            return self._frame(name, rest[1:], begin)
+        if name == "MCALL" and first.arguments is None and len(rest) <= 2:
+            if len(rest) == 1:
+                return self._control("mcall", "0", (), begin, end)
+            return self._cycle(rest[1], "mcall", begin)
+        if len(rest) > 1:
+            return self._sub_call(first, rest)
+        if name in words()["structures"] and not first.arguments:
+            kind = cast(Keyword, words()["structures"][name])
+            return self._control(kind, "", (), begin, end)
+        if cycle := self._cycle(first, "cycle", begin):
+            return cycle
+        if name in ("HOLES1", "HOLES2") and first.arguments is not None:
+            return self._control("s-holes", name[5:], self._values(first), begin, end)
+        if name == "CYCLE800" and first.arguments is not None:
+            level = self._level_name(first.arguments)
+            return self._control("frame", level, (_nothing,) * 4, begin, end) if level else None
+        return self._sub_call(first, rest)
+
+    def _beside(self, control: Control, place: Any) -> GcodeError:
+        begin, end = control.column - 1, control.column
+        if isinstance(place, _Word | Assignment):
+            at = place.word if isinstance(place, _Word) else place
+            begin, end = at.column - 1, at.column - 1 + at.length
+        message = "a control line must stand alone in its line"
+        return self._build.fault(
+            "control-not-alone", message, begin, end, "write this in another line"
+        )
+
+    def _plain_control(self, rest: list[Any], word: Word) -> Control | None:
+        """Return the control of a line of M17, M2 or M30, or of L and a number."""
+        begin, end = word.column - 1, word.column - 1 + word.length
+        if len(rest) == 1 and word.letter == "M" and word.number in _ENDS:
+            return self._control("s-end", _ENDS[word.number], (), begin, end)
+        if re.fullmatch("L[0-9]{1,7}", word.written) and (
+            (repeats := self._repeats(rest[1:])) is not None
+        ):
+            return self._control("s-call", f"{word.written} {repeats}".rstrip(), (), begin, end)
+        return None
+
+    def _repeats(self, rest: list[Any]) -> str | None:
+        """Return the repeats of a call, empty for one; None for other words."""
+        if not rest:
+            return ""
+        if len(rest) > 1 or not isinstance(rest[0], _Word) or rest[0].word.letter != "P":
+            return None
+        digits = rest[0].word.written[1:]
+        return digits if _REPEATS.fullmatch(digits) else None
+
+    def _sub_call(self, first: _Named, rest: list[Any]) -> Control | None:
+        """Return the call of a subprogram; None for another line."""
+        name, begin = first.name.text, first.name.begin
+        if name in no_names():
+            return None
+        if first.arguments and len(rest) == 1:
+            if any(
+                isinstance(each, Token) and each.terminal == "STRING" for each in first.arguments
+            ):
+                return None
+            return self._control("s-call", name, self._values(first), begin, first.end)
+        repeats = None if first.arguments else self._repeats(rest[1:])
+        if repeats is None:
+            return None
+        return self._control("s-call", f"{name} {repeats}".rstrip(), (), begin, first.end)
+
+    def _cycle(self, item: Any, kind: Keyword, begin: int) -> Control | None:
+        """Return a drilling cycle; None for another part of a line."""
+        if not isinstance(item, _Named) or item.arguments is None:
+            return None
+        found = re.fullmatch("CYCLE(8[1-9])", item.name.text)
+        return self._control(kind, found[1], self._values(item), begin, item.end) if found else None
+
+    def _values(self, item: _Named) -> tuple[Value, ...]:
+        """Return the arguments of a cycle or a call; NaN for those that are left out."""
+        return tuple(
+            _nothing if each is None else self._value(each, item.name).value
+            for each in item.arguments or ()
+        )
+
+    def _level_name(self, given: tuple[Node | Token | None, ...]) -> str:
+        """Return the name of a CYCLE800 that leaves the plane as it is; empty for another one.
+
+        The name tells whether it has arguments, and whether the first of them is a retraction.
+        """
+        if not given:
+            return "CYCLE800"
+        if any(each is not None and not self._is_zero(each) for each in given[_LEVEL]):
+            return ""
+        first = given[0]
+        return "CYCLE800 ()" if first is None or self._is_zero(first) else "CYCLE800 FR"
+
+    def _frame(self, name: str, rest: list[Any], begin: int) -> Control:
+        """Return the line of a frame: X, Y, Z and the angle in the plane (RPL)."""
+        given: dict[str, Value] = {}
+        end = begin + len(name)
+        for item in rest:
+            if isinstance(item, _Named) and item.name.text == "RPL" and item.value is not None:
+                given["RPL"], end = self._value(item.value, item.name).value, item.end
+            elif isinstance(item, _Word) and item.word.letter in ("X", "Y", "Z"):
+                given[item.word.letter] = item.value or _always(item.word.number)
+                end = item.word.column - 1 + item.word.length
+            else:
+                hint = "its words are X, Y, Z, and RPL= for a rotation"
+                raise not_supported(f"{name} with other words", begin, end, hint)
+        turns = name.endswith("ROT")
+        if "RPL" in given and (not turns or len(given) > 1):
+            hint = "write RPL= alone, with ROT or AROT"
+            raise not_supported(f"RPL with {name} and other words", begin, end, hint)
+        if turns and not given.keys() <= {"Z", "RPL"}:
+            hint = "the plane may be turned in itself only: RPL= or Z"
+            raise not_supported(f"{name} about X or Y", begin, end, hint)
+        values = tuple(given.get(word, _nothing) for word in ("X", "Y", "Z", "RPL"))
+        return self._control("frame", name, values, begin, end)
+
+    def _control(
+        self, keyword: Keyword, label: str, values: tuple[Value, ...], begin: int, end: int
+    ) -> Control:
+        column, length = self._build.place(begin, end)
+        return Control(keyword, label, values, column, length)
+
+
+def _one(_: Any) -> float:
+    return 1.0
+
+
+def _always(number: float) -> Value:
+    return lambda _: number
+
+
+def _is_comma(part: Any) -> bool:
+    return isinstance(part, Token) and part.terminal == "COMMA"
+
+
+def _is_colon(part: Any) -> bool:
+    return isinstance(part, Token) and part.terminal == "COLON"
+
+
+def _arguments(parts: tuple[Any, ...]) -> list[Any]:
+    """Return what stands between commas; None for what is left out, none for empty brackets."""
+    found: list[Any] = [None]
+    for part in parts:
+        if _is_comma(part):
+            found.append(None)
+        else:
+            found[-1] = part
+    return found if parts else []

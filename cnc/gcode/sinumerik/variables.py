@@ -1,0 +1,291 @@
+"""Variables of SINUMERIK: R parameters, DEF, the parameters of PROC, arrays, and their names here.
+
+A variable of the main program has a name for all programs. One of a subprogram, or a parameter of
+its PROC, belongs to the call. An element of an array is a parameter with a number. Source: Siemens,
+"SINUMERIK 840D sl/828D Programming Manual, Job Planning", "User data" and "Subprogram technique".
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+from cnc.gcode.reader.lines import read_line
+from cnc.gcode.reader.statements import Token, carried_out
+from cnc.gcode.syntax.expressions import Instruction, Node, constant
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.words import fault
+from cnc.kernels.gcode.arithmetic import ADD, DIVIDE, FIX, MODULO, MULTIPLY, NUMBER
+
+GRAMMAR = "sinumerik"
+KINDS = ("REAL", "INT", "BOOL")
+R_PARAMETERS = range(1_000_000, 1_010_000)
+"""Numbers of R[0], R[1], .."""
+_FIRST_ARRAY = 20_000_000_000
+ROW = 100_000
+"""Distance between the numbers of two elements whose first index differs by 1."""
+SPAN = ROW * ROW
+"""Distance between two arrays."""
+MOST_ELEMENTS = 10_000
+DEFINING = re.compile(rb"\b(?:DEF|PROC)\b|%_N_", re.IGNORECASE)
+"""What every line has that defines variables, or begins a program."""
+_SUBPROGRAM = re.compile(r"\s*(?:%_N_\w+_(SPF|MPF)\b|(?:N[0-9]+\s*)?(PROC)\s)", re.IGNORECASE)
+
+
+class Variable(NamedTuple):
+    """A variable.
+
+    Attributes:
+        name: Its name in capitals.
+        kind: REAL, INT or BOOL.
+        local: Whether it belongs to the call of a subprogram.
+        sizes: Numbers of elements of an array, by index; empty for a single value.
+        first: Number of the parameter of the first element of an array.
+    """
+
+    name: str
+    kind: str
+    local: bool = False
+    sizes: tuple[int, ...] = ()
+    first: int = 0
+
+    @property
+    def stored(self) -> str:
+        """Name here."""
+        return f"p{self.name.lower()}" if self.local else f"_v{self.name.lower()}"
+
+
+Variables = tuple[Variable, ...]
+
+
+class Names:
+    """The variables of a program by their names."""
+
+    def __init__(self, variables: Variables) -> None:
+        self._variables = {each.name: each for each in variables}
+        self._ambiguous = {
+            each.name for each in variables if self._variables[each.name] is not each
+        }
+
+    def is_variable(self, name: str) -> bool:
+        """Whether a name is that of a variable. One that begins with _ needs no definition."""
+        return name.startswith("_") or name in self._variables
+
+    def is_ambiguous(self, name: str) -> bool:
+        """Whether more than one program of the text has a variable of that name."""
+        return name in self._ambiguous
+
+    def find(self, name: str) -> Variable | None:
+        """Return a variable; None if it is not defined, or more than once."""
+        return None if name in self._ambiguous else self._variables.get(name)
+
+    def stored(self, name: str) -> str:
+        """Return the name here of an R parameter or a variable, which is written in capitals."""
+        if re.fullmatch("R[0-9]+", name):
+            return f"_r{int(name[1:])}"
+        return self._variables.get(name, Variable(name, "REAL")).stored
+
+    def in_compiled_code(self, written: str) -> tuple[str, bool]:
+        """Return the name here of a name in a line, and whether compiled code may set it.
+
+        The name of none is one that no program can write.
+        """
+        name = written.upper()
+        if re.fullmatch("R[0-9]+", name):
+            return self.stored(name), True
+        known = self.find(name)
+        if known is None and not (name.startswith("_") and not self.is_ambiguous(name)):
+            return f"?{written}", False
+        if known is None:
+            return self.stored(name), True
+        return (f"?{written}", False) if known.sizes else (known.stored, known.kind == "REAL")
+
+
+def written_name(stored: str) -> str:
+    """Return an R parameter or a variable as a program writes it, from its name here."""
+    return stored[1 if stored[1:2] == "r" or stored[0] == "p" else 2 :].upper()
+
+
+class _Declarations:
+    """The rules of the grammar for lines that define variables; all others have no meaning."""
+
+    def __init__(self, *, local: bool, arrays: int) -> None:
+        self.found: list[Variable] = []
+        self._local, self._arrays = local, arrays
+
+    def token(self, token: Token) -> Token:
+        """Return the token."""
+        return token
+
+    def number(self, begin: int, end: int, value: float) -> Token:
+        """Return the text of a number; empty for one that is not whole."""
+        return Token("NUMBER", f"{value:.0f}" if value.is_integer() else "", begin, end)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda begin, end, *parts: parts
+
+    def _defined(self, begin: int, end: int, name: Token, *rest: Any) -> tuple[str, Any]:
+        """Return a name, and its sizes if it is an array."""
+        return name.text, rest[0] if rest and isinstance(rest[0], list) else None
+
+    def _index(self, begin: int, end: int, *parts: Any) -> list[str]:
+        """Return the texts of the indices; empty for one that is no number."""
+        return [
+            part.text if isinstance(part, Token) else ""
+            for part in parts
+            if not (isinstance(part, Token) and part.terminal == "COMMA")
+        ]
+
+    def _definition(self, begin: int, end: int, _: Token, kind: Token, *parts: Any) -> None:
+        if kind.text not in KINDS:
+            return
+        for part in parts:
+            if not isinstance(part, tuple) or isinstance(part, Token):
+                continue
+            name, written = part
+            sizes = None if written is None else sizes_of(written)
+            if sizes is None and len(name) > 1:
+                self.found.append(Variable(name, kind.text, self._local))
+            elif sizes and not self._local and name != "R":
+                first = _FIRST_ARRAY + SPAN * self._arrays
+                self.found.append(Variable(name, kind.text, self._local, sizes, first))
+                self._arrays += 1
+
+    def _procedure(self, begin: int, end: int, *parts: Any) -> None:
+        given = next((part for part in parts if isinstance(part, list)), [])
+        self.found += parameters_of(given) or ()
+
+    def _parameters(self, begin: int, end: int, *parts: Any) -> list[Any]:
+        return [part for part in parts if not isinstance(part, Token)]
+
+
+def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> Variables:
+    """Return the variables that lines define by DEF and PROC.
+
+    Args:
+        lines: The lines, at least those with DEFINING.
+        in_subprogram: Whether the first line belongs to a subprogram.
+    """
+    local = in_subprogram
+    found: list[Variable] = []
+    for line in lines:
+        if border := _SUBPROGRAM.match(line):
+            local = (border[1] or "SPF").upper() == "SPF"
+        reading = read_line(line, GRAMMAR)
+        if not reading.results.status[0]:
+            rules = _Declarations(local=local, arrays=sum(bool(each.sizes) for each in found))
+            carried_out(reading, 0, line, rules)
+            found += rules.found
+    return tuple(dict.fromkeys(found))
+
+
+def sizes_of(written: Sequence[str]) -> tuple[int, ...]:
+    """Return the sizes of an array; empty for one without elements, or with too many."""
+    if len(written) > 2 or not all(each.isdigit() for each in written):
+        return ()
+    sizes = tuple(map(int, written))
+    return sizes if 0 < math.prod(sizes) <= MOST_ELEMENTS else ()
+
+
+def parameters_of(given: Iterable[Sequence[Token]]) -> Variables | None:
+    """Return the parameters of a PROC by their words; None for forms that are not supported."""
+    found = []
+    for words in given:
+        texts = [each.text if isinstance(each, Token) else "" for each in words]
+        if len(texts) != 2 or texts[0] not in KINDS or len(texts[1]) < 2:
+            return None
+        found.append(Variable(texts[1], texts[0], True))
+    return tuple(found)
+
+
+def elements(variable: Variable) -> list[int]:
+    """Return the numbers of the elements of an array; the last index counts first."""
+    steps = (ROW, 1)[2 - len(variable.sizes) :]
+    return [
+        variable.first + sum(index * step for index, step in zip(indices, steps, strict=True))
+        for indices in product(*(range(size) for size in variable.sizes))
+    ]
+
+
+def left_from(variable: Variable, indices: Sequence[Node]) -> int | None:
+    """Return the number of elements from one on; None if its indices are computed."""
+    place = 0
+    for index, size in zip(indices, variable.sizes, strict=True):
+        if index.number is None:
+            return None
+        place = place * size + int(index.number)
+    return math.prod(variable.sizes) - place
+
+
+def number_of(variable: Variable | None, indices: Sequence[Node], step: int = 0) -> Node:
+    """Return the number of the parameter ``step`` places behind an element of an array, or of R.
+
+    The last index counts first. The element itself must be checked: behind a wrong last index, a
+    right element of the next row may follow.
+    """
+    begin, end = indices[0].begin, indices[-1].end
+    first = R_PARAMETERS.start if variable is None else variable.first
+
+    def of(*parts: Sequence[Instruction] | float | int) -> tuple[Instruction, ...]:
+        """Return instructions, from instructions, numbers (float) and operations (int)."""
+        code: list[Instruction] = []
+        for part in parts:
+            if isinstance(part, float):
+                code.append(Instruction(NUMBER, part, begin + 1, end - begin))
+            elif isinstance(part, int):
+                code.append(Instruction(part, 0.0, begin + 1, end - begin))
+            else:
+                code += part
+        return tuple(code)
+
+    row = indices[0].code if len(indices) > 1 else of(0.0)
+    last = of(indices[-1].code, float(step), ADD)
+    if step and len(indices) > 1:
+        assert variable is not None
+        size = float(variable.sizes[1])
+        row = of(row, last, size, DIVIDE, FIX, ADD)
+        last = of(last, size, MODULO)
+    node = Node(of(float(first), row, float(ROW), MULTIPLY, ADD, last, ADD), begin, end)
+    if all(each.number is not None for each in indices):
+        return constant(node.value(Parameters()), begin, end)
+    return node
+
+
+def bind_arrays(parameters: Parameters, variables: Iterable[Variable]) -> None:
+    """Bind the numbers of R parameters and of the elements of arrays; show names as written."""
+    parameters.written = written_name
+
+    def read(place: int) -> float:
+        return parameters.name(f"_r{place}", 1)
+
+    def write(place: int, value: float) -> None:
+        parameters.set_name(f"_r{place}", value, 1)
+
+    parameters.bind_row(R_PARAMETERS, read, write)
+    for variable in variables:
+        if variable.sizes:
+            _bind(parameters, variable)
+
+
+def _bind(parameters: Parameters, variable: Variable) -> None:
+    """Bind the numbers of an array. Those around it are errors that name the array."""
+    known = {number - variable.first + SPAN // 2 for number in elements(variable)}
+    values: dict[int, float] = {}
+
+    def checked(place: int) -> int:
+        if place in known:
+            return place
+        shown = ",".join(str(size) for size in variable.sizes)
+        last = " and ".join(f"0 to {size - 1}" for size in variable.sizes)
+        message = f"an index is outside of {variable.name}[{shown}]"
+        raise fault("parameter-number", message, column=1, hint=f"its indices are {last}")
+
+    def write(place: int, value: float) -> None:
+        values[checked(place)] = value
+
+    begin = variable.first - SPAN // 2
+    row = range(begin, begin + SPAN)
+    parameters.bind_row(row, lambda place: values.get(checked(place), 0.0), write)
