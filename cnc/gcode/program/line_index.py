@@ -22,7 +22,7 @@ from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.diagnostics import CncError, GcodeError
 
-_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "none": ""}
+_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "klartext": "", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
 _FOREIGN_LINE = "!"
 SHORTEST_RUN = 20

@@ -62,7 +62,7 @@ class Language(NamedTuple):
     joined: bool = False
 
 
-NGC, MACRO = Language("ngc"), Language("macro")
+NGC, MACRO, KLARTEXT = Language("ngc"), Language("macro"), Language("klartext")
 
 
 class Reading(NamedTuple):
@@ -110,7 +110,7 @@ def _meaning(language: Language) -> kernel.Meaning:
         rules,
         np.array([_OPERATIONS.get(text, 0) for text in found.texts], np.uint8),
         found.texts.index("CALL") if "CALL" in found.texts else -1,
-        found.terminals.index("LETTER") + 1,
+        found.terminals.index("LETTER") + 1 if "LETTER" in found.terminals else 0,
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from cnc.gcode.reader.lines import MACRO, MAX_LINE, NGC, Language, read_line
+from cnc.gcode.reader.lines import KLARTEXT, MACRO, MAX_LINE, NGC, Language, read_line
 from cnc.gcode.reader.statements import Translator
 from cnc.gcode.syntax.error_context import ErrorContext
 from cnc.gcode.syntax.expressions import Builder
@@ -52,7 +52,7 @@ _FOREIGN_NAMES = {
     "O": "O-words (subprograms and control flow) are",
 }
 
-Flavour = Literal["ngc", "macro-b", "siemens", "none"]
+Flavour = Literal["ngc", "macro-b", "siemens", "klartext", "none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,8 @@ class Syntax:
         """How lines are read by compiled code."""
         if self.flavour == "macro-b":
             return MACRO
+        if self.flavour == "klartext":
+            return KLARTEXT
         return NGC._replace(joined=self.flavour == "siemens")
 
     @property
@@ -116,6 +118,10 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         raise fault("control-character", message, column=control.start() + 1, hint=hint)
     if not text or text.isspace():
         return Statement()
+    if syntax.flavour == "klartext":
+        from cnc.gcode.klartext.reader import parse  # for its programs only
+
+        return parse(text)
     if text.strip(" \t") == "%":
         # Most programs have this line, and many need the grammar for no other one.
         return Statement(percent=True)
