@@ -193,7 +193,8 @@ class ProgramReader:
     def _evidence(self) -> Recognition:
         """Search the first lines for evidence of a controller and of a lathe, once."""
         if self.evidence is None:
-            self.evidence = recognise(Text.of_file(self.path, self.name).first_lines())
+            lines = Text.of_file(self.path, self.name).first_lines()
+            self.evidence = recognise(lines, self.name)
         return self.evidence
 
     @property

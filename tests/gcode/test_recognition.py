@@ -100,7 +100,6 @@ def test_the_reasons_name_words_and_lines() -> None:
 @pytest.mark.parametrize(
     ("source", "code", "words"),
     [
-        ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
         ("%PART G71 *\nN10 G00 G40 G90 Z+100 *", "not-gcode", "Heidenhain program in DIN/ISO"),
         ("N10 G99 T1 L+0 R+5 *\nN20 T1 G17 S500 *", "not-gcode", "Heidenhain program in DIN/ISO"),
         ("G21 G90\nG0 X1".encode("utf-16-le").decode("latin-1"), "not-gcode", "UTF-16"),

@@ -51,7 +51,7 @@ class _Evidence(NamedTuple):
         points: Weight. Below 0 it speaks against the language.
         what: The finding in words.
         place: The part of a line that is searched; "first" is the first line with code besides %,
-            "later" those behind it.
+            "later" those behind it, "name" the name of the file.
         pattern: The pattern.
         prints: Whether only a 3D printer's program has it.
     """
@@ -60,7 +60,7 @@ class _Evidence(NamedTuple):
     kind: str
     points: int
     what: str
-    place: Literal["first", "later", "code", "comment", "line"]
+    place: Literal["first", "later", "code", "comment", "line", "name"]
     pattern: re.Pattern[str]
     prints: bool
 
@@ -137,8 +137,8 @@ def evidence() -> list[tuple[str, int, str]]:
     return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
 
 
-def recognise(lines: Iterable[str]) -> Recognition:
-    """Return the language of a program, from its first lines."""
+def recognise(lines: Iterable[str], name: str = "") -> Recognition:
+    """Return the language of a program, from its first lines and the ending of its name."""
     table = _table()
     found: dict[str, list[tuple[_Evidence, Reason]]] = {}
     has_y, plane, begun = False, None, False
@@ -154,7 +154,7 @@ def recognise(lines: Iterable[str]) -> Recognition:
             prose = Reason(_shown(line), "no line has a word of G-code", number)
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
-        places = {"code": [code], "comment": comments, "line": [line],
+        places = {"code": [code], "comment": comments, "line": [line], "name": [name],
                   "later" if begun else "first": [code]}  # fmt: skip
         begun = code != "%" and (begun or (code != "" and not _is_text(code)))
         for each in tuple(left):

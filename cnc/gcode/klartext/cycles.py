@@ -231,7 +231,9 @@ def _transform(session: Session, block: Block, kind: int) -> None:
     session.shift, session.mirrored, session.angle = shift, mirrored, angle
     session.forget_place()
     column, coordinates = interpreter.motion.column, interpreter.coordinates
-    coordinates.set_local({column[axis]: shift["XYZ".index(axis)] for axis in "XYZ" if axis in column})
+    coordinates.set_local(
+        {column[axis]: shift["XYZ".index(axis)] for axis in "XYZ" if axis in column}
+    )
     none = Figure.none(len(coordinates.axes))
     factors = tuple(-1.0 if axis.upper() in mirrored else 1.0 for axis in coordinates.axes)
     plane = (column["X"], column["Y"]) if angle else None

@@ -53,7 +53,9 @@ def move(session: Session, block: Block) -> None:
     for item, number in kinds.items():
         _check_function(session, block, item, number)
     words = [
-        item.word("M", code) for item, number in kinds.items() for code in _BEFORE.get(int(number), ())
+        item.word("M", code)
+        for item, number in kinds.items()
+        for code in _BEFORE.get(int(number), ())
     ]
     words += _side(session, block)
     has_place = any(item.key.lstrip("I") in (*"XYZABCUVW", "PR", "PA") for item in block.items)
@@ -154,7 +156,9 @@ def _place(session: Session, block: Block, words: list[Word], *, machine: bool) 
         target |= {"X": there[0], "Y": there[1]}
     if machine:
         if kind != "L":
-            raise session.fault(block, "code-not-supported", f"M91 goes with L only, not with {kind}")
+            raise session.fault(
+                block, "code-not-supported", f"M91 goes with L only, not with {kind}"
+            )
         words.append(block.head.word("G", 53.0))
     if not rapid:
         if feed is not None:
@@ -259,9 +263,7 @@ def _arc(
             end = _direction_of_radius(here, there, size, turns_left=turns_left)
             return 3.0 if turns_left else 2.0, [radius.word("R", size)], end
         centre = _pole(session, block)
-    words = [
-        head.word(letter, to - at) for letter, to, at in zip("IJ", centre, here, strict=True)
-    ]
+    words = [head.word(letter, to - at) for letter, to, at in zip("IJ", centre, here, strict=True)]
     angle = block.find("IPA")
     if angle is not None:
         degrees = session.value(angle)
@@ -352,7 +354,8 @@ def _corner_word(session: Session, block: Block, *, rapid: bool) -> Iterator[Wor
         raise session.fault(block, "corner-next", message, "give the move a feed")
     if feed := corner.find(*_FEEDS):
         raise session.flow.listing.placed(
-            feed.fault("code-not-supported", "F in RND and CHF is not supported"), session.corner_line
+            feed.fault("code-not-supported", "F in RND and CHF is not supported"),
+            session.corner_line,
         )
     letter = ",R" if corner.head.key == "RND" else ",C"
     yield Word(letter, session.value(item), corner.head.text, block.column, block.length)

@@ -123,7 +123,9 @@ def _not_read(text: str, at: int, wanted: frozenset[str]) -> GcodeError:
     found = _WORD.match(text, at)
     if found is None or found[0].startswith(";"):
         message = "the block is not complete"
-        return fault("klartext-incomplete", message, column=max(len(text[:at].rstrip()), 1), hint=hint)
+        return fault(
+            "klartext-incomplete", message, column=max(len(text[:at].rstrip()), 1), hint=hint
+        )
     message = f"{found[0].strip()} can't stand here in a block of Klartext"
     return fault("klartext-word", message, column=at + 1, length=len(found[0].rstrip()), hint=hint)
 
@@ -210,7 +212,7 @@ class _Rules:
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:
         return inside.spanning(begin, end)
 
-    def _primary(self, begin: int, end: int, pi: Token) -> Node:
+    def _pi(self, begin: int, end: int, pi: Token) -> Node:
         return constant(math.pi, begin, end)
 
     def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
@@ -246,9 +248,12 @@ class _Rules:
         place = name.begin, name.end
         if operator == "LEN":
             squares = (build.binary(each, "*", each, *place) for each in (left, right))
-            made = build.call("SQRT", build.binary(next(squares), "+", next(squares), *place), *place)
+            made = build.call(
+                "SQRT", build.binary(next(squares), "+", next(squares), *place), *place
+            )
         elif operator == "ANG":
-            made = build.arctangent(left, right, begin)
+            angle = build.arctangent(left, right, begin).value
+            made = Node(lambda p: angle(p) % 360.0, begin, end, depth=left.depth + right.depth + 1)
         else:
             made = build.binary(left, operator, right, *place)
         return number, made
@@ -302,7 +307,9 @@ class _Rules:
         label = self.item(target[-1])
         return Block("klartext", "jump", (), begin + 1, end - begin, None, head, (label,))
 
-    def _message(self, begin: int, end: int, fn: Token, number: Node, kind: Token, *parts: Any) -> Block:
+    def _message(
+        self, begin: int, end: int, fn: Token, number: Node, kind: Token, *parts: Any
+    ) -> Block:
         self._check_fn(number, _FN_OPERATIONS[kind.text][0])
         head = Item(kind.text, parts[-1].value, self.text[begin:end], begin)
         return Block("klartext", "message", (), begin + 1, end - begin, None, head)

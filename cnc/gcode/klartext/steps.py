@@ -80,7 +80,9 @@ def _tool_call(session: Session, block: Block) -> None:
         if item.key == "":
             number = item
         elif item.value is None and item.key != "Z":
-            what = f"the tool axis {item.key}" if item.key in ("X", "Y") else f"the tool {item.text}"
+            what = (
+                f"the tool axis {item.key}" if item.key in ("X", "Y") else f"the tool {item.text}"
+            )
             hint = "call a tool by its number, with the axis Z"
             raise item.fault("code-not-supported", f"{what} in TOOL CALL is not supported", hint)
         elif item.key in _NO_LENGTH and session.value(item) != 0.0:
@@ -228,9 +230,11 @@ def _call(session: Session, block: Block) -> int | None:
 
 def _jump(session: Session, block: Block) -> int | None:
     """Jump to a label if the condition of FN 9 to FN 12 holds."""
-    return _jump_to(session, block, _line_of(session, block, block.items[0])) if session.value(
-        block.head
-    ) else None
+    return (
+        _jump_to(session, block, _line_of(session, block, block.items[0]))
+        if session.value(block.head)
+        else None
+    )
 
 
 def _jump_to(session: Session, block: Block, target: int) -> int:
