@@ -81,6 +81,10 @@ EVIDENCE = [
     ("; a text\nPART HOLDER\nX5", "auto"),
     ("; a text", "auto"),
     ("", "auto"),
+    ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "heidenhain"),
+    ("begin pgm a mm\nM30", "heidenhain"),
+    ("12 L X+5 Y-3 R0 FMAX", "heidenhain"),
+    ("CYCL DEF 200 BOHREN ~\nQ200=2", "heidenhain"),
 ]
 
 
@@ -90,6 +94,12 @@ def test_the_first_lines_name_the_dialect(source: str, dialect: str) -> None:
     assert found.dialect == dialect
     assert bool(found.reasons) == (dialect != "auto")
     assert found.described().startswith(dialect)
+
+
+def test_the_ending_of_a_name_is_evidence() -> None:
+    assert recognise(["LP PR+1 PA+2"], "part.H").dialect == "heidenhain"
+    assert recognise(["LP PR+1 PA+2"], "part.h.nc").dialect == "auto"
+    assert recognise(["G291", "G0 X1"], "part.h").dialect == "fanuc"
 
 
 def test_the_reasons_name_words_and_lines() -> None:
