@@ -8,31 +8,31 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-from cnc.gcode.reader.lines import read_line
+from cnc.gcode.reader.lines import KLARTEXT, read_line
 from cnc.gcode.reader.statements import Token, carried_out
 from cnc.gcode.syntax.expressions import Builder, Node, constant
 from cnc.gcode.syntax.statement import Control, Statement, Value
 from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault
 from cnc.model.diagnostics import GcodeError
 
-GRAMMAR = "klartext"
 OWN_PARAMETERS = range(100, 200)
 """Q parameters in which the control keeps its own data."""
 LAST_PARAMETER = 1999
-_FN_OPERATIONS = {
+_FN = {
     "+": (1, "+"), "-": (2, "-"), "*": (3, "*"), "DIV": (4, "/"), "SQRT": (5, "SQRT"),
-    "SIN": (6, "SIN"), "COS": (7, "COS"), "LEN": (8, "LEN"), "ANG": (13, "ANG"),
-    "EQU": (9, "EQ"), "NE": (10, "NE"), "GT": (11, "GT"), "LT": (12, "LT"),
-    "ERROR": (14, ""), "PRINT": (15, ""),
+    "SIN": (6, "SIN"), "COS": (7, "COS"), "LEN": (8, ""), "EQU": (9, "EQ"), "NE": (10, "NE"),
+    "GT": (11, "GT"), "LT": (12, "LT"), "ANG": (13, ""), "ERROR": (14, ""), "PRINT": (15, ""),
 }  # fmt: skip
 """Number of the FN of each operation, and its name in expressions."""
-_WHOLE = {"INT": math.trunc, "SGN": lambda value: float(value > 0.0) - float(value < 0.0)}
+_PARTS = {
+    "INT": math.trunc, "FRAC": lambda value: value - math.trunc(value),
+    "SGN": lambda value: float(value > 0.0) - float(value < 0.0),
+}  # fmt: skip
 _SAID = {
     "NUMBER": "a number", "SIGN": "a value", "AXIS": "an axis", "UNIT": "MM or INCH",
     "FILE": "the name of the program", "LBL": "LBL", "STRING": "a name in quotes",
@@ -44,19 +44,17 @@ _COMMAND = re.compile(r"[ \t]*[0-9]*[ \t]*([A-Za-z]+(?:[ \t]+[A-Za-z]+)?)")
 
 
 class Item(NamedTuple):
-    """A word of a block.
-
-    Attributes:
-        key: Its letters, such as ``IX``, ``F``, ``RL`` or ``Q200``.
-        value: Its value; None for a word without one.
-        text: The word as it is written.
-        begin: Position of its first character.
-    """
+    """A word: its letters (``IX``, ``RL``, ``_q200``), value, text, and place in the line."""
 
     key: str
     value: Value | None
     text: str
     begin: int
+
+    @property
+    def letter(self) -> str:
+        """The letters without the I of an increment."""
+        return self.key.lstrip("I")
 
     def word(self, letter: str, number: float) -> Word:
         """Return a word of G-code that has the place of this one."""
@@ -67,21 +65,15 @@ class Item(NamedTuple):
         return fault(code, message, self.word("", 0.0), hint)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Block(Control):
-    """A block of Klartext.
+    """A block of Klartext: its keyword, which stands for the whole block, and its words."""
 
-    Attributes:
-        head: Its keyword as an item.
-        items: Its words.
-        then: Value of a condition or of a repetition.
-    """
-
-    head: Item = Item("", None, "", 0)
-    items: tuple[Item, ...] = ()
+    head: Item
+    items: tuple[Item, ...]
 
     def find(self, *keys: str) -> Item | None:
-        """Return the first item with one of some keys."""
+        """Return the first word with one of some keys."""
         return next((item for item in self.items if item.key in keys), None)
 
 
@@ -91,7 +83,7 @@ def parse(text: str) -> Statement:
     Raises:
         GcodeError: A syntax error, with its column.
     """
-    reading = read_line(text, GRAMMAR)
+    reading = read_line(text, KLARTEXT.grammar)
     results = reading.results
     if results.status[0]:
         wanted = reading.grammar.wanted[results.state[0]]
@@ -100,62 +92,45 @@ def parse(text: str) -> Statement:
     return found
 
 
+def block_of(head: Item, *items: Item) -> Block:
+    """Return a block of a keyword and words."""
+    place = head.begin + 1, len(head.text)
+    return Block("klartext", head.key, (), *place, head=head, items=items)
+
+
 @cache
 def _refused() -> dict[str, str]:
-    return tomllib.loads(files(__package__).joinpath("refused.toml").read_text("utf-8"))
+    data = tomllib.loads(files(__package__).joinpath("refused.toml").read_text("utf-8"))
+    return {name: meaning for meaning, names in data.items() for name in names}
 
 
 def _not_read(text: str, at: int, wanted: frozenset[str]) -> GcodeError:
     """Return the error of a line that the grammar does not have."""
     if at < len(text) and not text[at].isascii():
-        message = f"the character {text[at]!r} has no meaning here"
-        return fault("character-unknown", message, column=at + 1)
+        return fault("character-unknown", f"{text[at]!r} has no meaning here", column=at + 1)
     if command := _COMMAND.match(text):
         names = command[1].upper().split()
         for name in (" ".join(names), names[0]):
             if meaning := _refused().get(name):
                 message = f"{name} ({meaning}) is not supported"
-                column, length = command.start(1) + 1, len(command[1][: len(name)])
                 hint = "let the CAM system write the moves themselves"
-                return fault("code-not-supported", message, column=column, length=length, hint=hint)
+                place = Item(name, None, command[1][: len(name)], command.start(1))
+                return place.fault("code-not-supported", message, hint)
     expected = " or ".join(sorted(_SAID[name] for name in wanted if name in _SAID))
     hint = f"expected here: {expected}" if expected else ""
     found = _WORD.match(text, at)
-    if found is None or found[0].startswith(";"):
-        message = "the block is not complete"
-        return fault(
-            "klartext-incomplete", message, column=max(len(text[:at].rstrip()), 1), hint=hint
-        )
+    if found is None or found[0] == ";":
+        column = max(len(text[:at].rstrip()), 1)
+        return fault("klartext-incomplete", "the block is not complete", column=column, hint=hint)
     message = f"{found[0].strip()} can't stand here in a block of Klartext"
     return fault("klartext-word", message, column=at + 1, length=len(found[0].rstrip()), hint=hint)
-
-
-def _words(name: str) -> Callable[..., Block]:
-    """Return the method of a rule that is a block of words."""
-
-    def made(self: _Rules, begin: int, end: int, *parts: Any) -> Block:
-        head, items = parts[0], tuple(map(self.item, parts[1:]))
-        written = self.text[begin:end]
-        at = Item(_key(head), None, written, begin)
-        return Block("klartext", name, (), begin + 1, end - begin, None, at, items)
-
-    return made
-
-
-def _key(part: Any) -> str:
-    return part.text if isinstance(part, Token) else part.key
-
-
-def _valued(self: _Rules, begin: int, end: int, name: Token, *value: Node) -> Item:
-    """Return a word, with or without a value."""
-    return Item(name.text, value[0].value if value else None, self.text[begin:end], begin)
 
 
 class _Rules:
     """The meaning of each rule of the grammar, for one line."""
 
     def __init__(self, text: str) -> None:
-        self.text = text
+        self._text = text
         self._build = Builder(macro=False, translated=False)
 
     def token(self, token: Token, value: float) -> Any:
@@ -167,72 +142,107 @@ class _Rules:
             raise self._build.fault("number-too-large", message, token.begin, token.end)
         return constant(value, token.begin, token.end)
 
-    def item(self, part: Any) -> Item:
-        """Return a part of a block as a word."""
+    # Words and blocks
+
+    def _item(self, part: Token | Node | Item) -> Item:
+        """Return a part of a block as a word; a value alone has no letters."""
+        if isinstance(part, Item):
+            return part
+        text = self._text[part.begin : part.end]
         if isinstance(part, Node):
-            return Item("", part.value, self.text[part.begin : part.end], part.begin)
-        if isinstance(part, Token):
-            return Item(part.text, None, self.text[part.begin : part.end], part.begin)
-        assert isinstance(part, Item)
-        return part
+            return Item("", part.value, text, part.begin)
+        return Item(part.text, None, text, part.begin)
 
-    # Words
-
-    _coordinate = _polar = _coefficient = _radius = _feed = _function = _valued
-    _speed = _delta = _dimension = _rotation = _valued
+    def _valued(self, begin: int, end: int, name: Token, *value: Node) -> Item:
+        text = self._text[begin:end]
+        return Item(name.text, value[0].value if value else None, text, begin)
 
     def _turn(self, begin: int, end: int, name: Token, sign: Token) -> Item:
         turn = 1.0 if sign.text == "+" else -1.0
-        return Item("DR", lambda _: turn, self.text[begin:end], begin)
-
-    def _repeat(self, begin: int, end: int, name: Token, count: Node, *_: Any) -> Item:
-        return Item("REP", count.value, self.text[begin:end], begin)
+        return Item("DR", lambda _: turn, self._text[begin:end], begin)
 
     def _assignment(self, begin: int, end: int, name: Token, _: Token, value: Node) -> Item:
-        return Item(self._target(name), value.value, self.text[begin:end], begin)
+        return Item(self._name(name), value.value, self._text[begin:end], begin)
+
+    def _words(self, begin: int, end: int, *parts: Any) -> Block:
+        """Return a block. M functions alone are the block M, assignments the block Q."""
+        first = parts[0]
+        if isinstance(first, Token):
+            key, parts = first.text, parts[1:]
+        else:
+            key = "M" if first.key == "M" else "Q"
+        return block_of(
+            Item(key, None, self._text[begin:end], begin), *(self._item(part) for part in parts)
+        )
+
+    def _formula(
+        self, begin: int, end: int, _: Token, fn: Node, name: Token, equal: Token, value: Any
+    ) -> Block:
+        number, node = value if isinstance(value, tuple) else (0, value)
+        self._check_fn(fn, number)
+        text = self._text[begin:end]
+        item = Item(self._name(name), node.value, text, begin)
+        return block_of(Item("Q", None, text, begin), item)
+
+    def _jump(self, begin: int, end: int, _: Token, fn: Node, *parts: Any) -> Block:
+        _, left, relation, right, *_, label = parts
+        number, operator = _FN[relation.text]
+        self._check_fn(fn, number)
+        condition = self._build.binary(left, operator, right, relation.begin, relation.end)
+        return block_of(
+            Item("IF", condition.value, self._text[begin:end], begin), self._item(label)
+        )
+
+    def _message(self, begin: int, end: int, _: Token, fn: Node, kind: Token, *parts: Any) -> Block:
+        self._check_fn(fn, _FN[kind.text][0])
+        return block_of(Item(kind.text, parts[-1].value, self._text[begin:end], begin))
+
+    def _check_fn(self, fn: Node, wanted: int) -> None:
+        if fn.number != wanted:
+            message = f"this function is FN {wanted}, not FN {fn.number:g}"
+            raise self._build.fault("klartext-word", message, fn.begin, fn.end)
+
+    def _line(self, begin: int, end: int, *parts: Any) -> Statement:
+        return Statement(control=next((part for part in parts if isinstance(part, Block)), None))
 
     # Values
 
     def _parameter(self, begin: int, end: int, name: Token) -> Node:
-        return self._build.parameter(self._target(name), begin, end)
+        return self._build.parameter(self._name(name), begin, end)
 
-    def _target(self, name: Token) -> str:
+    def _name(self, name: Token) -> str:
+        """Return the name of a Q parameter for :class:`Parameters`."""
         number = int(name.text[1:])
         if number > LAST_PARAMETER or number in OWN_PARAMETERS:
             what = "belongs to the control" if number <= LAST_PARAMETER else "does not exist"
-            hint = "use Q0 to Q99, or Q200 to Q1999"
-            raise self._build.fault(
-                "parameter-number", f"{name.text} {what}", name.begin, name.end, hint
-            )
+            message, hint = f"{name.text} {what}", "use Q0 to Q99, or Q200 to Q1999"
+            raise self._build.fault("parameter-number", message, name.begin, name.end, hint)
         return f"_q{number}"
 
-    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
-        return self._build.sign(sign.text, operand, begin)
+    def _pi(self, begin: int, end: int, _: Token) -> Node:
+        return constant(math.pi, begin, end)
 
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:
         return inside.spanning(begin, end)
 
-    def _pi(self, begin: int, end: int, pi: Token) -> Node:
-        return constant(math.pi, begin, end)
+    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
+        return self._build.sign(sign.text, operand, begin)
 
     def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
         return self._build.binary(left, operator.text, right, operator.begin, operator.end)
 
     def _power(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
-        if self.text[left.begin] in "+-":
-            message = "a sign before a power is not clear"
-            hint = "write brackets, such as -(3^2)"
+        if self._text[left.begin] in "+-":
+            message, hint = "a sign before a power is not clear", "write brackets, such as -(3^2)"
             raise self._build.fault("expression-without-brackets", message, begin, end, hint)
         return self._build.binary(left, "**", right, operator.begin, operator.end)
 
-    def _apply(self, begin: int, end: int, name: Token, argument: Node) -> Node:
+    def _call(self, begin: int, end: int, name: Token, argument: Node) -> Node:
         build, a = self._build, argument.value
-        if name.text in _WHOLE:
-            whole = _WHOLE[name.text]
-            return Node(lambda p: whole(a(p)), begin, end, depth=argument.depth + 1)
-        if name.text == "FRAC":
-            return Node(lambda p: a(p) - math.trunc(a(p)), begin, end, depth=argument.depth + 1)
-        if name.text == "SQ":
+        if name.text in _PARTS:
+            function = _PARTS[name.text]
+            made = Node(lambda p: function(a(p)), begin, end, depth=argument.depth + 1)
+        elif name.text == "SQ":
             made = build.binary(argument, "*", argument, name.begin, name.end)
         elif name.text == "NEG":
             made = build.sign("-", argument, begin)
@@ -242,82 +252,19 @@ class _Rules:
             made = build.call(name.text, argument, name.begin, name.end)
         return made.spanning(begin, end)
 
-    def _binary_fn(self, begin: int, end: int, left: Node, name: Token, right: Node) -> Any:
-        number, operator = _FN_OPERATIONS[name.text]
-        build = self._build
-        place = name.begin, name.end
-        if operator == "LEN":
-            squares = (build.binary(each, "*", each, *place) for each in (left, right))
-            made = build.call(
-                "SQRT", build.binary(next(squares), "+", next(squares), *place), *place
-            )
-        elif operator == "ANG":
+    def _calculation(self, begin: int, end: int, *parts: Any) -> tuple[int, Node]:
+        """Return the number of an FN, and its value."""
+        build, name = self._build, parts[-2]
+        number, operator = _FN[name.text]
+        left, right, place = parts[0], parts[-1], (name.begin, name.end)
+        if name.text == "LEN":
+            x, y = (build.binary(each, "*", each, *place) for each in (left, right))
+            made = build.call("SQRT", build.binary(x, "+", y, *place), *place)
+        elif name.text == "ANG":
             angle = build.arctangent(left, right, begin).value
             made = Node(lambda p: angle(p) % 360.0, begin, end, depth=left.depth + right.depth + 1)
+        elif len(parts) == 2:
+            made = build.call(operator, right, *place)
         else:
             made = build.binary(left, operator, right, *place)
         return number, made
-
-    def _unary_fn(self, begin: int, end: int, name: Token, operand: Node) -> Any:
-        number, operator = _FN_OPERATIONS[name.text]
-        return number, self._build.call(operator, operand, name.begin, name.end)
-
-    # Blocks
-
-    _begin = _words("begin")
-    _end = _words("end")
-    _blank = _words("blank")
-    _move = _words("move")
-    _radius_arc = _words("move")
-    _centre = _words("centre")
-    _corner = _words("corner")
-    _spline = _words("spline")
-    _tool_call = _words("tool_call")
-    _tool_def = _words("tool_def")
-    _stop = _words("stop")
-    _cycle = _words("cycle")
-    _cycle_call = _words("cycle_call")
-    _label = _words("label")
-    _call = _words("call")
-
-    def _functions(self, begin: int, end: int, *items: Item) -> Block:
-        head = Item("M", None, self.text[begin:end], begin)
-        return Block("klartext", "move", (), begin + 1, end - begin, None, head, items)
-
-    def _definition(self, begin: int, end: int, *items: Item) -> Block:
-        head = Item("Q", None, self.text[begin:end], begin)
-        return Block("klartext", "definition", (), begin + 1, end - begin, None, head, items)
-
-    def _formula(
-        self, begin: int, end: int, fn: Token, number: Node, name: Token, _: Token, value: Any
-    ) -> Block:
-        wanted, node = value if isinstance(value, tuple) else (0, value)
-        self._check_fn(number, wanted)
-        item = Item(self._target(name), node.value, self.text[begin:end], begin)
-        return self._definition(begin, end, item)
-
-    def _jump(
-        self, begin: int, end: int, fn: Token, number: Node, if_: Token, left: Node,
-        relation: Token, right: Node, *target: Any,
-    ) -> Block:  # fmt: skip
-        wanted, operator = _FN_OPERATIONS[relation.text]
-        self._check_fn(number, wanted)
-        condition = self._build.binary(left, operator, right, relation.begin, relation.end)
-        head = Item("IF", condition.value, self.text[begin:end], begin)
-        label = self.item(target[-1])
-        return Block("klartext", "jump", (), begin + 1, end - begin, None, head, (label,))
-
-    def _message(
-        self, begin: int, end: int, fn: Token, number: Node, kind: Token, *parts: Any
-    ) -> Block:
-        self._check_fn(number, _FN_OPERATIONS[kind.text][0])
-        head = Item(kind.text, parts[-1].value, self.text[begin:end], begin)
-        return Block("klartext", "message", (), begin + 1, end - begin, None, head)
-
-    def _check_fn(self, number: Node, wanted: int) -> None:
-        if number.number != wanted:
-            message = f"this function is FN {wanted}, not FN {number.number:g}"
-            raise self._build.fault("klartext-word", message, number.begin, number.end)
-
-    def _line(self, begin: int, end: int, *parts: Any) -> Statement:
-        return Statement(control=next((part for part in parts if isinstance(part, Block)), None))

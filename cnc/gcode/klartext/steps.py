@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 from cnc.gcode.klartext import cycles, moves
-from cnc.gcode.klartext.reader import Block, Item
+from cnc.gcode.klartext.reader import Block, Item, block_of
 from cnc.gcode.klartext.state import Session
 from cnc.gcode.program.call_stack import Flow, Frame, Step
 from cnc.gcode.program.control_flow import BackwardJump, not_ended
@@ -19,7 +19,7 @@ from cnc.gcode.syntax.statement import Control
 from cnc.gcode.syntax.words import whole
 
 _LABEL = re.compile(rb"(?<![^\r\n])[ \t]*[0-9]*[ \t]*LBL[ \t]*[\"0-9]", re.IGNORECASE)
-_NO_LENGTH = ("DL", "DR", "DR2")
+_MOST_REPEATS = 65_535
 
 
 class BlockStep:
@@ -32,29 +32,27 @@ class BlockStep:
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the block; return the line to continue at."""
-        block = self._block
-        session = flow.klartext
+        block, session = self._block, flow.klartext
         if session is None:
             session = flow.klartext = Session(flow)
         session.line = flow.interpreter.here.line = line
-        if block.label != "definition":
-            session.defines = False
-        after = _EFFECTS[str(block.label)](session, block)
+        flow.interpreter.begun = True
+        session.defines = session.defines and block.head.key == "Q"
+        after = _EFFECTS[block.head.key](session, block)
         return line + 1 if after is None else after
 
 
 def _begin(session: Session, block: Block) -> None:
     if session.opened:
         raise session.fault(block, "program-repeated", "a second BEGIN PGM")
-    session.opened = True
-    session.inches = block.items[-1].key == "INCH"
-    session.do(block.head.word("G", 20.0 if session.inches else 21.0))
+    session.opened, session.inches = True, block.items[-1].key == "INCH"
+    session.do(block.head._replace(text="BEGIN PGM").word("G", 20 if session.inches else 21))
 
 
 def _end(session: Session, block: Block) -> None:
     if session.flow.frame.kind != "main":
         raise not_ended(session.flow, "before END PGM: LBL 0 is missing")
-    session.do(block.head._replace(text="END PGM").word("M", 2.0))
+    session.do(block.head._replace(text="END PGM").word("M", 2))
 
 
 def end_of_file(flow: Flow, line: int) -> None:
@@ -70,87 +68,78 @@ def end_of_file(flow: Flow, line: int) -> None:
 
 
 def _blank(session: Session, block: Block) -> None:
-    session.note(block, "BLK FORM (the blank of the control's graphics) has no effect here")
+    session.note(block, "BLK FORM (the blank of the control's graphics)")
 
 
 def _tool_call(session: Session, block: Block) -> None:
     """Change the tool, and take its length; without a number set the speed only."""
-    number = None
-    for item in block.items[1:]:
-        if item.key == "":
-            number = item
-        elif item.value is None and item.key != "Z":
-            what = (
-                f"the tool axis {item.key}" if item.key in ("X", "Y") else f"the tool {item.text}"
-            )
+    for item in block.items:
+        if item.value is None and item.key != "Z":
+            message = f"{item.text} in TOOL CALL is not supported"
             hint = "call a tool by its number, with the axis Z"
-            raise item.fault("code-not-supported", f"{what} in TOOL CALL is not supported", hint)
-        elif item.key in _NO_LENGTH and session.value(item) != 0.0:
+            raise item.fault("code-not-supported", message, hint)
+        if item.key in ("DL", "DR", "DR2") and session.value(item) != 0.0:
             hint = "enter the difference in the tool table"
             raise item.fault("code-not-supported", f"{item.text}: only 0 is supported", hint)
-    if number is not None:
-        session.do(number.word("T", session.value(number)), number.word("M", 6.0))
-        session.do(number.word("G", 43.0 if session.value(number) else 49.0))
+    if number := block.find(""):
+        tool = session.value(number)
+        session.do(number.word("T", tool), number.word("M", 6))
+        session.do(number.word("G", 43 if tool else 49))
     if speed := block.find("S"):
         session.do(speed.word("S", session.value(speed)))
-    if feed := block.find("F"):
+    if feed := block.find("F", "FMAX", "FAUTO"):
+        if feed.key != "F":
+            raise feed.fault("klartext-word", f"{feed.text} does not belong to TOOL CALL")
         session.auto_feed = session.next_feed = session.feed(feed)
 
 
 def _tool_def(session: Session, block: Block) -> None:
     """Prepare a tool, or enter its length and radius in the tool table."""
-    number = block.items[1]
-    word, table = number.word("T", session.value(number)), session.flow.interpreter.tool_codes.table
-    given = {item.key: session.value(item) for item in block.items[2:]}
-    if not given:
+    number, *dimensions = block.items
+    interpreter = session.flow.interpreter
+    word, table = number.word("T", session.value(number)), interpreter.tool_codes.table
+    if not dimensions:
         session.do(word)
         return
     if table.file:
-        message = "TOOL DEF with dimensions, beside a tool table"
-        hint = "remove L and R: the dimensions are those of the table"
+        message, hint = "TOOL DEF with dimensions, beside a tool table", "remove L and R"
         raise session.fault(block, "code-not-supported", message, hint)
-    scale = session.flow.interpreter.modal.scale
-    length, radius = (given.get(letter, 0.0) * scale for letter in "LR")
+    given = {item.key: session.value(item) * interpreter.modal.scale for item in dimensions}
+    length, radius = given.get("L", 0.0), given.get("R", 0.0)
     tool = whole(word, "the tool number", 1, MAX_TOOL)
     table.put(ToolEntry(tool, offsets={"Z": length}, diameter=2.0 * radius))
 
 
+def _functions(session: Session, block: Block) -> None:
+    """Execute the M functions of STOP or CYCL CALL."""
+    moves.move(session, block_of(block.head._replace(key="M"), *block.items))
+
+
 def _stop(session: Session, block: Block) -> None:
-    moves.move(session, _as_functions(block))
-    session.do(block.head.word("M", 0.0))
-
-
-def _as_functions(block: Block) -> Block:
-    """Return the M functions of a STOP or CYCL CALL as a block of their own."""
-    items = tuple(item for item in block.items if item.key == "M")
-    head = Item("M", None, block.head.text, block.head.begin)
-    return Block("klartext", "move", (), block.column, block.length, None, head, items)
+    _functions(session, block)
+    session.do(block.head._replace(text="STOP").word("M", 0))
 
 
 def _cycle_call(session: Session, block: Block) -> None:
-    moves.move(session, _as_functions(block))
+    _functions(session, block)
     cycles.call_cycle(session, block)
 
 
-def _message(session: Session, block: Block) -> None:
-    number = session.value(block.head)
-    if block.head.key == "PRINT":
-        session.note(block, "FN 15 (output of a value) has no effect here")
-        return
-    message = f"the program stops itself with error {number:g}"
+def _error(session: Session, block: Block) -> None:
+    message = f"the program stops itself with error {session.value(block.head):g}"
     raise block.head.fault("program-abort", message, "correct the cause, then run it again")
+
+
+def _print(session: Session, block: Block) -> None:
+    session.note(block, "FN 15 (output of a value)")
 
 
 # Labels
 
 
-def _label_of(session: Session, item: Item) -> str:
-    if item.value is None:
-        return item.text
-    number = session.value(item)
-    if not number.is_integer():
-        raise item.fault("label-malformed", f"{item.text} is not a label")
-    return str(int(number))
+def _label_of(item: Item) -> str:
+    """Return a label: a number without leading zeros, or a name in quotes."""
+    return str(int(item.text)) if item.text.isdecimal() else item.text
 
 
 def _line_of(session: Session, block: Block, item: Item) -> int:
@@ -161,10 +150,10 @@ def _line_of(session: Session, block: Block, item: Item) -> int:
     """
     if session.labels is None:
         session.labels = _all_labels(session)
-    name = _label_of(session, item)
+    name = _label_of(item)
     if name == "0" or name not in session.labels:
-        message = f"there is no LBL {name}" if name != "0" else "LBL 0 is the end of a subprogram"
-        raise session.fault(block, "label-missing", message)
+        what = "LBL 0 is the end of a subprogram" if name == "0" else f"there is no LBL {name}"
+        raise session.fault(block, "label-missing", what)
     return session.labels[name]
 
 
@@ -173,27 +162,24 @@ def _all_labels(session: Session) -> dict[str, int]:
     found: dict[str, int] = {}
     listing, line = session.flow.listing, 1
     while (window := listing.window(line)) is not None:
-        index = 0
-        while (index := window.find(_LABEL, index, window.count)) < window.count:
-            statement = listing.statement(window, index)
-            if statement is not None and isinstance(statement.control, Block):
-                name = _label_of(session, statement.control.items[0])
-                at = window.first + index
-                if found.setdefault(name, at) != at and name != "0":
-                    control = statement.control
-                    message = f"LBL {name} stands in line {found[name]}, too"
-                    raise listing.control_fault(at, control, "label-repeated", message)
-            index += 1
-            if index == window.count:
-                break
-        line = window.first + window.count
+        index = window.find(_LABEL, line - window.first, window.count)
+        line = window.first + index + 1
+        statement = listing.statement(window, index) if index < window.count else None
+        if statement is not None and isinstance(statement.control, Block):
+            name = _label_of(statement.control.items[0])
+            first = found.setdefault(name, line - 1)
+            if first != line - 1 and name != "0":
+                message = f"LBL {name} stands in line {first}, too"
+                raise listing.control_fault(line - 1, statement.control, "label-repeated", message)
+        elif index == window.count:
+            line -= 1
     return found
 
 
 def _label(session: Session, block: Block) -> int | None:
     """Return from a subprogram at LBL 0; other labels have no effect."""
     flow = session.flow
-    if _label_of(session, block.items[0]) != "0" or flow.frame.kind == "main":
+    if _label_of(block.items[0]) != "0" or flow.frame.kind == "main":
         return None
     depth = len(flow.frames)
     session.repeats = {key: left for key, left in session.repeats.items() if key[0] < depth}
@@ -202,39 +188,30 @@ def _label(session: Session, block: Block) -> int | None:
 
 def _call(session: Session, block: Block) -> int | None:
     """Call a subprogram, or repeat the lines from a label to here."""
-    flow, item = session.flow, block.items[1]
+    flow, item, repeat = session.flow, block.items[0], block.find("REP")
     target = _line_of(session, block, item)
-    repeat = block.find("REP")
     if repeat is None:
-        at = Place(session.line, block.column, block.length)
-        name = f"LBL {_label_of(session, item)}"
-        return flow.enter(
-            Frame("program", name, flow.listing, target, flow.listing, at, session.line + 1)
-        )
+        at, name = Place(session.line, block.column, block.length), f"LBL {_label_of(item)}"
+        listing = flow.listing
+        return flow.enter(Frame("program", name, listing, target, listing, at, session.line + 1))
     if target > session.line:
         message = "a program section to repeat must begin before this block"
         raise session.fault(block, "jump-target-bad", message)
     key = len(flow.frames), session.line
-    left = session.repeats.get(key)
-    if left is None:
-        count = session.value(repeat)
-        if not count.is_integer() or not 0 <= count <= 65_535:
-            raise repeat.fault("call-repeats", f"{repeat.text} is no number of repetitions")
-        left = int(count)
-    if left == 0:
-        session.repeats.pop(key, None)
+    if key not in session.repeats:
+        number = repeat.word("REP", session.value(repeat))
+        session.repeats[key] = whole(number, "the number of repetitions", 0, _MOST_REPEATS)
+    if session.repeats[key] == 0:
+        del session.repeats[key]
         return None
-    session.repeats[key] = left - 1
+    session.repeats[key] -= 1
     return _jump_to(session, block, target)
 
 
 def _jump(session: Session, block: Block) -> int | None:
     """Jump to a label if the condition of FN 9 to FN 12 holds."""
-    return (
-        _jump_to(session, block, _line_of(session, block, block.items[0]))
-        if session.value(block.head)
-        else None
-    )
+    target = _line_of(session, block, block.items[0])
+    return _jump_to(session, block, target) if session.value(block.head) else None
 
 
 def _jump_to(session: Session, block: Block, target: int) -> int:
@@ -246,13 +223,13 @@ def _jump_to(session: Session, block: Block, target: int) -> int:
 
 
 _EFFECTS = {
-    "begin": _begin, "end": _end, "blank": _blank, "move": moves.move, "centre": moves.centre,
-    "corner": moves.corner, "spline": moves.spline, "tool_call": _tool_call,
-    "tool_def": _tool_def, "stop": _stop, "cycle": cycles.define, "cycle_call": _cycle_call,
-    "definition": cycles.assign, "label": _label, "call": _call, "jump": _jump,
-    "message": _message,
+    "BEGINPGM": _begin, "ENDPGM": _end, "BLKFORM": _blank, "CC": moves.centre,
+    **dict.fromkeys(moves.ALLOWED, moves.move), "RND": moves.corner, "CHF": moves.corner,
+    "SPL": moves.spline, "TOOLCALL": _tool_call, "TOOLDEF": _tool_def, "STOP": _stop,
+    "CYCLDEF": cycles.define, "CYCLCALL": _cycle_call, "Q": cycles.assign, "LBL": _label,
+    "CALLLBL": _call, "IF": _jump, "ERROR": _error, "PRINT": _print,
 }  # fmt: skip
-"""What each kind of block does. It returns the line to continue at; None for the next one."""
+"""The effect of each kind of block. It returns the line to continue at; None for the next one."""
 
 
 def _maker(_: Flow, line: int, control: Control) -> Step:

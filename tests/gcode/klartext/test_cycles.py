@@ -164,8 +164,8 @@ ERRORS = {
     "CYCL DEF 10.1 ROT+5\nCYCL DEF 8.1 X": "code-not-supported",
     "CYCL DEF 8.1 X\nCYCL DEF 10.1 ROT+5": "code-not-supported",
     "CYCL DEF 8.1 ROT+5": "code-not-supported",
-    "CYCL DEF 8.1 X+5": "klartext-word",
-    "CYCL DEF 7.1 X Y": "klartext-word",
+    "CYCL DEF 8.1 X+5": "code-not-supported",
+    "CYCL DEF 7.1 X Y": "code-not-supported",
 }  # fmt: skip
 
 

@@ -199,7 +199,7 @@ ERRORS = {
     "L X+1 FMAX M140": "code-not-supported",
     "L X+1 FMAX\nRND R2\nL Y+1 F9": "corner-next",
     "L X+9 F9\nRND R2\nL Y+9 FMAX": "corner-next",
-    "L X+9 F9\nRND R2 F5\nL Y+9": "code-not-supported",
+    "L X+9 F9\nRND R2 F5\nL Y+9": "corner-next",
     "L X+9 F9\nRND R20\nL Y+9": "corner-too-large",
     "RND R2": "corner-next",
     "SPL X+30 Y+0 K1X-20 F9": "nurbs-start",
