@@ -216,6 +216,8 @@ def _transform(session: Session, block: Block, kind: str) -> None:
     coordinates.set_local({column[axis]: value for axis, value in shifts if axis in column})
     none = Figure.none(len(coordinates.axes))
     factors = tuple(-1.0 if axis.upper() in mirrored else 1.0 for axis in coordinates.axes)
+    if angle and not column.keys() >= {"X", "Y"}:
+        raise session.fault(block, "axis-missing", "a rotation needs the axes X and Y")
     plane = (column["X"], column["Y"]) if angle else None
     coordinates.figure = Figure(factors, none.fixed, plane, (0.0, 0.0), angle)
     interpreter.update_plain()

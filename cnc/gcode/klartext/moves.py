@@ -13,7 +13,7 @@ import numpy as np
 
 from cnc.gcode.klartext.cycles import call_cycle
 from cnc.gcode.klartext.reader import Block, Item
-from cnc.gcode.klartext.state import Point, Polar, Session
+from cnc.gcode.klartext.state import Point, Session
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, under_compensation
@@ -174,8 +174,8 @@ def _polar_end(session: Session, block: Block, here: Point) -> Point:
         if length < _NEAR:
             raise session.fault(block, "polar-at-origin", "CP begins at the pole")
     else:
-        if last is not None and math.dist(last.place, here) < _NEAR:
-            before, length = last.angle, last.radius
+        if last is not None and math.dist(last[2], here) < _NEAR:
+            length, before, _ = last
         elif not (angle and radius and angle.key == "PA" and radius.key == "PR"):
             message = "LP without PR and PA, and the block before is not polar"
             raise session.fault(block, "polar-at-origin", message, "give PR and PA")
@@ -188,7 +188,7 @@ def _polar_end(session: Session, block: Block, here: Point) -> Point:
     end = pole[0] + length * math.cos(radians), pole[1] + length * math.sin(radians)
     if block.head.key == "CP" and abs(math.remainder(degrees - before, 360.0)) < _NEAR:
         end = here
-    session.polar = Polar(length, degrees, end)
+    session.polar = length, degrees, end
     return end
 
 

@@ -78,11 +78,7 @@ class Block(Control):
 
 
 def parse(text: str) -> Statement:
-    """Return a line as a statement; its block is the control part.
-
-    Raises:
-        GcodeError: A syntax error, with its column.
-    """
+    """Return a line as a statement; its block is the control part."""
     reading = read_line(text, KLARTEXT.grammar)
     results = reading.results
     if results.status[0]:
@@ -175,32 +171,24 @@ class _Rules:
             Item(key, None, self._text[begin:end], begin), *(self._item(part) for part in parts)
         )
 
-    def _formula(
-        self, begin: int, end: int, _: Token, fn: Node, name: Token, equal: Token, value: Any
-    ) -> Block:
-        number, node = value if isinstance(value, tuple) else (0, value)
-        self._check_fn(fn, number)
-        text = self._text[begin:end]
-        item = Item(self._name(name), node.value, text, begin)
-        return block_of(Item("Q", None, text, begin), item)
-
-    def _jump(self, begin: int, end: int, _: Token, fn: Node, *parts: Any) -> Block:
-        _, left, relation, right, *_, label = parts
-        number, operator = _FN[relation.text]
-        self._check_fn(fn, number)
-        condition = self._build.binary(left, operator, right, relation.begin, relation.end)
-        return block_of(
-            Item("IF", condition.value, self._text[begin:end], begin), self._item(label)
-        )
-
-    def _message(self, begin: int, end: int, _: Token, fn: Node, kind: Token, *parts: Any) -> Block:
-        self._check_fn(fn, _FN[kind.text][0])
-        return block_of(Item(kind.text, parts[-1].value, self._text[begin:end], begin))
-
-    def _check_fn(self, fn: Node, wanted: int) -> None:
-        if fn.number != wanted:
-            message = f"this function is FN {wanted}, not FN {fn.number:g}"
+    def _function(self, begin: int, end: int, _: Token, fn: Node, *parts: Any) -> Block:
+        """Return the block of an FN, whose number must be that of its operation."""
+        first, *_, last = parts
+        text, value, number, items = self._text[begin:end], None, 0, ()
+        if first.terminal == "PARAMETER":
+            number, node = last if isinstance(last, tuple) else (0, last)
+            head, items = "Q", (Item(self._name(first), node.value, text, begin),)
+        elif first.terminal == "MESSAGE":
+            (number, _), head, value = _FN[first.text], first.text, last.value
+        else:
+            _, left, relation, right, *_ = parts
+            number, operator = _FN[relation.text]
+            value = self._build.binary(left, operator, right, relation.begin, relation.end).value
+            head, items = "IF", (self._item(last),)
+        if fn.number != number:
+            message = f"this function is FN {number}, not FN {fn.number:g}"
             raise self._build.fault("klartext-word", message, fn.begin, fn.end)
+        return block_of(Item(head, value, text, begin), *items)
 
     def _line(self, begin: int, end: int, *parts: Any) -> Statement:
         return Statement(control=next((part for part in parts if isinstance(part, Block)), None))

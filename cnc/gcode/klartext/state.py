@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from cnc.gcode.klartext.reader import Block, Item
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.control_flow import BackwardJump
@@ -16,21 +14,13 @@ from cnc.model.diagnostics import CncError
 Point = tuple[float, float]
 
 
-class Polar(NamedTuple):
-    """A polar position: radius, angle in degrees, and its place in the plane."""
-
-    radius: float
-    angle: float
-    place: Point
-
-
 class Session:
     """A program of Klartext that is being executed. Lengths are in units of the program.
 
     Attributes:
         line: Number of the current line.
         pole: Centre of circles and of polar coordinates (CC).
-        polar: The last polar position; None after another move.
+        polar: Radius, angle and place of the last polar position; None after another move.
         direction: Unit vector at the end of the last move in the plane; None if it has none.
         auto_feed: F of the last TOOL CALL.
         next_feed: The same until a move has taken it or its own F.
@@ -49,7 +39,7 @@ class Session:
         self.flow, self.line = flow, 0
         self.opened = self.inches = self.defines = self.after_moves = False
         self.pole: Point | None = None
-        self.polar: Polar | None = None
+        self.polar: tuple[float, float, Point] | None = None
         self.direction: Point | None = None
         self.auto_feed: float | None = None
         self.next_feed: float | None = None
@@ -63,11 +53,7 @@ class Session:
         flow.parameters.written = lambda name: name[1:].upper()
 
     def value(self, item: Item) -> float:
-        """Return the value of a word.
-
-        Raises:
-            GcodeError: ``number-too-large``, and the errors of its expression.
-        """
+        """Return the value of a word."""
         assert item.value is not None
         number = item.value(self.flow.parameters)
         if abs(number) > MAX_NUMBER:
@@ -83,7 +69,7 @@ class Session:
         """Return the position in coordinates of the program, by letter of the axis."""
         motion, scale = self.flow.interpreter.motion, self.flow.interpreter.modal.scale
         place = motion.coordinates.to_program(motion.position)
-        return {
+        return {"X": 0.0, "Y": 0.0} | {
             letter: place[column] / (1.0 if letter.lower() in ROTARY_LETTERS else scale)
             for letter, column in motion.column.items()
         }

@@ -7,6 +7,7 @@ repeats", "Programming Q parameters", "Tools".
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from cnc.gcode.klartext import cycles, moves
 from cnc.gcode.klartext.reader import Block, Item, block_of
@@ -27,7 +28,8 @@ class BlockStep:
 
     __slots__ = ("_block",)
 
-    def __init__(self, block: Block) -> None:
+    def __init__(self, _: Flow, line: int, block: Control) -> None:
+        assert isinstance(block, Block)
         self._block = block
 
     def run(self, flow: Flow, line: int) -> int:
@@ -56,19 +58,11 @@ def _end(session: Session, block: Block) -> None:
 
 
 def end_of_file(flow: Flow, line: int) -> None:
-    """Refuse the end of the text of a program that began with BEGIN PGM.
-
-    Raises:
-        CncError: ``program-end-missing``.
-    """
+    """Refuse the end of the text of a program that began with BEGIN PGM."""
     if flow.klartext is not None and flow.klartext.opened:
         at = Place(line - 1, 1, max(len(flow.main.source(line - 1)), 1))
         message = "the program has no END PGM: the file may not be complete"
         raise flow.main.fault(at, "program-end-missing", message, "end it with END PGM")
-
-
-def _blank(session: Session, block: Block) -> None:
-    session.note(block, "BLK FORM (the blank of the control's graphics)")
 
 
 def _tool_call(session: Session, block: Block) -> None:
@@ -110,31 +104,24 @@ def _tool_def(session: Session, block: Block) -> None:
     table.put(ToolEntry(tool, offsets={"Z": length}, diameter=2.0 * radius))
 
 
-def _functions(session: Session, block: Block) -> None:
-    """Execute the M functions of STOP or CYCL CALL."""
+def _stop_or_cycle(session: Session, block: Block) -> None:
+    """Execute STOP or CYCL CALL, behind the M functions of the block."""
     moves.move(session, block_of(block.head._replace(key="M"), *block.items))
+    if block.head.key == "STOP":
+        session.do(block.head._replace(text="STOP").word("M", 0))
+    else:
+        cycles.call_cycle(session, block)
 
 
-def _stop(session: Session, block: Block) -> None:
-    _functions(session, block)
-    session.do(block.head._replace(text="STOP").word("M", 0))
-
-
-def _cycle_call(session: Session, block: Block) -> None:
-    _functions(session, block)
-    cycles.call_cycle(session, block)
-
-
-def _error(session: Session, block: Block) -> None:
-    message = f"the program stops itself with error {session.value(block.head):g}"
-    raise block.head.fault("program-abort", message, "correct the cause, then run it again")
-
-
-def _print(session: Session, block: Block) -> None:
-    session.note(block, "FN 15 (output of a value)")
-
-
-# Labels
+def _note(session: Session, block: Block) -> None:
+    """Report BLK FORM and FN 15; FN 14 stops the program."""
+    if block.head.key == "ERROR":
+        message = f"the program stops itself with error {session.value(block.head):g}"
+        raise block.head.fault("program-abort", message, "correct the cause, then run it again")
+    what = "FN 15 (output of a value)"
+    if block.head.key == "BLKFORM":
+        what = "BLK FORM (the blank of the control's graphics)"
+    session.note(block, what)
 
 
 def _label_of(item: Item) -> str:
@@ -143,11 +130,7 @@ def _label_of(item: Item) -> str:
 
 
 def _line_of(session: Session, block: Block, item: Item) -> int:
-    """Return the line of a label.
-
-    Raises:
-        CncError: ``label-missing``, ``label-repeated``.
-    """
+    """Return the line of a label."""
     if session.labels is None:
         session.labels = _all_labels(session)
     name = _label_of(item)
@@ -205,16 +188,16 @@ def _call(session: Session, block: Block) -> int | None:
         del session.repeats[key]
         return None
     session.repeats[key] -= 1
-    return _jump_to(session, block, target)
+    return _back_to(session, block, target)
 
 
 def _jump(session: Session, block: Block) -> int | None:
     """Jump to a label if the condition of FN 9 to FN 12 holds."""
     target = _line_of(session, block, block.items[0])
-    return _jump_to(session, block, target) if session.value(block.head) else None
+    return _back_to(session, block, target) if session.value(block.head) else None
 
 
-def _jump_to(session: Session, block: Block, target: int) -> int:
+def _back_to(session: Session, block: Block, target: int) -> int:
     if target <= session.line:
         at = Place(session.line, block.column, block.length)
         back = session.jumps.setdefault(session.line, BackwardJump("this block", at))
@@ -223,18 +206,13 @@ def _jump_to(session: Session, block: Block, target: int) -> int:
 
 
 _EFFECTS = {
-    "BEGINPGM": _begin, "ENDPGM": _end, "BLKFORM": _blank, "CC": moves.centre,
+    "BEGINPGM": _begin, "ENDPGM": _end, "BLKFORM": _note, "CC": moves.centre,
     **dict.fromkeys(moves.ALLOWED, moves.move), "RND": moves.corner, "CHF": moves.corner,
-    "SPL": moves.spline, "TOOLCALL": _tool_call, "TOOLDEF": _tool_def, "STOP": _stop,
-    "CYCLDEF": cycles.define, "CYCLCALL": _cycle_call, "Q": cycles.assign, "LBL": _label,
-    "CALLLBL": _call, "IF": _jump, "ERROR": _error, "PRINT": _print,
+    "SPL": moves.spline, "TOOLCALL": _tool_call, "TOOLDEF": _tool_def, "STOP": _stop_or_cycle,
+    "CYCLDEF": cycles.define, "CYCLCALL": _stop_or_cycle, "Q": cycles.assign, "LBL": _label,
+    "CALLLBL": _call, "IF": _jump, "ERROR": _note, "PRINT": _note,
 }  # fmt: skip
 """The effect of each kind of block. It returns the line to continue at; None for the next one."""
 
 
-def _maker(_: Flow, line: int, control: Control) -> Step:
-    assert isinstance(control, Block)
-    return BlockStep(control)
-
-
-MAKERS = {"klartext": _maker}
+MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {"klartext": BlockStep}
