@@ -20,4 +20,6 @@ def test_a_program_of_klartext_is_recognised(cncrun, tmp_path):
 def test_the_tools_of_klartext_are_listed(cncrun, tmp_path):
     ended, out, _ = cncrun("tools", str(ROOT / "programs" / "klartext.h"))
     assert ended == 0
-    assert [line.split()[1] for line in out.splitlines() if line.startswith("; T") and line[3].isdigit()] == ["T1", "T2"]
+    assert [
+        line.split()[1] for line in out.splitlines() if line.startswith("; T") and line[3].isdigit()
+    ] == ["T1", "T2"]

@@ -14,7 +14,7 @@ from cnc.gcode.geometry.figure import Figure
 from cnc.gcode.klartext.reader import Block
 from cnc.gcode.klartext.state import Session
 from cnc.gcode.syntax.words import under_compensation
-from cnc.model.diagnostics import CncError
+from cnc.model.diagnostics import GcodeError
 
 MOST_PECKS = 10_000
 """Most pecks of a hole. More are a typing error."""
@@ -42,11 +42,8 @@ def define(session: Session, block: Block) -> None:
     if kind not in map(str, _NEEDED) or step or session.inches:
         what = f" ({_REFUSED[kind]})" if kind in _REFUSED else ""
         what += " in inches" if session.inches else ""
-        message, hint = (
-            f"cycle {number.text}{what} is not supported",
-            "let the CAM system write moves",
-        )
-        raise number.fault("code-not-supported", message, hint)
+        message = f"cycle {number.text}{what} is not supported"
+        raise number.fault("code-not-supported", message, "let the CAM system write its moves")
     session.cycle, session.given = int(kind), set()
     session.defines, session.after_moves = True, False
     assign(session, block)
@@ -65,9 +62,7 @@ def call_cycle(session: Session, block: Block) -> None:
     """Make the cycle that was defined last, at the position."""
     interpreter = session.flow.interpreter
     if not session.cycle:
-        raise session.fault(
-            block, "cycle-not-active", "no cycle is defined", "write CYCL DEF before"
-        )
+        raise block.head.fault("cycle-not-active", "no cycle is defined", "write CYCL DEF before")
     if interpreter.motion.compensated:
         raise under_compensation(block.head.word("", 0.0), "give R0 and a move before")
     feed, at = interpreter.modal.feed, block.head._replace(text=f"cycle {session.cycle}")
@@ -105,9 +100,9 @@ class _Hole:
             raise self._fault("value-out-of-range", f"with Q{number} = {value:g}")
         return value
 
-    def _fault(self, code: str, message: str) -> CncError:
+    def _fault(self, code: str, message: str) -> GcodeError:
         hint = "correct the last CYCL DEF"
-        return self._session.fault(self._block, code, f"cycle {self._kind} {message}", hint)
+        return self._block.head.fault(code, f"cycle {self._kind} {message}", hint)
 
     def moves(self) -> Iterator[str]:
         """Yield the lines of the cycle: moves, feeds, dwells. A depth of 0 makes none."""
@@ -201,14 +196,14 @@ def _transform(session: Session, block: Block, kind: str) -> None:
         if shift != (shift := tuple(new.values())) and (mirrored or angle):
             message = "a datum shift under a mirror image or rotation is not supported"
             hint = "end those before: CYCL DEF 8.1, CYCL DEF 10.1 ROT+0"
-            raise session.fault(block, "code-not-supported", message, hint)
+            raise block.head.fault("code-not-supported", message, hint)
     elif kind == "8":
         mirrored = frozenset(item.key for item in words)
     elif words:
         angle = session.value(words[0]) + (angle if words[0].key == "IROT" else 0.0)
     if mirrored and angle:
         message = "a mirror image and a rotation at once are not supported"
-        raise session.fault(block, "code-not-supported", message, "end one of them before")
+        raise block.head.fault("code-not-supported", message, "end one of them before")
     session.frame = shift, mirrored, angle
     session.pole = session.polar = session.direction = None
     column, coordinates = interpreter.motion.column, interpreter.coordinates
@@ -217,7 +212,7 @@ def _transform(session: Session, block: Block, kind: str) -> None:
     none = Figure.none(len(coordinates.axes))
     factors = tuple(-1.0 if axis.upper() in mirrored else 1.0 for axis in coordinates.axes)
     if angle and not column.keys() >= {"X", "Y"}:
-        raise session.fault(block, "axis-missing", "a rotation needs the axes X and Y")
+        raise block.head.fault("axis-missing", "a rotation needs the axes X and Y")
     plane = (column["X"], column["Y"]) if angle else None
     coordinates.figure = Figure(factors, none.fixed, plane, (0.0, 0.0), angle)
     interpreter.update_plain()

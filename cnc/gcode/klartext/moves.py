@@ -28,11 +28,9 @@ ALLOWED = {
 _SIDES = {"R0": G.G40, "RL": G.G41, "RR": G.G42}
 _FEEDS = ("F", "FMAX", "FAUTO")
 _BEFORE = {3: (3,), 4: (4,), 7: (7,), 8: (8,), 13: (3, 8), 14: (4, 8)}
-_AFTER = {5: (5,), 9: (9,)}
+_AFTER: dict[int, tuple[int, ...]] = {5: (5,), 9: (9,)}
 _LAST = {0: (5, 0), 1: (1,), 2: (2,), 30: (30,)}
-"""M-codes of the M functions before the move, behind it, and at the end of the block. M0 stops the
-spindle, too.
-"""
+"""M-codes of M functions before the move, behind it, and at the end. M0 stops the spindle, too."""
 _CYCLE_AFTER_MOVES, _MACHINE, _CYCLE = 89, 91, 99
 _IDLE = {
     6: "M6 (TOOL CALL changes the tool)", 90: "M90 (constant feed at corners)",
@@ -112,20 +110,21 @@ def _feed_word(session: Session, item: Item) -> Word:
 def _place(session: Session, block: Block, words: list[Word], *, machine: bool) -> None:
     """Make the move of a block."""
     kind, head, start = block.head.key, block.head, session.position()
-    end = _target(session, block, start, machine=machine)
+    end = _target(session, block, start)
     feed = block.find(*_FEEDS)
     rapid = feed is not None and feed.key == "FMAX"
     here = start["X"], start["Y"]
     there = end.get("X", here[0]), end.get("Y", here[1])
-    code, more, direction = 0 if rapid else 1, [], _unit(there[0] - here[0], there[1] - here[1])
+    more: list[Word] = []
+    code, direction = 0 if rapid else 1, _unit(there[0] - here[0], there[1] - here[1])
     if kind not in ("L", "LP"):
         if feed is not None and rapid:
             raise feed.fault("code-not-supported", f"FMAX in {kind}: an arc needs a feed")
         code, more, direction = _arc(session, block, here, there)
         end |= {"X": there[0], "Y": there[1]}
     if machine:
-        if kind != "L":
-            raise session.fault(block, "code-not-supported", f"M91 goes with L, not with {kind}")
+        if kind != "L" or any(item.key.startswith("I") for item in block.items):
+            raise head.fault("code-not-supported", "M91 goes with L and absolute coordinates only")
         words.append(head.word("G", 53))
     if not rapid:
         if feed is not None:
@@ -142,9 +141,7 @@ def _place(session: Session, block: Block, words: list[Word], *, machine: bool) 
         session.polar = None
 
 
-def _target(
-    session: Session, block: Block, start: dict[str, float], *, machine: bool
-) -> dict[str, float]:
+def _target(session: Session, block: Block, start: dict[str, float]) -> dict[str, float]:
     """Return the end of a move, by letter."""
     found: dict[str, float] = {}
     for item in block.items:
@@ -152,8 +149,6 @@ def _target(
             continue
         found[item.letter] = session.value(item)
         if item.key.startswith("I"):
-            if machine:
-                raise item.fault("machine-coordinates-incremental", f"{item.text} beside M91")
             if item.letter not in start:
                 raise item.fault("axis-missing", f"the machine has no {item.letter} axis")
             found[item.letter] += start[item.letter]
@@ -170,15 +165,15 @@ def _polar_end(session: Session, block: Block, here: Point) -> Point:
     before, length = math.degrees(math.atan2(y, x)), math.hypot(x, y)
     if block.head.key == "CP":
         if angle is None:
-            raise session.fault(block, "klartext-incomplete", "CP needs the angle: PA or IPA")
+            raise block.head.fault("klartext-incomplete", "CP needs the angle: PA or IPA")
         if length < _NEAR:
-            raise session.fault(block, "polar-at-origin", "CP begins at the pole")
+            raise block.head.fault("polar-at-origin", "CP begins at the pole")
     else:
         if last is not None and math.dist(last[2], here) < _NEAR:
             length, before, _ = last
         elif not (angle and radius and angle.key == "PA" and radius.key == "PR"):
             message = "LP without PR and PA, and the block before is not polar"
-            raise session.fault(block, "polar-at-origin", message, "give PR and PA")
+            raise block.head.fault("polar-at-origin", message, "give PR and PA")
         if radius is not None:
             length = session.value(radius) + (length if radius.key == "IPR" else 0.0)
     degrees = before
@@ -195,8 +190,7 @@ def _polar_end(session: Session, block: Block, here: Point) -> Point:
 def _pole(session: Session, block: Block) -> Point:
     if session.pole is None:
         hint = "write CC X.. Y.. before; a datum shift, mirror image or rotation ends it"
-        message = f"{block.head.key} without a CC before it"
-        raise session.fault(block, "arc-center-missing", message, hint)
+        raise block.head.fault("arc-center-missing", f"{block.head.key} without a CC", hint)
     return session.pole
 
 
@@ -204,21 +198,17 @@ def _arc(
     session: Session, block: Block, here: Point, there: Point
 ) -> tuple[int, list[Word], Point | None]:
     """Return the code of an arc, its words, and its direction at the end."""
-    kind, turn, angle = block.head.key, block.find("DR"), block.find("IPA")
-    if kind == "CT":
+    turn, angle, radius = block.find("DR"), block.find("IPA"), block.find("R")
+    left = turn is not None and session.value(turn) > 0.0
+    if block.head.key == "CT":
         centre, left = _tangent_arc(session, block, here, there)
     elif turn is None:
-        message = f"{kind} needs a direction of rotation"
-        raise session.fault(block, "klartext-incomplete", message, "give DR+ or DR-")
+        raise block.head.fault("klartext-incomplete", "DR+ or DR-, the direction, is missing")
+    elif radius is not None:
+        size = session.value(radius)
+        direction = _end_of_radius(here, there, size, left=left)
+        return 3 if left else 2, [radius.word("R", size)], direction
     else:
-        left = session.value(turn) > 0.0
-        if radius := block.find("R"):
-            size = session.value(radius)
-            return (
-                3 if left else 2,
-                [radius.word("R", size)],
-                _end_of_radius(here, there, size, left),
-            )
         centre = _pole(session, block)
     offsets = zip("IJ", centre, here, strict=True)
     words = [block.head.word(letter, to - at) for letter, to, at in offsets]
@@ -235,18 +225,18 @@ def _tangent_arc(session: Session, block: Block, here: Point, there: Point) -> t
     """Return the centre of an arc that continues the move before, and whether it turns left."""
     if session.direction is None:
         message, hint = "CT needs a move in the plane directly before it", "write that move before"
-        raise session.fault(block, "arc-tangent-missing", message, hint)
+        raise block.head.fault("arc-tangent-missing", message, hint)
     x, y = there[0] - here[0], there[1] - here[1]
     normal = -session.direction[1], session.direction[0]
     across = x * normal[0] + y * normal[1]
     if abs(across) <= _NEAR * max(math.hypot(x, y), 1.0):
         message = "CT ends on the straight line through the move before: this is no arc"
-        raise session.fault(block, "arc-tangent-missing", message, "write L for a straight line")
+        raise block.head.fault("arc-tangent-missing", message, "write L for a straight line")
     radius = (x * x + y * y) / (2.0 * across)
     return (here[0] + radius * normal[0], here[1] + radius * normal[1]), radius > 0.0
 
 
-def _end_of_radius(here: Point, there: Point, radius: float, left: bool) -> Point | None:
+def _end_of_radius(here: Point, there: Point, radius: float, *, left: bool) -> Point | None:
     """Return the direction at the end of an arc by its radius; one below 0 is more than half."""
     x, y = there[0] - here[0], there[1] - here[1]
     half = math.asin(min(1.0, math.hypot(x, y) / (2.0 * abs(radius)))) if radius else 0.0
@@ -266,7 +256,7 @@ def centre(session: Session, block: Block) -> None:
     found = {"X": start["X"], "Y": start["Y"]}
     if block.items and sorted(item.letter for item in block.items) != ["X", "Y"]:
         message = "CC takes X and Y, or no word for the position"
-        raise session.fault(block, "code-not-supported", message)
+        raise block.head.fault("code-not-supported", message)
     for item in block.items:
         base = start[item.letter] if item.key.startswith("I") else 0.0
         found[item.letter] = session.value(item) + base
@@ -287,7 +277,7 @@ def _corner_word(session: Session, block: Block, *, rapid: bool) -> list[Word]:
     session.corner_line = line - 1
     if rapid or corner.find(*_FEEDS):
         message = "RND or CHF behind a move with FMAX, or with a feed of its own"
-        raise session.fault(block, "corner-next", message, "give the feed in the moves")
+        raise block.head.fault("corner-next", message, "give the feed in the moves")
     letter, size = ",R" if corner.head.key == "RND" else ",C", corner.items[0]
     return [block.head._replace(text=corner.head.text).word(letter, session.value(size))]
 
@@ -296,7 +286,7 @@ def corner(session: Session, block: Block) -> None:
     """Check that an RND or CHF belongs to the move before it, which has made it."""
     if session.corner_line != session.line:
         message = f"{block.head.key} needs a move directly before it"
-        raise session.fault(block, "corner-next", message)
+        raise block.head.fault("corner-next", message)
     session.corner_line, session.direction = 0, None
 
 
@@ -327,7 +317,7 @@ def spline(session: Session, block: Block) -> None:
         if abs(end + k1 + k2 + k3 - start[column]) > _SPLINE_START:
             message = f"SPL does not begin at the position of the tool in {letter}"
             hint = "the coordinate and K3, K2 and K1 of an axis must add up to its position"
-            raise session.fault(block, "nurbs-start", message, hint)
+            raise block.head.fault("nurbs-start", message, hint)
         control[1][column] = end + (2.0 * k1 + k2) / 3.0
         control[2][column], control[3][column] = end + k1 / 3.0, end
     points = np.array([motion.position, *map(motion.coordinates.to_machine, control[1:])])

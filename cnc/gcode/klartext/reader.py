@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -29,7 +30,7 @@ _FN = {
     "GT": (11, "GT"), "LT": (12, "LT"), "ANG": (13, ""), "ERROR": (14, ""), "PRINT": (15, ""),
 }  # fmt: skip
 """Number of the FN of each operation, and its name in expressions."""
-_PARTS = {
+_PARTS: dict[str, Callable[[float], float]] = {
     "INT": math.trunc, "FRAC": lambda value: value - math.trunc(value),
     "SGN": lambda value: float(value > 0.0) - float(value < 0.0),
 }  # fmt: skip
@@ -157,7 +158,7 @@ class _Rules:
         turn = 1.0 if sign.text == "+" else -1.0
         return Item("DR", lambda _: turn, self._text[begin:end], begin)
 
-    def _assignment(self, begin: int, end: int, name: Token, _: Token, value: Node) -> Item:
+    def _assignment(self, begin: int, end: int, name: Token, value: Node) -> Item:
         return Item(self._name(name), value.value, self._text[begin:end], begin)
 
     def _words(self, begin: int, end: int, *parts: Any) -> Block:
@@ -171,24 +172,25 @@ class _Rules:
             Item(key, None, self._text[begin:end], begin), *(self._item(part) for part in parts)
         )
 
-    def _function(self, begin: int, end: int, _: Token, fn: Node, *parts: Any) -> Block:
+    def _function(self, begin: int, end: int, fn: Node, *parts: Any) -> Block:
         """Return the block of an FN, whose number must be that of its operation."""
         first, *_, last = parts
-        text, value, number, items = self._text[begin:end], None, 0, ()
-        if first.terminal == "PARAMETER":
-            number, node = last if isinstance(last, tuple) else (0, last)
-            head, items = "Q", (Item(self._name(first), node.value, text, begin),)
-        elif first.terminal == "MESSAGE":
-            (number, _), head, value = _FN[first.text], first.text, last.value
-        else:
-            _, left, relation, right, *_ = parts
+        text, number = self._text[begin:end], 0
+        if isinstance(first, Node):
+            _, relation, right, *_ = parts
             number, operator = _FN[relation.text]
-            value = self._build.binary(left, operator, right, relation.begin, relation.end).value
-            head, items = "IF", (self._item(last),)
+            condition = self._build.binary(first, operator, right, relation.begin, relation.end)
+            made = block_of(Item("IF", condition.value, text, begin), self._item(last))
+        elif first.terminal == "MESSAGE":
+            number, made = _FN[first.text][0], block_of(Item(first.text, last.value, text, begin))
+        else:
+            number, node = last if isinstance(last, tuple) else (0, last)
+            item = Item(self._name(first), node.value, text, begin)
+            made = block_of(Item("Q", None, text, begin), item)
         if fn.number != number:
             message = f"this function is FN {number}, not FN {fn.number:g}"
             raise self._build.fault("klartext-word", message, fn.begin, fn.end)
-        return block_of(Item(head, value, text, begin), *items)
+        return made
 
     def _line(self, begin: int, end: int, *parts: Any) -> Statement:
         return Statement(control=next((part for part in parts if isinstance(part, Block)), None))
@@ -207,7 +209,7 @@ class _Rules:
             raise self._build.fault("parameter-number", message, name.begin, name.end, hint)
         return f"_q{number}"
 
-    def _pi(self, begin: int, end: int, _: Token) -> Node:
+    def _pi(self, begin: int, end: int) -> Node:
         return constant(math.pi, begin, end)
 
     def _bracket(self, begin: int, end: int, inside: Node) -> Node:
@@ -219,11 +221,11 @@ class _Rules:
     def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
         return self._build.binary(left, operator.text, right, operator.begin, operator.end)
 
-    def _power(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
+    def _power(self, begin: int, end: int, left: Node, right: Node) -> Node:
         if self._text[left.begin] in "+-":
             message, hint = "a sign before a power is not clear", "write brackets, such as -(3^2)"
             raise self._build.fault("expression-without-brackets", message, begin, end, hint)
-        return self._build.binary(left, "**", right, operator.begin, operator.end)
+        return self._build.binary(left, "**", right, left.end, right.begin)
 
     def _call(self, begin: int, end: int, name: Token, argument: Node) -> Node:
         build, a = self._build, argument.value

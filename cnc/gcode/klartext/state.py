@@ -5,11 +5,9 @@ from __future__ import annotations
 from cnc.gcode.klartext.reader import Block, Item
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.control_flow import BackwardJump
-from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.statement import NOTED, Remark, Statement
 from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.model.blocks import ROTARY_LETTERS
-from cnc.model.diagnostics import CncError
 
 Point = tuple[float, float]
 
@@ -31,7 +29,6 @@ class Session:
         corner_line: Line of the RND or CHF that belongs to the last move.
         frame: Datum shift of X, Y and Z (cycle 7) in mm, mirrored axes (8), angle (10).
         labels: Line of each label; None before they were searched.
-        repeats: Rounds left of each CALL LBL REP, by number of calls and line.
         jumps: The jumps back, by line.
     """
 
@@ -48,7 +45,6 @@ class Session:
         self.frame: tuple[tuple[float, ...], frozenset[str], float]
         self.frame = (0.0, 0.0, 0.0), frozenset(), 0.0
         self.labels: dict[str, int] | None = None
-        self.repeats: dict[tuple[int, int], int] = {}
         self.jumps: dict[int, BackwardJump] = {}
         flow.parameters.written = lambda name: name[1:].upper()
 
@@ -82,8 +78,3 @@ class Session:
         """Report a block without effect, once."""
         remark = Remark(NOTED, f"{what} has no effect here", block.column, block.length)
         self.flow.interpreter.execute(Statement(remarks=(remark,)), self.line)
-
-    def fault(self, block: Block, code: str, message: str, hint: str = "") -> CncError:
-        """Return an error at a block."""
-        at = Place(self.line, block.column, block.length)
-        return self.flow.listing.fault(at, code, message, hint)

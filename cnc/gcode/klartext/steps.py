@@ -46,7 +46,7 @@ class BlockStep:
 
 def _begin(session: Session, block: Block) -> None:
     if session.opened:
-        raise session.fault(block, "program-repeated", "a second BEGIN PGM")
+        raise block.head.fault("program-repeated", "a second BEGIN PGM")
     session.opened, session.inches = True, block.items[-1].key == "INCH"
     session.do(block.head._replace(text="BEGIN PGM").word("G", 20 if session.inches else 21))
 
@@ -81,9 +81,7 @@ def _tool_call(session: Session, block: Block) -> None:
         session.do(number.word("G", 43 if tool else 49))
     if speed := block.find("S"):
         session.do(speed.word("S", session.value(speed)))
-    if feed := block.find("F", "FMAX", "FAUTO"):
-        if feed.key != "F":
-            raise feed.fault("klartext-word", f"{feed.text} does not belong to TOOL CALL")
+    if feed := block.find("F"):
         session.auto_feed = session.next_feed = session.feed(feed)
 
 
@@ -97,7 +95,7 @@ def _tool_def(session: Session, block: Block) -> None:
         return
     if table.file:
         message, hint = "TOOL DEF with dimensions, beside a tool table", "remove L and R"
-        raise session.fault(block, "code-not-supported", message, hint)
+        raise block.head.fault("code-not-supported", message, hint)
     given = {item.key: session.value(item) * interpreter.modal.scale for item in dimensions}
     length, radius = given.get("L", 0.0), given.get("R", 0.0)
     tool = whole(word, "the tool number", 1, MAX_TOOL)
@@ -136,7 +134,7 @@ def _line_of(session: Session, block: Block, item: Item) -> int:
     name = _label_of(item)
     if name == "0" or name not in session.labels:
         what = "LBL 0 is the end of a subprogram" if name == "0" else f"there is no LBL {name}"
-        raise session.fault(block, "label-missing", what)
+        raise block.head.fault("label-missing", what)
     return session.labels[name]
 
 
@@ -161,12 +159,8 @@ def _all_labels(session: Session) -> dict[str, int]:
 
 def _label(session: Session, block: Block) -> int | None:
     """Return from a subprogram at LBL 0; other labels have no effect."""
-    flow = session.flow
-    if _label_of(block.items[0]) != "0" or flow.frame.kind == "main":
-        return None
-    depth = len(flow.frames)
-    session.repeats = {key: left for key, left in session.repeats.items() if key[0] < depth}
-    return flow.leave()
+    returns = _label_of(block.items[0]) == "0" and session.flow.frame.kind != "main"
+    return session.flow.leave() if returns else None
 
 
 def _call(session: Session, block: Block) -> int | None:
@@ -179,15 +173,12 @@ def _call(session: Session, block: Block) -> int | None:
         return flow.enter(Frame("program", name, listing, target, listing, at, session.line + 1))
     if target > session.line:
         message = "a program section to repeat must begin before this block"
-        raise session.fault(block, "jump-target-bad", message)
-    key = len(flow.frames), session.line
-    if key not in session.repeats:
-        number = repeat.word("REP", session.value(repeat))
-        session.repeats[key] = whole(number, "the number of repetitions", 0, _MOST_REPEATS)
-    if session.repeats[key] == 0:
-        del session.repeats[key]
+        raise block.head.fault("jump-target-bad", message)
+    number, left = repeat.word("REP", session.value(repeat)), flow.frame.counts
+    rounds = left.pop(session.line, whole(number, "the number of repetitions", 0, _MOST_REPEATS))
+    if not rounds:
         return None
-    session.repeats[key] -= 1
+    left[session.line] = rounds - 1
     return _back_to(session, block, target)
 
 

@@ -190,7 +190,7 @@ class Frame:
     repeats_left: int = 0
     is_repeated: bool = False
     since: int = 0
-    counts: dict[Step, int] = field(default_factory=dict)
+    counts: dict[object, int] = field(default_factory=dict)
     ends_with_file: bool = False
 
     @property

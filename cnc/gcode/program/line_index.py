@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.gcode.reader.lines import MAX_LINE
 from cnc.gcode.syntax.mending import inner_slash
-from cnc.gcode.syntax.parser import MAX_LINE, Syntax, line_in_ngc, parse_line
+from cnc.gcode.syntax.parser import Syntax, line_in_ngc, parse_line
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault

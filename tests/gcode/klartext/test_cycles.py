@@ -96,7 +96,10 @@ def test_calls_by_m99_m89_and_cycl_call() -> None:
     assert summaries(f"{flat}\nL X+5 FMAX M99\nL X+6 FMAX") == [
         "rapid 5 0 100", *once, "rapid 6 0 12",
     ]  # fmt: skip
-    assert summaries(f"{flat}\nL X+5 FMAX\nCYCL CALL M8")[:2] == ["rapid 5 0 100", "coolant false true"]
+    assert summaries(f"{flat}\nL X+5 FMAX\nCYCL CALL M8")[:2] == [
+        "rapid 5 0 100",
+        "coolant false true",
+    ]
     modal = summaries(f"{flat}\nL X+5 FMAX M89\nL X+6 FMAX\nL X+7 FMAX M99\nL X+8 FMAX")
     assert [row for row in modal if "-5" in row or row.startswith("rapid 8")] == [
         "line 5 0 -5 F250", "line 6 0 -5 F250", "line 7 0 -5 F250", "rapid 8 0 12",

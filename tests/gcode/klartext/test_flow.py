@@ -89,6 +89,11 @@ def test_what_flow_refuses(source: str) -> None:
     assert found.line > 1
 
 
+def test_a_long_repetition_is_not_endless() -> None:
+    found = places("LBL 1\nL X+1 FMAX\nL X+2 FMAX\nCALL LBL 1 REP 9000")
+    assert found == ["1", "2"] * 9001
+
+
 def test_a_parameter_is_named_as_klartext_writes_it() -> None:
     found = error_of("BEGIN PGM A MM\nL X+Q7 FMAX\nEND PGM A MM", dialect="heidenhain")
     assert found.message == "Q7 was never set"

@@ -91,7 +91,7 @@ WORDS = (
     "BEGIN PGM A MM;END PGM A MM;BLK FORM 0.1 Z X+0;L;C;CR;CT;CC;LP;CP;RND;CHF;SPL;TOOL CALL;TOOL DEF;"
     "CYCL DEF;CYCL CALL;LBL;CALL LBL;REP;FN;IF;GOTO;EQU;STOP;X+1;Y-2;IZ+0.5;IX-1;A+3;C+90;PR+5;PA+30;"
     "IPA+450;DR+;DR-;R+5;R-3;R0;RL;RR;F100;FMAX;F AUTO;M3;M5;M99;M89;M30;M91;K3X+1;K1Y-2;S100;DL+0;"
-    "200;207;7.1;8.1;10.1;ROT+30;Q1;Q200=2;Q201=-5;=;+;-;*;/;^;(;);SIN;INT;ATAN;5;1.5;~;;;\"a\";*;:;DIV"
+    '200;207;7.1;8.1;10.1;ROT+30;Q1;Q200=2;Q201=-5;=;+;-;*;/;^;(;);SIN;INT;ATAN;5;1.5;~;;;"a";*;:;DIV'
 ).split(";")
 
 STARTS = (
@@ -133,7 +133,7 @@ def test_random_programs_end_with_blocks_or_an_error() -> None:
 
 def test_random_lines_never_give_a_traceback() -> None:
     rng = Random(12)
-    characters = "LCXYZIRFMQDEPABSNTK0123456789+-.=*/^()\"~:;, \t#é\x01"
+    characters = 'LCXYZIRFMQDEPABSNTK0123456789+-.=*/^()"~:;, \t#é\x01'
     for _ in range(share(100_000, 4_000)):
         if rng.random() < 0.5:
             line = "".join(rng.choice(characters) for _ in range(rng.randint(0, 25)))

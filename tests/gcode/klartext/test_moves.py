@@ -194,7 +194,7 @@ ERRORS = {
     "L X+1 F AUTO": "feed-missing",
     "L B+1 FMAX": "axis-missing",
     "L IB+1 FMAX": "axis-missing",
-    "L IX+1 FMAX M91": "machine-coordinates-incremental",
+    "L IX+1 FMAX M91": "code-not-supported",
     "L X+1 FMAX M128": "code-not-supported",
     "L X+1 FMAX M140": "code-not-supported",
     "L X+1 FMAX\nRND R2\nL Y+1 F9": "corner-next",
@@ -230,4 +230,6 @@ def test_functions_without_effect_are_said() -> None:
 
 
 def test_a_file_without_its_end_is_refused() -> None:
-    assert error_of("BEGIN PGM A MM\nL X+1 FMAX", dialect="heidenhain").code == "program-end-missing"
+    assert (
+        error_of("BEGIN PGM A MM\nL X+1 FMAX", dialect="heidenhain").code == "program-end-missing"
+    )
