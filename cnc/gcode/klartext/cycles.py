@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from cnc.gcode.geometry.figure import Figure
 from cnc.gcode.klartext.reader import Block
 from cnc.gcode.klartext.state import Session
-from cnc.gcode.syntax.words import under_compensation
 from cnc.model.diagnostics import GcodeError
 
 MOST_PECKS = 10_000
@@ -63,8 +62,7 @@ def call_cycle(session: Session, block: Block) -> None:
     interpreter = session.flow.interpreter
     if not session.cycle:
         raise block.head.fault("cycle-not-active", "no cycle is defined", "write CYCL DEF before")
-    if interpreter.motion.compensated:
-        raise under_compensation(block.head.word("", 0.0), "give R0 and a move before")
+    session.refuse_compensation(block.head.word("", 0.0))
     feed, at = interpreter.modal.feed, block.head._replace(text=f"cycle {session.cycle}")
     for line in _Hole(session, block).moves():
         session.do(*(at.word(text[0], float(text[1:])) for text in line.split()))
@@ -101,8 +99,8 @@ class _Hole:
         return value
 
     def _fault(self, code: str, message: str) -> GcodeError:
-        hint = "correct the last CYCL DEF"
-        return self._block.head.fault(code, f"cycle {self._kind} {message}", hint)
+        text = f"cycle {self._kind} {message}"
+        return self._block.head.fault(code, text, "correct the last CYCL DEF")
 
     def moves(self) -> Iterator[str]:
         """Yield the lines of the cycle: moves, feeds, dwells. A depth of 0 makes none."""
@@ -165,7 +163,7 @@ class _Hole:
             turn, feed = (3 if pitch > 0.0 else 4), abs(pitch) * modal.speed
             yield f"M{turn}"
         elif modal.spindle not in ("cw", "ccw"):
-            raise self._fault("spindle-off", "needs a turning spindle")
+            raise self._fault("spindle-stopped", "needs a turning spindle")
         yield f"G1 Z{self.depth:.9f} F{feed:.9f}"
         if self._kind == 206:
             yield from self._dwell(211)
@@ -181,8 +179,7 @@ def _transform(session: Session, block: Block, kind: str) -> None:
     rotation exclude each other; other orders are refused.
     """
     interpreter = session.flow.interpreter
-    if interpreter.motion.compensated:
-        raise under_compensation(block.head.word("", 0.0), "give R0 and a move before")
+    session.refuse_compensation(block.head.word("", 0.0))
     shift, mirrored, angle = session.frame
     words = [item for item in block.items[1:] if item.value or len(item.letter) == 1]
     for item in words:

@@ -16,7 +16,7 @@ from cnc.gcode.klartext.reader import Block, Item
 from cnc.gcode.klartext.state import Point, Session
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, under_compensation
+from cnc.gcode.syntax.words import LineWords, Word
 from cnc.model.blocks import NurbsFeed
 
 _AXES = "XYZABCUVW"
@@ -32,12 +32,10 @@ _AFTER: dict[int, tuple[int, ...]] = {5: (5,), 9: (9,)}
 _LAST = {0: (5, 0), 1: (1,), 2: (2,), 30: (30,)}
 """M-codes of M functions before the move, behind it, and at the end. M0 stops the spindle, too."""
 _CYCLE_AFTER_MOVES, _MACHINE, _CYCLE = 89, 91, 99
-_IDLE = {
-    6: "M6 (TOOL CALL changes the tool)", 90: "M90 (constant feed at corners)",
-    **{end: f"M{end} (the end of M{begin})" for begin, end in (
-        (108, 107), (109, 111), (116, 117), (126, 127), (128, 129), (136, 137), (144, 145),
-    )},
-}  # fmt: skip
+_ENDS = {107: 108, 111: 109, 117: 116, 127: 126, 129: 128, 137: 136, 145: 144}
+_IDLE = {6: "M6 (TOOL CALL changes the tool)", 90: "M90 (constant feed at corners)"} | {
+    end: f"M{end} (the end of M{begin})" for end, begin in _ENDS.items()
+}
 """M functions without effect. Those that they end are refused."""
 _NEAR = 1e-9
 """Degrees or mm that are rounding only."""
@@ -53,8 +51,7 @@ def move(session: Session, block: Block) -> None:
         if number in _IDLE:
             session.note(block, _IDLE[int(number)])
         elif number not in {*_BEFORE, *_AFTER, *_LAST, _CYCLE_AFTER_MOVES, _MACHINE, _CYCLE}:
-            hint = "let the CAM system write the program without it"
-            raise item.fault("code-not-supported", f"M{number:g} is not supported", hint)
+            raise item.fault("code-not-supported", f"M{number:g} is not supported")
 
     def codes(table: dict[int, tuple[int, ...]]) -> list[Word]:
         return [
@@ -71,18 +68,13 @@ def move(session: Session, block: Block) -> None:
         _place(session, block, words, machine=_MACHINE in numbers)
     else:
         feed = block.find("F", "FAUTO")
-        words += [_feed_word(session, feed)] if feed else []
-        if words:
-            session.do(*words)
-    for word in codes(_AFTER):
-        session.do(word)
+        session.do(*words, *([_feed_word(session, feed)] if feed else []))
+    session.do(*codes(_AFTER))
     session.after_moves = session.after_moves or _CYCLE_AFTER_MOVES in numbers
     if _CYCLE in numbers or (session.after_moves and moves):
         call_cycle(session, block)
-    if _CYCLE in numbers:
-        session.after_moves = False
-    for word in codes(_LAST):
-        session.do(word)
+    session.after_moves = session.after_moves and _CYCLE not in numbers
+    session.do(*codes(_LAST))
 
 
 def _check_words(block: Block) -> None:
@@ -102,8 +94,7 @@ def _feed_word(session: Session, item: Item) -> Word:
     if item.key == "F":
         return item.word("F", session.feed(item))
     if session.auto_feed is None:
-        message, hint = "F AUTO, but the last TOOL CALL has no F", "give F in TOOL CALL, or here"
-        raise item.fault("feed-missing", message, hint)
+        raise item.fault("feed-missing", "the last TOOL CALL has no F for F AUTO", "give F here")
     return item.word("F", session.auto_feed)
 
 
@@ -176,9 +167,7 @@ def _polar_end(session: Session, block: Block, here: Point) -> Point:
             raise block.head.fault("polar-at-origin", message, "give PR and PA")
         if radius is not None:
             length = session.value(radius) + (length if radius.key == "IPR" else 0.0)
-    degrees = before
-    if angle is not None:
-        degrees = session.value(angle) + (before if angle.key == "IPA" else 0.0)
+    degrees = before if angle is None else session.value(angle) + before * (angle.key == "IPA")
     radians = math.radians(math.fmod(degrees, 360.0))
     end = pole[0] + length * math.cos(radians), pole[1] + length * math.sin(radians)
     if block.head.key == "CP" and abs(math.remainder(degrees - before, 360.0)) < _NEAR:
@@ -253,13 +242,9 @@ def _unit(x: float, y: float) -> Point | None:
 def centre(session: Session, block: Block) -> None:
     """Execute CC: the pole is a place, a distance from the position, or the position."""
     start = session.position()
-    found = {"X": start["X"], "Y": start["Y"]}
     if block.items and sorted(item.letter for item in block.items) != ["X", "Y"]:
-        message = "CC takes X and Y, or no word for the position"
-        raise block.head.fault("code-not-supported", message)
-    for item in block.items:
-        base = start[item.letter] if item.key.startswith("I") else 0.0
-        found[item.letter] = session.value(item) + base
+        raise block.head.fault("code-not-supported", "CC takes X and Y, or no word")
+    found = start | _target(session, block, start)
     session.pole, session.polar = (found["X"], found["Y"]), None
 
 
@@ -276,7 +261,7 @@ def _corner_word(session: Session, block: Block, *, rapid: bool) -> list[Word]:
         return []
     session.corner_line = line - 1
     if rapid or corner.find(*_FEEDS):
-        message = "RND or CHF behind a move with FMAX, or with a feed of its own"
+        message = f"{corner.head.text} behind FMAX, or with a feed of its own"
         raise block.head.fault("corner-next", message, "give the feed in the moves")
     letter, size = ",R" if corner.head.key == "RND" else ",C", corner.items[0]
     return [block.head._replace(text=corner.head.text).word(letter, session.value(size))]
@@ -285,16 +270,12 @@ def _corner_word(session: Session, block: Block, *, rapid: bool) -> list[Word]:
 def corner(session: Session, block: Block) -> None:
     """Check that an RND or CHF belongs to the move before it, which has made it."""
     if session.corner_line != session.line:
-        message = f"{block.head.key} needs a move directly before it"
-        raise block.head.fault("corner-next", message)
+        raise block.head.fault("corner-next", f"{block.head.key} needs a move directly before it")
     session.corner_line, session.direction = 0, None
 
 
 def spline(session: Session, block: Block) -> None:
-    """Execute SPL: X(t) = K3X t^3 + K2X t^2 + K1X t + X, from t = 1 to 0.
-
-    The control points are those of the same cubic in Bezier's form.
-    """
+    """Execute SPL as a Bezier curve: X(t) = K3X t^3 + K2X t^2 + K1X t + X, from t = 1 to 0."""
     motion, here = session.flow.interpreter.motion, session.flow.interpreter.here
     at, scale = block.head.word("", 0.0), session.flow.interpreter.modal.scale
     given: dict[str, float] = {}
@@ -306,8 +287,7 @@ def spline(session: Session, block: Block) -> None:
             session.do(_feed_word(session, item))
         else:
             given[item.key] = session.value(item) * scale
-    if motion.compensated:
-        raise under_compensation(at, "give R0 and a move before")
+    session.refuse_compensation(at)
     motion.compensation.refuse_curve(at)
     start = motion.coordinates.to_program(motion.position)
     control = [start.copy() for _ in range(4)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -21,19 +20,15 @@ from cnc.gcode.syntax.statement import Control, Statement, Value
 from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault
 from cnc.model.diagnostics import GcodeError
 
-OWN_PARAMETERS = range(100, 200)
-"""Q parameters in which the control keeps its own data."""
-LAST_PARAMETER = 1999
+_PARAMETERS = frozenset((*range(100), *range(200, 2000)))
+"""Q parameters of programs. Q100 to Q199 have the control's own data."""
 _FN = {
     "+": (1, "+"), "-": (2, "-"), "*": (3, "*"), "DIV": (4, "/"), "SQRT": (5, "SQRT"),
     "SIN": (6, "SIN"), "COS": (7, "COS"), "LEN": (8, ""), "EQU": (9, "EQ"), "NE": (10, "NE"),
     "GT": (11, "GT"), "LT": (12, "LT"), "ANG": (13, ""), "ERROR": (14, ""), "PRINT": (15, ""),
 }  # fmt: skip
 """Number of the FN of each operation, and its name in expressions."""
-_PARTS: dict[str, Callable[[float], float]] = {
-    "INT": math.trunc, "FRAC": lambda value: value - math.trunc(value),
-    "SGN": lambda value: float(value > 0.0) - float(value < 0.0),
-}  # fmt: skip
+_TRUNCATED = "~FIX"
 _SAID = {
     "NUMBER": "a number", "SIGN": "a value", "AXIS": "an axis", "UNIT": "MM or INCH",
     "FILE": "the name of the program", "LBL": "LBL", "STRING": "a name in quotes",
@@ -128,7 +123,7 @@ class _Rules:
 
     def __init__(self, text: str) -> None:
         self._text = text
-        self._build = Builder(macro=False, translated=False)
+        self._build = Builder(macro=False, translated=True)
 
     def token(self, token: Token, value: float) -> Any:
         """Return a token; a number is a node."""
@@ -138,8 +133,6 @@ class _Rules:
             message = f"the number is larger than {MAX_NUMBER:.0f}"
             raise self._build.fault("number-too-large", message, token.begin, token.end)
         return constant(value, token.begin, token.end)
-
-    # Words and blocks
 
     def _item(self, part: Token | Node | Item) -> Item:
         """Return a part of a block as a word; a value alone has no letters."""
@@ -163,14 +156,10 @@ class _Rules:
 
     def _words(self, begin: int, end: int, *parts: Any) -> Block:
         """Return a block. M functions alone are the block M, assignments the block Q."""
-        first = parts[0]
-        if isinstance(first, Token):
-            key, parts = first.text, parts[1:]
-        else:
-            key = "M" if first.key == "M" else "Q"
-        return block_of(
-            Item(key, None, self._text[begin:end], begin), *(self._item(part) for part in parts)
-        )
+        key = "M" if parts[0][0] == "M" else "Q"
+        if isinstance(parts[0], Token):
+            key, parts = parts[0].text, parts[1:]
+        return block_of(Item(key, None, self._text[begin:end], begin), *map(self._item, parts))
 
     def _function(self, begin: int, end: int, fn: Node, *parts: Any) -> Block:
         """Return the block of an FN, whose number must be that of its operation."""
@@ -195,17 +184,14 @@ class _Rules:
     def _line(self, begin: int, end: int, *parts: Any) -> Statement:
         return Statement(control=next((part for part in parts if isinstance(part, Block)), None))
 
-    # Values
-
     def _parameter(self, begin: int, end: int, name: Token) -> Node:
         return self._build.parameter(self._name(name), begin, end)
 
     def _name(self, name: Token) -> str:
         """Return the name of a Q parameter for :class:`Parameters`."""
         number = int(name.text[1:])
-        if number > LAST_PARAMETER or number in OWN_PARAMETERS:
-            what = "belongs to the control" if number <= LAST_PARAMETER else "does not exist"
-            message, hint = f"{name.text} {what}", "use Q0 to Q99, or Q200 to Q1999"
+        if number not in _PARAMETERS:
+            message, hint = f"{name.text} is not for programs", "use Q0 to Q99, or Q200 to Q1999"
             raise self._build.fault("parameter-number", message, name.begin, name.end, hint)
         return f"_q{number}"
 
@@ -228,18 +214,24 @@ class _Rules:
         return self._build.binary(left, "**", right, left.end, right.begin)
 
     def _call(self, begin: int, end: int, name: Token, argument: Node) -> Node:
-        build, a = self._build, argument.value
-        if name.text in _PARTS:
-            function = _PARTS[name.text]
-            made = Node(lambda p: function(a(p)), begin, end, depth=argument.depth + 1)
-        elif name.text == "SQ":
-            made = build.binary(argument, "*", argument, name.begin, name.end)
-        elif name.text == "NEG":
-            made = build.sign("-", argument, begin)
-        elif name.text == "ATAN":
-            made = build.arctangent(argument, None, begin)
-        else:
-            made = build.call(name.text, argument, name.begin, name.end)
+        build, place, zero = self._build, (name.begin, name.end), constant(0.0, begin, end)
+        match name.text:
+            case "SQ":
+                made = build.binary(argument, "*", argument, *place)
+            case "NEG":
+                made = build.sign("-", argument, begin)
+            case "ATAN":
+                made = build.arctangent(argument, None, begin)
+            case "INT":
+                made = build.call(_TRUNCATED, argument, *place)
+            case "FRAC":
+                whole = build.call(_TRUNCATED, argument, *place)
+                made = build.binary(argument, "-", whole, *place)
+            case "SGN":
+                above, below = (build.binary(argument, op, zero, *place) for op in ("GT", "LT"))
+                made = build.binary(above, "-", below, *place)
+            case _:
+                made = build.call(name.text, argument, *place)
         return made.spanning(begin, end)
 
     def _calculation(self, begin: int, end: int, *parts: Any) -> tuple[int, Node]:
@@ -251,8 +243,8 @@ class _Rules:
             x, y = (build.binary(each, "*", each, *place) for each in (left, right))
             made = build.call("SQRT", build.binary(x, "+", y, *place), *place)
         elif name.text == "ANG":
-            angle = build.arctangent(left, right, begin).value
-            made = Node(lambda p: angle(p) % 360.0, begin, end, depth=left.depth + right.depth + 1)
+            angle = build.arctangent(left, right, begin)
+            made = build.binary(angle, "MOD", constant(360.0, begin, end), *place)
         elif len(parts) == 2:
             made = build.call(operator, right, *place)
         else:

@@ -6,7 +6,7 @@ from cnc.gcode.klartext.reader import Block, Item
 from cnc.gcode.program.call_stack import Flow
 from cnc.gcode.program.control_flow import BackwardJump
 from cnc.gcode.syntax.statement import NOTED, Remark, Statement
-from cnc.gcode.syntax.words import MAX_NUMBER, Word
+from cnc.gcode.syntax.words import MAX_NUMBER, Word, under_compensation
 from cnc.model.blocks import ROTARY_LETTERS
 
 Point = tuple[float, float]
@@ -16,20 +16,16 @@ class Session:
     """A program of Klartext that is being executed. Lengths are in units of the program.
 
     Attributes:
-        line: Number of the current line.
         pole: Centre of circles and of polar coordinates (CC).
         polar: Radius, angle and place of the last polar position; None after another move.
         direction: Unit vector at the end of the last move in the plane; None if it has none.
-        auto_feed: F of the last TOOL CALL.
-        next_feed: The same until a move has taken it or its own F.
+        auto_feed: F of the last TOOL CALL; ``next_feed`` until a move has taken it or its own F.
         cycle: Number of the cycle that was defined last, 0 for none.
-        given: Names of the parameters that its definition gave.
-        defines: Whether the lines before belong to that definition.
+        given: Names of the parameters that its definition gave, which ``defines`` continues.
         after_moves: Whether M89 calls the cycle after each move.
         corner_line: Line of the RND or CHF that belongs to the last move.
         frame: Datum shift of X, Y and Z (cycle 7) in mm, mirrored axes (8), angle (10).
         labels: Line of each label; None before they were searched.
-        jumps: The jumps back, by line.
     """
 
     def __init__(self, flow: Flow) -> None:
@@ -73,6 +69,11 @@ class Session:
     def do(self, *words: Word) -> None:
         """Execute words of G-code at the current line."""
         self.flow.interpreter.execute(Statement(words), self.line)
+
+    def refuse_compensation(self, at: Word) -> None:
+        """Refuse a block under RL or RR."""
+        if self.flow.interpreter.motion.compensated:
+            raise under_compensation(at, "give R0 and a move before")
 
     def note(self, block: Block, what: str) -> None:
         """Report a block without effect, once."""

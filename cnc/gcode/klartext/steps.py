@@ -73,8 +73,8 @@ def _tool_call(session: Session, block: Block) -> None:
             hint = "call a tool by its number, with the axis Z"
             raise item.fault("code-not-supported", message, hint)
         if item.key in ("DL", "DR", "DR2") and session.value(item) != 0.0:
-            hint = "enter the difference in the tool table"
-            raise item.fault("code-not-supported", f"{item.text}: only 0 is supported", hint)
+            message = f"{item.text}: only 0 is supported"
+            raise item.fault("code-not-supported", message, "use the tool table")
     if number := block.find(""):
         tool = session.value(number)
         session.do(number.word("T", tool), number.word("M", 6))
@@ -94,8 +94,7 @@ def _tool_def(session: Session, block: Block) -> None:
         session.do(word)
         return
     if table.file:
-        message, hint = "TOOL DEF with dimensions, beside a tool table", "remove L and R"
-        raise block.head.fault("code-not-supported", message, hint)
+        raise block.head.fault("code-not-supported", "L and R beside a tool table", "remove them")
     given = {item.key: session.value(item) * interpreter.modal.scale for item in dimensions}
     length, radius = given.get("L", 0.0), given.get("R", 0.0)
     tool = whole(word, "the tool number", 1, MAX_TOOL)
@@ -116,10 +115,8 @@ def _note(session: Session, block: Block) -> None:
     if block.head.key == "ERROR":
         message = f"the program stops itself with error {session.value(block.head):g}"
         raise block.head.fault("program-abort", message, "correct the cause, then run it again")
-    what = "FN 15 (output of a value)"
-    if block.head.key == "BLKFORM":
-        what = "BLK FORM (the blank of the control's graphics)"
-    session.note(block, what)
+    is_blank = block.head.key == "BLKFORM"
+    session.note(block, "BLK FORM (the blank)" if is_blank else "FN 15 (output of a value)")
 
 
 def _label_of(item: Item) -> str:
@@ -144,16 +141,14 @@ def _all_labels(session: Session) -> dict[str, int]:
     listing, line = session.flow.listing, 1
     while (window := listing.window(line)) is not None:
         index = window.find(_LABEL, line - window.first, window.count)
-        line = window.first + index + 1
+        at, line = window.first + index, window.first + min(index + 1, window.count)
         statement = listing.statement(window, index) if index < window.count else None
         if statement is not None and isinstance(statement.control, Block):
             name = _label_of(statement.control.items[0])
-            first = found.setdefault(name, line - 1)
-            if first != line - 1 and name != "0":
+            first = found.setdefault(name, at)
+            if first != at and name != "0":
                 message = f"LBL {name} stands in line {first}, too"
-                raise listing.control_fault(line - 1, statement.control, "label-repeated", message)
-        elif index == window.count:
-            line -= 1
+                raise listing.control_fault(at, statement.control, "label-repeated", message)
     return found
 
 
@@ -204,6 +199,5 @@ _EFFECTS = {
     "CALLLBL": _call, "IF": _jump, "ERROR": _note, "PRINT": _note,
 }  # fmt: skip
 """The effect of each kind of block. It returns the line to continue at; None for the next one."""
-
 
 MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {"klartext": BlockStep}

@@ -158,7 +158,7 @@ ERRORS = {
     f"{cycle(200, **DRILL | {'Q395': 1})}\nCYCL CALL": "code-not-supported",
     f"{cycle(203, **UNIVERSAL | {'Q213': 2})}\nCYCL CALL": "code-not-supported",
     f"{cycle(205, **PECK | {'Q259': 1})}\nCYCL CALL": "code-not-supported",
-    f"{cycle(206, **BORE)}\nL M5\nCYCL CALL": "spindle-off",
+    f"{cycle(206, **BORE)}\nL M5\nCYCL CALL": "spindle-stopped",
     f"{cycle(207, **TAP, Q239=0)}\nCYCL CALL": "cycle-word-missing",
     f"TOOL DEF 1 R+2\nTOOL CALL 1 Z S9\n{cycle(200, **DRILL)}\nL X-9 F9 RL\nCYCL CALL":
     "compensation-active",

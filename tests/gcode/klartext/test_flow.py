@@ -20,7 +20,8 @@ FLOW = {
     "LBL 1\nL IX+1 FMAX\nCALL LBL 1 REP 2/2": "1 2 3",
     "LBL 1\nL IX+1 FMAX\nCALL LBL 1 REP 0": "1",
     # nested: the inner section is repeated in each round
-    "LBL 1\nL IX+10 FMAX\nLBL 2\nL IX+1 FMAX\nCALL LBL 2 REP 1\nCALL LBL 1 REP 1": "10 11 12 22 23 24",
+    "LBL 1\nL IX+10 FMAX\nLBL 2\nL IX+1 FMAX\nCALL LBL 2 REP 1\nCALL LBL 1 REP 1":
+    "10 11 12 22 23 24",
     # "Subprogramming": LBL to LBL 0, behind the M30 of the main program
     "CALL LBL 5\nCALL LBL \"in\"\nL X+9 FMAX M30\nLBL 5\nL X+1 FMAX\nCALL LBL \"in\"\nLBL 0\n"
     'LBL "in"\nL IX+2 FMAX\nLBL 0': "1 3 5 9",
@@ -87,6 +88,12 @@ def test_what_flow_refuses(source: str) -> None:
     found = error_of(text, dialect="heidenhain", limits=Limits(repeated_lines=20_000))
     assert found.code == ERRORS[source], found.render()
     assert found.line > 1
+
+
+@pytest.mark.parametrize("name", ["INT", "FRAC", "SGN", "SQ", "NEG", "ABS"])
+def test_deep_formulas_are_refused(name: str) -> None:
+    source = f"BEGIN PGM A MM\nQ1 = 1\nQ2 = {f'{name} ' * 500}Q1\nEND PGM A MM"
+    assert error_of(source, dialect="heidenhain").code == "expression-too-deep"
 
 
 def test_a_long_repetition_is_not_endless() -> None:

@@ -74,7 +74,9 @@ MOVES = {
     "L X+10 F60\nRND R3\nL Y+10": [
         "line 7 0 0 F60", "arc xy 7 3 10 3 0 3 0.25 60", "line 10 10 0 F60",
     ],
-    "L X+10 F60\n;a comment\nCHF 3\nL Y+10": ["line 7 0 0 F60", "line 10 3 0 F60", "line 10 10 0 F60"],
+    "L X+10 F60\n;a comment\nCHF 3\nL Y+10": [
+        "line 7 0 0 F60", "line 10 3 0 F60", "line 10 10 0 F60",
+    ],
     # M functions at the start and at the end of a block
     "L X+1 F5 M13\nL X+2 M5 M9": [
         "spindle cw 100", "coolant false true", "line 1 0 0 F5", "line 2 0 0 F5",
