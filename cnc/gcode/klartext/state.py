@@ -68,7 +68,8 @@ class Session:
 
     def do(self, *words: Word) -> None:
         """Execute words of G-code at the current line."""
-        self.flow.interpreter.execute(Statement(words), self.line)
+        if words:
+            self.flow.interpreter.execute(Statement(words), self.line)
 
     def refuse_compensation(self, at: Word) -> None:
         """Refuse a block under RL or RR."""

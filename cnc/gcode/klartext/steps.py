@@ -20,7 +20,6 @@ from cnc.gcode.syntax.statement import Control
 from cnc.gcode.syntax.words import whole
 
 _LABEL = re.compile(rb"(?<![^\r\n])[ \t]*[0-9]*[ \t]*LBL[ \t]*[\"0-9]", re.IGNORECASE)
-_MOST_REPEATS = 65_535
 
 
 class BlockStep:
@@ -170,7 +169,7 @@ def _call(session: Session, block: Block) -> int | None:
         message = "a program section to repeat must begin before this block"
         raise block.head.fault("jump-target-bad", message)
     number, left = repeat.word("REP", session.value(repeat)), flow.frame.counts
-    rounds = left.pop(session.line, whole(number, "the number of repetitions", 0, _MOST_REPEATS))
+    rounds = left.pop(session.line, whole(number, "the number of repetitions", 0, 65_535))
     if not rounds:
         return None
     left[session.line] = rounds - 1
