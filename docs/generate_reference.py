@@ -45,7 +45,7 @@ def machine_file() -> str:
 
 def dialect_codes() -> str:
     """Return the page of the codes of each dialect, and of the evidence for it."""
-    names = [name for name in dialects.NAMES if name != "paper"]
+    names = [name for name in dialects.WITH_CODES if name != "paper"]
     rules = {name: dialects.load(name) for name in names}
     lines = ["# Codes by dialect", "", "| code | " + " | ".join(names) + " |"]
     lines.append("| --- |" + " --- |" * len(names))

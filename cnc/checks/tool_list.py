@@ -19,6 +19,8 @@ _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)|;(.*)")
 _WORDS = re.compile(r"(?<![A-Z])([THD])\s*0*([0-9]{1,5})(?![0-9.])", re.IGNORECASE)
 _WITH_OFFSET = re.compile(r"(?<![A-Z])T\s*0*([0-9]{1,5})\.0*\1(?![0-9.])", re.IGNORECASE)
 """Fagor's ``T5.5``: tool 5 with offset 5."""
+_TOOL_CALL = re.compile(r"TOOL\s+CALL\s+(?=[0-9])", re.IGNORECASE)
+"""Klartext's word of a tool."""
 _NAMED = re.compile(
     r"^\W*(?:TOOL\s*(?:NUMBER|NO\.?|#)?\s*[:#=-]?\s*|T\s*)0*([0-9]{1,5})\b(?!\s*M?0?6)[\s|:,=-]*(.*)",
     re.IGNORECASE,
@@ -67,7 +69,7 @@ class ToolList:
                 if name := _NAMED.match((comment[1] or comment[2] or "").strip()):
                     tool = int(name[1])
                     named.setdefault(tool, ListedTool(tool, number, " ".join(name[2].split())))
-            code = _WITH_OFFSET.sub(r"T\1", _COMMENT.sub(" ", line))
+            code = _TOOL_CALL.sub("T", _WITH_OFFSET.sub(r"T\1", _COMMENT.sub(" ", line)))
             found.inches = found.inches or _INCHES.search(code) is not None
             for letter, digits in _WORDS.findall(code):
                 value = int(digits)

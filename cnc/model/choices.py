@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 DialectName = Literal[
-    "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "fagor", "paper"
-]
+    "auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens", "mach3", "marlin", "fagor",
+    "heidenhain", "paper",
+]  # fmt: skip
 """How a program is read. ``auto`` recognises the controller by the program's first lines."""
 GcodeSystem = Literal["A", "B", "C"]
 """System of the G-codes of a FANUC or Haas lathe."""

@@ -194,9 +194,8 @@ class ProgramReader:
     def _evidence(self) -> Recognition:
         """Search the first lines for evidence of a controller and of a lathe, once."""
         if self.evidence is None:
-            self.evidence = recognise(
-                Text.of_file(self.path, self.name).first_lines(), self.dialect
-            )
+            lines = Text.of_file(self.path, self.name).first_lines()
+            self.evidence = recognise(lines, self.dialect, self.name)
         return self.evidence
 
     @property

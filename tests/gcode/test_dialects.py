@@ -64,7 +64,7 @@ def test_auto_and_paper_extend_linuxcnc() -> None:
 
 def test_an_unknown_dialect() -> None:
     with pytest.raises(UsageError) as caught:
-        run("G0 X1", dialect="heidenhain")
+        run("G0 X1", dialect="okuma")
     assert caught.value.diagnostic.code == "unknown-dialect"
 
 

@@ -81,6 +81,10 @@ EVIDENCE = [
     ("; a text\nPART HOLDER\nX5", "auto"),
     ("; a text", "auto"),
     ("", "auto"),
+    ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "heidenhain"),
+    ("begin pgm a mm\nM30", "heidenhain"),
+    ("12 L X+5 Y-3 R0 FMAX", "heidenhain"),
+    ("CYCL DEF 200 BOHREN ~\nQ200=2", "heidenhain"),
 ]
 
 
@@ -92,6 +96,12 @@ def test_the_first_lines_name_the_dialect(source: str, dialect: str) -> None:
     assert found.described().startswith(dialect)
 
 
+def test_the_ending_of_a_name_is_evidence() -> None:
+    assert recognise(["LP PR+1 PA+2"], file="part.H").dialect == "heidenhain"
+    assert recognise(["LP PR+1 PA+2"], file="part.h.nc").dialect == "auto"
+    assert recognise(["G291", "G0 X1"], file="part.h").dialect == "fanuc"
+
+
 def test_the_reasons_name_words_and_lines() -> None:
     (reason,) = recognise(["", "G0 X1", "G187 P1"]).reasons
     assert str(reason) == "G187 in line 3 (a code of Haas)"
@@ -100,7 +110,6 @@ def test_the_reasons_name_words_and_lines() -> None:
 @pytest.mark.parametrize(
     ("source", "code", "words"),
     [
-        ("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000", "not-gcode", "Heidenhain"),
         ("%PART G71 *\nN10 G00 G40 G90 Z+100 *", "not-gcode", "Heidenhain program in DIN/ISO"),
         ("N10 G99 T1 L+0 R+5 *\nN20 T1 G17 S500 *", "not-gcode", "Heidenhain program in DIN/ISO"),
         ("G21 G90\nG0 X1".encode("utf-16-le").decode("latin-1"), "not-gcode", "UTF-16"),

@@ -164,7 +164,7 @@ def test_machine_is_frozen():
         ("axes.x = 3\n", 1, 1, "axes.x: must be a table, not 3"),
         (AXES + "[board]\nbaud = 9600.5\n", 8, 1, "board.baud: must be a whole number, not 9600.5"),
         (AXES + "[board]\nkind = ''\n", 8, 1, 'board.kind: must not be empty, not ""'),
-        (AXES + "[program]\ndialect = 'heidenhain'\n", 8, 1, "program.dialect: must be one of"),
+        (AXES + "[program]\ndialect = 'okuma'\n", 8, 1, "program.dialect: must be one of"),
         (
             AXES + "[program]\ntool_table = 4\n",
             8,

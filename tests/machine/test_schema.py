@@ -28,7 +28,7 @@ REJECTED = [
     {"axes": {"x": AXIS}, "name": "mill"},
     {"axes": {"x": AXIS}, "borad": {}},
     {"axes": {"x": AXIS}, "machine": {"name": 3}},
-    {"axes": {"x": AXIS}, "program": {"dialect": "heidenhain"}},
+    {"axes": {"x": AXIS}, "program": {"dialect": "okuma"}},
     {"axes": {"x": AXIS}, "board": {"step_pulse": 1e-3}},
     {"axes": {"x": AXIS}, "board": {"normally_closed": ["door"]}},
     {},

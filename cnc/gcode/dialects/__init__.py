@@ -24,6 +24,8 @@ from cnc.model.choices import DialectName, GcodeSystem, WrapRule
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 NAMES: tuple[str, ...] = get_args(DialectName)
+WITH_CODES = tuple(name for name in NAMES if name != "heidenhain")
+"""Dialects whose programs have G-codes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +339,7 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     if own := _known().get(dialect.name, {}).get(f"{kind}{code:g}"):
         hint = _known()["instead"].get(f"{dialect.name}-{kind}", builder if kind == "m" else "")
         return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
-    elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
+    elsewhere = [other for other in WITH_CODES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}{f'; {builder}' if kind == 'm' else ''}"
         if (note := load("fanuc").noted.get((kind.upper(), code))) and note.needs:

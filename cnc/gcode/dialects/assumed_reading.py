@@ -13,6 +13,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.recognition import Recognition, code_of, comments_of, first_lines
 from cnc.model.diagnostics import Diagnostic
 
+_BEGIN = re.compile(r"[0-9]*\s*BEGIN\s+PGM\b")
 _INCH = re.compile(r"G\s*0?20(?![0-9.])")
 _MM = re.compile(r"G\s*0?21(?![0-9.])")
 _OTHER_INCH = re.compile(r"G\s*700?(?![0-9.])")
@@ -84,6 +85,9 @@ def assumed_reading(
         differences += [f"{names} as LinuxCNC computes them, not FANUC"] if names else []
     if recognition is not None and recognition.five_digits:
         differences.append(_as_fanuc(lines))
+    if rules.flavour == "klartext":
+        begins = any(_BEGIN.match(code_of(line)) for _, line in first_lines(lines))
+        return AssumedReading("" if begins else "millimetres, as there is no BEGIN PGM")
     inch, mm = _codes_of_units(lines, rules)
     units = ""
     if not (inch or mm):

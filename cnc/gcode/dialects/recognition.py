@@ -54,7 +54,7 @@ class _Evidence(NamedTuple):
         points: Weight. Below 0 it speaks against the language.
         what: The finding in words.
         place: The part of a line that is searched; "first" is the first line with code besides %,
-            "later" those behind it.
+            "later" those behind it, "name" the name of the file.
         pattern: The pattern.
         prints: Whether only a 3D printer's program has it.
     """
@@ -63,7 +63,7 @@ class _Evidence(NamedTuple):
     kind: str
     points: int
     what: str
-    place: Literal["first", "later", "code", "comment", "line"]
+    place: Literal["first", "later", "code", "comment", "line", "name"]
     pattern: re.Pattern[str]
     prints: bool
 
@@ -140,8 +140,8 @@ def evidence() -> list[tuple[str, int, str]]:
     return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
 
 
-def recognise(lines: Iterable[str], named: DialectName = "auto") -> Recognition:
-    """Return the language of a program, from its first lines.
+def recognise(lines: Iterable[str], named: DialectName = "auto", file: str = "") -> Recognition:
+    """Return the language of a program, from its first lines and the ending of its file's name.
 
     Evidence for a lathe is that of the ``named`` language, or of the one that is recognised.
     """
@@ -160,7 +160,7 @@ def recognise(lines: Iterable[str], named: DialectName = "auto") -> Recognition:
             prose = Reason(_shown(line), "no line has a word of G-code", number)
         if plane is None and (both := _X_AND_Z.search(code)):
             plane = Reason(_shown(both[0]), "moves in X and Z, and no Y in the first lines", number)
-        places = {"code": [code], "comment": comments, "line": [line],
+        places = {"code": [code], "comment": comments, "line": [line], "name": [file],
                   "later" if begun else "first": [code]}  # fmt: skip
         begun = code != "%" and (begun or (code != "" and not _is_text(code)))
         for each in tuple(left):

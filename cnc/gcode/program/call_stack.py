@@ -23,6 +23,7 @@ from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
 if TYPE_CHECKING:
+    from cnc.gcode.klartext.state import Session
     from cnc.gcode.program.subroutine_profiles import OpenProfile
 
 KEPT_PAGES = 4
@@ -189,7 +190,7 @@ class Frame:
     repeats_left: int = 0
     is_repeated: bool = False
     since: int = 0
-    counts: dict[Step, int] = field(default_factory=dict)
+    counts: dict[object, int] = field(default_factory=dict)
     ends_with_file: bool = False
 
     @property
@@ -222,6 +223,7 @@ class Flow:
         program_frame: SINUMERIK's programmable frame.
         sections: SINUMERIK's repeated sections.
         profile: LinuxCNC's cycle whose profile is being executed; None for none.
+        klartext: State of a program of Klartext; None for another one.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -253,6 +255,7 @@ class Flow:
         self.program_frame = ProgramFrame()
         self.sections = Sections()
         self.profile: OpenProfile | None = None
+        self.klartext: Session | None = None
         self.has_modal = False
         self._modal_depth = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)

@@ -97,7 +97,7 @@ class Interpreter:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect, self.policy = dialect, policy
         self.parameters = parameters
-        own_zero = dialect.offset_memory or dialect.flavour == "siemens"
+        own_zero = dialect.offset_memory or dialect.flavour in ("siemens", "klartext")
         self.coordinates = Coordinates(
             axes, parameters, systems=dialect.systems, fanuc=own_zero,
             shift_stays=dialect.shift_stays,

@@ -24,7 +24,7 @@ from cnc.gcode.syntax.words import Word, fault
 from cnc.kernels.gcode.statements import Coded
 from cnc.model.diagnostics import CncError, GcodeError
 
-_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "none": ""}
+_CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "klartext": "", "none": ""}
 """First letters of lines that may begin or end a block, a subroutine or a program, by flavour."""
 _END_OF_TEXT = 1 << 62
 """A line number beyond that of any line."""

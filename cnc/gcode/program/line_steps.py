@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
+from cnc.gcode.klartext import steps as klartext
 from cnc.gcode.program import (
     block_matching,
     control_flow,
@@ -47,6 +48,7 @@ _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
     | siemens_holes.MAKERS
     | siemens_repeat.MAKERS
     | siemens_subprograms.MAKERS
+    | klartext.MAKERS
 )
 
 
@@ -114,6 +116,7 @@ class StepMaker:
             return flow.leave()
         if flow.frame.kind != "main":
             raise control_flow.not_ended(flow, "before the end of the file")
+        klartext.end_of_file(flow, line)
         flow.interpreter.end_of_file()
         if self._dialect.program_end:
             source = flow.listing.source

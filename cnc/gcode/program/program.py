@@ -151,8 +151,13 @@ def interpret(
     library = Library(options.folders, syntax, block_delete=options.block_delete)
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
-    first = _behind_leader(flow, text, syntax) if rules.lenient or rules.flavour == "macro-b" else 1
+    first = _behind_leader(flow, text, syntax) if _may_have_leader(rules) else 1
     yield from _run(flow, maker, first, options.on_line)
+
+
+def _may_have_leader(rules: dialects.Dialect) -> bool:
+    """Whether a file may hold text or programs around the program that is executed."""
+    return (rules.lenient and rules.flavour != "klartext") or rules.flavour == "macro-b"
 
 
 def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
@@ -190,7 +195,7 @@ def _run(
     ready = flow.interpreter.out.ready
     try:
         yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
-        if flow.interpreter.dialect.lenient or flow.interpreter.dialect.flavour == "macro-b":
+        if _may_have_leader(flow.interpreter.dialect):
             report_uncalled(flow)
     except GcodeError:
         if flow.interpreter.aborted:

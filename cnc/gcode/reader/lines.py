@@ -73,7 +73,7 @@ class Language(NamedTuple):
     single: bool = False
 
 
-NGC, MACRO = Language("ngc"), Language("macro")
+NGC, MACRO, KLARTEXT = Language("ngc"), Language("macro"), Language("klartext")
 SINUMERIK = Language("sinumerik", joined=True, single=True)
 
 
@@ -114,7 +114,7 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
 
 @cache
 def _meaning(language: Language) -> kernel.Meaning:
-    found, operations = grammar(language.grammar), _OPERATIONS[language.grammar]
+    found, operations = grammar(language.grammar), _OPERATIONS.get(language.grammar, {})
     rules = np.array([_RULES.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
     if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
@@ -126,7 +126,7 @@ def _meaning(language: Language) -> kernel.Meaning:
         rules,
         np.array([operations.get(text, 0) for text in found.texts], np.uint8),
         found.texts.index("CALL") if "CALL" in found.texts else -1,
-        found.terminals.index("LETTER") + 1,
+        found.terminals.index("LETTER") + 1 if "LETTER" in found.terminals else 0,
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
         int(language.single),
@@ -134,8 +134,11 @@ def _meaning(language: Language) -> kernel.Meaning:
 
 
 def _events(lines: int, size: int) -> automaton.Events:
-    """Return space for the events of lines with ``size`` bytes."""
-    most = 3 * size + 2 * lines
+    """Return space for the events of lines with ``size`` bytes.
+
+    In the grammars of today a byte has at most three, and a line ten more.
+    """
+    most = 4 * size + 32 * lines
     return automaton.Events(
         np.empty(most, np.int16), np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most)
     )

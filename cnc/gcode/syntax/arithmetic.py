@@ -36,6 +36,7 @@ SIEMENS_FUNCTIONS = {
     **{name: FUNCTIONS[name] for name in FUNCTIONS if name not in ("FIX", "FUP")},
     "ROUNDUP": kernel.FUP, "TRUNC": kernel.TRUNC,
 }  # fmt: skip
+KLARTEXT_FUNCTIONS = {**FUNCTIONS, "TRUNC": kernel.TRUNC}
 MACRO_FUNCTIONS = {
     **FUNCTIONS, "ASIN": kernel.MACRO_ASIN, "BCD": kernel.BCD, "BIN": kernel.BIN,
     "FIX": kernel.TRUNC, "FUP": kernel.AWAY, "RND": kernel.ROUND, "SQR": kernel.SQRT,

@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 from cnc.gcode.syntax.arithmetic import (
     FUNCTIONS,
+    KLARTEXT_FUNCTIONS,
     MACRO_FUNCTIONS,
     MACRO_OPERATORS,
     OPERATORS,
@@ -29,11 +30,18 @@ from cnc.model.diagnostics import GcodeError
 
 LOCAL_PARAMETER, EXISTS, NAME_EXISTS, TO_INCREMENTS = 200, 201, 202, 203
 """Operations that compiled code does not have. ROUND to least input increments is FANUC's."""
+MOST_INSTRUCTIONS = 10_000
+"""Most instructions of an expression."""
 _CHECK_INPUT = (
     "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
-_OPERATORS = {"ngc": OPERATORS, "macro": MACRO_OPERATORS, "siemens": SIEMENS_OPERATORS}
-_FUNCTIONS = {"ngc": FUNCTIONS, "macro": MACRO_FUNCTIONS, "siemens": SIEMENS_FUNCTIONS}
+_NAMES = {
+    "ngc": (OPERATORS, FUNCTIONS),
+    "macro": (MACRO_OPERATORS, MACRO_FUNCTIONS),
+    "siemens": (SIEMENS_OPERATORS, SIEMENS_FUNCTIONS),
+    "klartext": (OPERATORS, KLARTEXT_FUNCTIONS),
+}
+"""Operators and functions by language."""
 _binary, _unary = interpreted(kernel.binary), interpreted(kernel.unary)
 _half_away = interpreted(kernel.half_away)
 _OF_VACANT = (kernel.SAME, kernel.OTHER)
@@ -177,14 +185,14 @@ def constant(number: float, begin: int, end: int) -> Node:
 class Builder:
     """Builds the nodes of one line."""
 
-    def __init__(self, language: Literal["ngc", "macro", "siemens"]) -> None:
+    def __init__(self, language: Literal["ngc", "macro", "siemens", "klartext"]) -> None:
         """Create a builder.
 
         Args:
-            language: The language: RS274/NGC, FANUC's macro B, or that of SINUMERIK.
+            language: RS274/NGC, FANUC's macro B, that of SINUMERIK, or Klartext.
         """
         self.macro = language == "macro"
-        self._operators, self._functions = _OPERATORS[language], _FUNCTIONS[language]
+        self._operators, self._functions = _NAMES[language]
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
         """Return column (from 1) and length of a part of the line."""
@@ -213,6 +221,10 @@ class Builder:
         """Return two operands with an operator and its place."""
         operation = self._operators[operator]
         code = self._instruction(operation, begin, end)
+        if len(left.code) + len(right.code) > MOST_INSTRUCTIONS:
+            # A written line is shorter: a function of the language takes its argument twice.
+            message, hint = "too many functions inside each other", "compute a part of it before"
+            raise self.fault("expression-too-deep", message, begin, end, hint)
         return Node((*left.code, *right.code, code), left.begin, right.end)
 
     def call(

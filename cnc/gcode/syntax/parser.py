@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
-from cnc.gcode.reader.lines import MACRO, MAX_LINE, NGC, SINUMERIK, Language, read_line
+from cnc.gcode.reader.lines import (
+    KLARTEXT,
+    MACRO,
+    MAX_LINE,
+    NGC,
+    SINUMERIK,
+    Language,
+    read_line,
+)
 from cnc.gcode.reader.statements import Translator
 from cnc.gcode.syntax.error_context import ErrorContext
 from cnc.gcode.syntax.expressions import Builder
@@ -51,7 +59,7 @@ _FOREIGN_NAMES = {
     "O": "O-words (subprograms and control flow) are",
 }
 
-Flavour = Literal["ngc", "macro-b", "siemens", "none"]
+Flavour = Literal["ngc", "macro-b", "siemens", "klartext", "none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +87,8 @@ class Syntax:
     @property
     def language(self) -> Language:
         """How lines are read by compiled code."""
-        return {"macro-b": MACRO, "siemens": SINUMERIK}.get(self.flavour, NGC)
+        languages = {"macro-b": MACRO, "siemens": SINUMERIK, "klartext": KLARTEXT}
+        return languages.get(self.flavour, NGC)
 
     @property
     def names(self) -> Names:
@@ -121,6 +130,10 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         raise fault("control-character", message, column=control.start() + 1, hint=hint)
     if not text or text.isspace():
         return Statement()
+    if syntax.flavour == "klartext":
+        from cnc.gcode.klartext.reader import parse  # for its programs only
+
+        return parse(text)
     if text.strip(" \t") == "%":
         # Most programs have this line, and many need the grammar for no other one.
         return Statement(percent=True)

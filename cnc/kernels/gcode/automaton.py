@@ -195,7 +195,7 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
         tables: The grammar.
         classes: (256,) column of each byte in the automaton, SKIPPED or REFUSED.
         stack: (4, longest + 8) scratch space.
-        events: Takes the events: space for three of each byte, and two of each line.
+        events: Takes the events. A line for which there is no space is TOO_LONG.
         results: Filled.
 
     Returns:
@@ -210,7 +210,7 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
         gaps = gaps or tables.ignored[k] != 0
     kind, begin_of, end_of, value_of = events
     states, nodes, firsts, lasts = stack[0], stack[1], stack[2], stack[3]
-    end_token = action.shape[1] - 1
+    end_token, most = action.shape[1] - 1, len(kind)
     count = 0
     for line in range(len(begins)):
         results.first[line] = count
@@ -280,6 +280,8 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
                         parts += nodes[k]
                 top -= length
                 if sort == NODE or (sort == NODE_OF_SEVERAL and parts != 1):
+                    if count == most:
+                        break
                     kind[count], value_of[count] = -rule - 1, parts
                     begin_of[count], end_of[count] = first, last
                     count += 1
@@ -288,7 +290,7 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
                 top += 1
                 states[top], nodes[top], firsts[top], lasts[top] = state, parts, first, last
                 act = action[state, token]
-            if act == 0 or token == end_token:
+            if act <= 0 or token == end_token or count == most:
                 break
             state = act - 1
             top += 1
@@ -299,7 +301,10 @@ def read(  # noqa: PLR0915 a call for each token takes longer than the token
                 count += 1
             loose = loose or (data[at] == _LESS and _has_semicolon(data, at, end))
             at = end
-        if state != tables.ends[1] or token != end_token:
+        if count == most:
+            results.status[line] = TOO_LONG
+            count = before
+        elif state != tables.ends[1] or token != end_token:
             results.status[line] = WRONG
             results.place[line], results.state[line] = at, state
             count = before

@@ -1,0 +1,1 @@
+"""Heidenhain Klartext: the rules of its grammar, and the steps of its blocks."""

@@ -1,0 +1,308 @@
+"""Moves of Klartext: straight lines, arcs, polar coordinates, rounds, chamfers and splines.
+
+A move becomes G0 to G3 with absolute words; the interpreter does the rest. The pole, the tangent of
+an arc and the angles of polar coordinates exist here only. Source: HEIDENHAIN, "TNC 640 User's
+Manual Klartext Programming", "Programming contours"; for M functions "Miscellaneous functions".
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cnc.gcode.klartext.cycles import call_cycle
+from cnc.gcode.klartext.reader import Block, Item
+from cnc.gcode.klartext.state import Point, Session
+from cnc.gcode.splines import knots as curves
+from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.syntax.words import LineWords, Word
+from cnc.model.blocks import NurbsFeed
+
+_AXES = "XYZABCUVW"
+ALLOWED = {
+    "L": (*_AXES,), "C": (*"XYZ", "DR"), "CR": (*"XYZ", "R", "DR"), "CT": (*"XY",), "M": (),
+    "LP": ("Z", "PR", "PA"), "CP": ("Z", "PA", "DR"),
+}  # fmt: skip
+"""Words of each move besides feed, side and M functions."""
+_SIDES = {"R0": G.G40, "RL": G.G41, "RR": G.G42}
+_FEEDS = ("F", "FMAX", "FAUTO")
+_BEFORE = {3: (3,), 4: (4,), 7: (7,), 8: (8,), 13: (3, 8), 14: (4, 8)}
+_AFTER: dict[int, tuple[int, ...]] = {5: (5,), 9: (9,)}
+_LAST = {0: (5, 0), 1: (1,), 2: (2,), 30: (30,)}
+"""M-codes of M functions before the move, behind it, and at the end. M0 stops the spindle, too."""
+_CYCLE_AFTER_MOVES, _MACHINE, _CYCLE = 89, 91, 99
+_ENDS = {107: 108, 111: 109, 117: 116, 127: 126, 129: 128, 137: 136, 145: 144}
+_IDLE = {6: "M6 (TOOL CALL changes the tool)", 90: "M90 (constant feed at corners)"} | {
+    end: f"M{end} (the end of M{begin})" for end, begin in _ENDS.items()
+}
+"""M functions without effect. Those that they end are refused."""
+_NEAR = 1e-9
+"""Degrees or mm that are rounding only."""
+_SPLINE_START = 0.01
+"""Largest distance of a spline's start from the position, mm."""
+
+
+def move(session: Session, block: Block) -> None:
+    """Execute L, C, CR, CT, LP, CP, or M functions alone."""
+    _check_words(block)
+    functions = {item: session.value(item) for item in block.items if item.key == "M"}
+    for item, number in functions.items():
+        if number in _IDLE:
+            session.note(block, _IDLE[int(number)])
+        elif number not in {*_BEFORE, *_AFTER, *_LAST, _CYCLE_AFTER_MOVES, _MACHINE, _CYCLE}:
+            raise item.fault("code-not-supported", f"M{number:g} is not supported")
+
+    def codes(table: dict[int, tuple[int, ...]]) -> list[Word]:
+        return [
+            item.word("M", code) for item, number in functions.items()
+            for code in table.get(int(number), ())
+        ]  # fmt: skip
+
+    words, numbers = codes(_BEFORE), set(functions.values())
+    side = block.find(*_SIDES)
+    if side is not None and _SIDES[side.key] != session.flow.interpreter.modal.compensation:
+        words.append(side.word("G", _SIDES[side.key] / 10.0))
+    moves = block.head.key not in "LM" or any(item.letter in _AXES for item in block.items)
+    if moves:
+        _place(session, block, words, machine=_MACHINE in numbers)
+    else:
+        feed = block.find("F", "FAUTO")
+        session.do(*words, *([_feed_word(session, feed)] if feed else []))
+    session.do(*codes(_AFTER))
+    session.after_moves = session.after_moves or _CYCLE_AFTER_MOVES in numbers
+    if _CYCLE in numbers or (session.after_moves and moves):
+        call_cycle(session, block)
+    session.after_moves = session.after_moves and _CYCLE not in numbers
+    session.do(*codes(_LAST))
+
+
+def _check_words(block: Block) -> None:
+    """Refuse words that the move does not have, and words given twice."""
+    kind, seen = block.head.key, set()
+    for item in block.items:
+        name = "F" if item.key in _FEEDS else "R0" if item.key in _SIDES else item.letter
+        if name not in (*ALLOWED[kind], "F", "R0", "M"):
+            raise item.fault("klartext-word", f"{item.text} does not belong to {kind}")
+        if name in seen and name != "M":
+            raise item.fault("word-repeated", f"{item.text}: {name} is given twice in this block")
+        seen.add(name)
+
+
+def _feed_word(session: Session, item: Item) -> Word:
+    """Return the F word of ``F`` or ``F AUTO``."""
+    if item.key == "F":
+        return item.word("F", session.feed(item))
+    if session.auto_feed is None:
+        raise item.fault("feed-missing", "the last TOOL CALL has no F for F AUTO", "give F here")
+    return item.word("F", session.auto_feed)
+
+
+def _place(session: Session, block: Block, words: list[Word], *, machine: bool) -> None:
+    """Make the move of a block."""
+    kind, head, start = block.head.key, block.head, session.position()
+    end = _target(session, block, start)
+    feed = block.find(*_FEEDS)
+    rapid = feed is not None and feed.key == "FMAX"
+    here = start["X"], start["Y"]
+    there = end.get("X", here[0]), end.get("Y", here[1])
+    more: list[Word] = []
+    code, direction = 0 if rapid else 1, _unit(there[0] - here[0], there[1] - here[1])
+    if kind not in ("L", "LP"):
+        if feed is not None and rapid:
+            raise feed.fault("code-not-supported", f"FMAX in {kind}: an arc needs a feed")
+        code, more, direction = _arc(session, block, here, there)
+        end |= {"X": there[0], "Y": there[1]}
+    if machine:
+        if kind != "L" or any(item.key.startswith("I") for item in block.items):
+            raise head.fault("code-not-supported", "M91 goes with L and absolute coordinates only")
+        words.append(head.word("G", 53))
+    if not rapid:
+        if feed is not None:
+            words.append(_feed_word(session, feed))
+        elif session.next_feed is not None:
+            words.append(head.word("F", session.next_feed))
+        session.next_feed = None
+    given = {item.letter: item for item in block.items}
+    words.append(head._replace(text=kind).word("G", code))
+    words += [given.get(letter, head).word(letter, number) for letter, number in end.items()]
+    session.do(*words, *more, *_corner_word(session, block, rapid=rapid))
+    session.direction = None if machine else direction
+    if kind not in ("LP", "CP"):
+        session.polar = None
+
+
+def _target(session: Session, block: Block, start: dict[str, float]) -> dict[str, float]:
+    """Return the end of a move, by letter."""
+    found: dict[str, float] = {}
+    for item in block.items:
+        if len(item.letter) != 1 or item.letter not in _AXES:
+            continue
+        found[item.letter] = session.value(item)
+        if item.key.startswith("I"):
+            if item.letter not in start:
+                raise item.fault("axis-missing", f"the machine has no {item.letter} axis")
+            found[item.letter] += start[item.letter]
+    if block.head.key in ("LP", "CP"):
+        found |= dict(zip("XY", _polar_end(session, block, (start["X"], start["Y"])), strict=True))
+    return found
+
+
+def _polar_end(session: Session, block: Block, here: Point) -> Point:
+    """Return the end of LP or CP in the plane."""
+    pole, last = _pole(session, block), session.polar
+    angle, radius = block.find("PA", "IPA"), block.find("PR", "IPR")
+    x, y = here[0] - pole[0], here[1] - pole[1]
+    before, length = math.degrees(math.atan2(y, x)), math.hypot(x, y)
+    if block.head.key == "CP":
+        if angle is None:
+            raise block.head.fault("klartext-incomplete", "CP needs the angle: PA or IPA")
+        if length < _NEAR:
+            raise block.head.fault("polar-at-origin", "CP begins at the pole")
+    else:
+        if last is not None and math.dist(last[2], here) < _NEAR:
+            length, before, _ = last
+        elif not (angle and radius and angle.key == "PA" and radius.key == "PR"):
+            message = "LP without PR and PA, and the block before is not polar"
+            raise block.head.fault("polar-at-origin", message, "give PR and PA")
+        if radius is not None:
+            length = session.value(radius) + (length if radius.key == "IPR" else 0.0)
+    degrees = before if angle is None else session.value(angle) + before * (angle.key == "IPA")
+    radians = math.radians(math.fmod(degrees, 360.0))
+    end = pole[0] + length * math.cos(radians), pole[1] + length * math.sin(radians)
+    if block.head.key == "CP" and abs(math.remainder(degrees - before, 360.0)) < _NEAR:
+        end = here
+    session.polar = length, degrees, end
+    return end
+
+
+def _pole(session: Session, block: Block) -> Point:
+    if session.pole is None:
+        hint = "write CC X.. Y.. before; a datum shift, mirror image or rotation ends it"
+        raise block.head.fault("arc-center-missing", f"{block.head.key} without a CC", hint)
+    return session.pole
+
+
+def _arc(
+    session: Session, block: Block, here: Point, there: Point
+) -> tuple[int, list[Word], Point | None]:
+    """Return the code of an arc, its words, and its direction at the end."""
+    turn, angle, radius = block.find("DR"), block.find("IPA"), block.find("R")
+    left = turn is not None and session.value(turn) > 0.0
+    if block.head.key == "CT":
+        centre, left = _tangent_arc(session, block, here, there)
+    elif turn is None:
+        raise block.head.fault("klartext-incomplete", "DR+ or DR-, the direction, is missing")
+    elif radius is not None:
+        size = session.value(radius)
+        direction = _end_of_radius(here, there, size, left=left)
+        return 3 if left else 2, [radius.word("R", size)], direction
+    else:
+        centre = _pole(session, block)
+    offsets = zip("IJ", centre, here, strict=True)
+    words = [block.head.word(letter, to - at) for letter, to, at in offsets]
+    if angle is not None:
+        degrees = session.value(angle)
+        if degrees == 0.0 or (degrees > 0.0) != left:
+            raise angle.fault("arc-angle", f"{angle.text} and DR must turn in the same direction")
+        words.append(angle.word("P", math.ceil(abs(degrees) / 360.0 - _NEAR)))
+    x, y = there[0] - centre[0], there[1] - centre[1]
+    return 3 if left else 2, words, _unit(-y, x) if left else _unit(y, -x)
+
+
+def _tangent_arc(session: Session, block: Block, here: Point, there: Point) -> tuple[Point, bool]:
+    """Return the centre of an arc that continues the move before, and whether it turns left."""
+    if session.direction is None:
+        message, hint = "CT needs a move in the plane directly before it", "write that move before"
+        raise block.head.fault("arc-tangent-missing", message, hint)
+    x, y = there[0] - here[0], there[1] - here[1]
+    normal = -session.direction[1], session.direction[0]
+    across = x * normal[0] + y * normal[1]
+    if abs(across) <= _NEAR * max(math.hypot(x, y), 1.0):
+        message = "CT ends on the straight line through the move before: this is no arc"
+        raise block.head.fault("arc-tangent-missing", message, "write L for a straight line")
+    radius = (x * x + y * y) / (2.0 * across)
+    return (here[0] + radius * normal[0], here[1] + radius * normal[1]), radius > 0.0
+
+
+def _end_of_radius(here: Point, there: Point, radius: float, *, left: bool) -> Point | None:
+    """Return the direction at the end of an arc by its radius; one below 0 is more than half."""
+    x, y = there[0] - here[0], there[1] - here[1]
+    half = math.asin(min(1.0, math.hypot(x, y) / (2.0 * abs(radius)))) if radius else 0.0
+    turned = half if radius > 0.0 else math.pi - half
+    angle = math.atan2(y, x) + (turned if left else -turned)
+    return math.cos(angle), math.sin(angle)
+
+
+def _unit(x: float, y: float) -> Point | None:
+    length = math.hypot(x, y)
+    return (x / length, y / length) if length else None
+
+
+def centre(session: Session, block: Block) -> None:
+    """Execute CC: the pole is a place, a distance from the position, or the position."""
+    start = session.position()
+    if block.items and sorted(item.letter for item in block.items) != ["X", "Y"]:
+        raise block.head.fault("code-not-supported", "CC takes X and Y, or no word")
+    found = start | _target(session, block, start)
+    session.pole, session.polar = (found["X"], found["Y"]), None
+
+
+def _corner_word(session: Session, block: Block, *, rapid: bool) -> list[Word]:
+    """Return the word of an RND or CHF behind a move; none if another block follows."""
+    listing, line = session.flow.listing, session.line + 1
+    corner: Block | None = None
+    while corner is None and (window := listing.window(line)) is not None:
+        statement = listing.statement(window, line - window.first)
+        if statement is not None and isinstance(statement.control, Block):
+            corner = statement.control
+        line += 1
+    if corner is None or corner.head.key not in ("RND", "CHF"):
+        return []
+    session.corner_line = line - 1
+    if rapid or corner.find(*_FEEDS):
+        message = f"{corner.head.text} behind FMAX, or with a feed of its own"
+        raise block.head.fault("corner-next", message, "give the feed in the moves")
+    letter, size = ",R" if corner.head.key == "RND" else ",C", corner.items[0]
+    return [block.head._replace(text=corner.head.text).word(letter, session.value(size))]
+
+
+def corner(session: Session, block: Block) -> None:
+    """Check that an RND or CHF belongs to the move before it, which has made it."""
+    if session.corner_line != session.line:
+        raise block.head.fault("corner-next", f"{block.head.key} needs a move directly before it")
+    session.corner_line, session.direction = 0, None
+
+
+def spline(session: Session, block: Block) -> None:
+    """Execute SPL as a Bezier curve: X(t) = K3X t^3 + K2X t^2 + K1X t + X, from t = 1 to 0."""
+    motion, here = session.flow.interpreter.motion, session.flow.interpreter.here
+    at, scale = block.head.word("", 0.0), session.flow.interpreter.modal.scale
+    given: dict[str, float] = {}
+    for item in block.items:
+        if item.key in given or item.key[-1] not in "XYZFO" or item.key.startswith("I"):
+            message = f"{item.text} does not belong to SPL, or is given twice"
+            raise item.fault("klartext-word", message)
+        if item.key.startswith("F"):
+            session.do(_feed_word(session, item))
+        else:
+            given[item.key] = session.value(item) * scale
+    session.refuse_compensation(at)
+    motion.compensation.refuse_curve(at)
+    start = motion.coordinates.to_program(motion.position)
+    control = [start.copy() for _ in range(4)]
+    for letter, column in [each for each in motion.column.items() if each[0] in "XYZ"]:
+        end = given.get(letter, start[column])
+        k1, k2, k3 = (given.get(f"K{power}{letter}", 0.0) for power in (1, 2, 3))
+        if abs(end + k1 + k2 + k3 - start[column]) > _SPLINE_START:
+            message = f"SPL does not begin at the position of the tool in {letter}"
+            hint = "the coordinate and K3, K2 and K1 of an axis must add up to its position"
+            raise block.head.fault("nurbs-start", message, hint)
+        control[1][column] = end + (2.0 * k1 + k2) / 3.0
+        control[2][column], control[3][column] = end + k1 / 3.0, end
+    points = np.array([motion.position, *map(motion.coordinates.to_machine, control[1:])])
+    feed = motion.feed(LineWords(), points[-1].tolist(), 0.0, at)
+    weights, knots = np.ones(4), curves.bezier_knots(3)
+    motion.spline(NurbsFeed(here.file, here.line, 3, knots, points, weights, feed))
+    session.polar = None
+    session.direction = _unit(-given.get("K1X", 0.0), -given.get("K1Y", 0.0))

@@ -1,0 +1,56 @@
+0  BEGIN PGM KLARTEXT MM
+;  Heidenhain Klartext: a plate of 100 x 80 mm with a rounded contour, a ring of holes and a wave.
+;  Zero: lower left corner, top face. Tool 1: end mill of 8 mm. Tool 2: drill of 5 mm.
+1  BLK FORM 0.1 Z  X+0  Y+0  Z-20
+2  BLK FORM 0.2  X+100  Y+80  Z+0
+3  TOOL DEF 1 L+0 R+4
+4  TOOL DEF 2 L+5 R+2.5
+* - Contour
+5  TOOL CALL 1 Z S8000 F900
+6  L  Z+50 R0 FMAX M3
+7  L  X-10  Y-10 FMAX M8
+8  L  Z-4 F300
+9  L  X+0  Y+0 RL F AUTO
+10 L  Y+80
+11 RND R10
+12 L  X+60
+13 CT  X+80  Y+60
+14 L  Y+40
+15 CR  X+80  Y+20 R-10.5 DR-
+16 L  Y+0
+17 CHF 6
+18 L  X+0
+19 L  X-10  Y-10 R0
+20 L  Z+50 FMAX
+* - A wave as a cubic: X(t) and Y(t) for t from 1 to 0
+21 L  X+20  Y+30 FMAX
+22 L  Z+1 FMAX
+23 L  Z-1 F200
+24 SPL  X+50  Y+30  K1X-30  K3Y+40  K2Y-60  K1Y+20 F500
+25 L  Z+50 FMAX M5 M9
+* - Holes on a circle
+26 TOOL CALL 2 Z S3000 F150
+27 L  Z+50 R0 FMAX M13
+28 CYCL DEF 200 DRILLING ~
+    Q200=+2    ;SET-UP CLEARANCE ~
+    Q201=-12   ;DEPTH ~
+    Q206=+150  ;FEED RATE FOR PLNGNG ~
+    Q202=+5    ;PLUNGING DEPTH ~
+    Q210=+0    ;DWELL TIME AT TOP ~
+    Q203=+0    ;SURFACE COORDINATE ~
+    Q204=+10   ;2ND SET-UP CLEARANCE ~
+    Q211=+0.2  ;DWELL TIME AT DEPTH
+29 CYCL DEF 7.0 DATUM SHIFT
+30 CYCL DEF 7.1  X+35
+31 CYCL DEF 7.2  Y+50
+32 FN 0: Q1 = +0
+33 CC  X+0  Y+0
+34 LBL 1
+35 LP  PR+15  PA+Q1 FMAX M99
+36 Q1 = Q1 + 360 / 6
+37 FN 12: IF +Q1 LT +360 GOTO LBL 1
+38 CYCL DEF 7.0 DATUM SHIFT
+39 CYCL DEF 7.1  X+0
+40 CYCL DEF 7.2  Y+0
+41 L  Z+50 FMAX M30
+42 END PGM KLARTEXT MM
