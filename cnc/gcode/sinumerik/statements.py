@@ -248,7 +248,7 @@ class Lines:
     def _array(self, name: Token, index: list[Node]) -> Variable | None:
         """Return the array of an element; None for R."""
         written = squeezed(self._text[name.begin : index[-1].end]) if index else name.text
-        plain = all(isinstance(each, Node) for each in index)
+        plain = all(isinstance(each, Node) and self._part(each) for each in index)
         if plain and name.text == "R" and len(index) == 1:
             return None
         known = self._names.find(name.text)
