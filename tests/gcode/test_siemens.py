@@ -35,6 +35,7 @@ def points(source: str) -> list[tuple[float, ...]]:
         ("G91 G0 X5\nX=AC(1) Y=IC(2)", [(5, 0, 0), (1, 2, 0)]),
         ("R1=0\nA1:\nR1=R1+1\nG0 X=R1\nIF R1<3 GOTOB A1", [(1, 0, 0), (2, 0, 0), (3, 0, 0)]),
         ("GOTOF END_\nG0 X9\nEND_: G0 X1", [(1, 0, 0)]),
+        ("O1234\nG0 X1\nN5 O77\nY1", [(1, 0, 0), (1, 1, 0)]),
         ("GOTOF NEXT\nG0 X9\nNEXT: G0 X1", [(1, 0, 0)]),
         ("GOTO N30\nN20 G0 X9\nN30 G0 X1", [(1, 0, 0)]),
         ("GOTOF 30\nN20 G0 X9\nN030 G0 X1", [(1, 0, 0)]),

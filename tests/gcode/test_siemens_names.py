@@ -120,6 +120,7 @@ def test_arrays(source: str, ends: list[tuple[float, ...]]) -> None:
         ("DEF REAL A[3]\nG0 X=A[0.5]", "parameter-number", "whole"),
         ("DEF REAL AA[3]\nG0 X=AA", "code-not-supported", "without an index"),
         ("DEF REAL AA[3]\nG0 X=AA[1,1]", "code-not-supported", "number of indices"),
+        ("R1=1\nG0 X=R[IC(1)]", "code-not-supported", "IC in an expression"),
         ("G0 X=BB[1]", "code-not-supported", "no array"),
         ("DEF REAL A[3]=5", "code-not-supported", "SET"),
         ("DEF REAL A[2]=SET(1,2,3)", "code-not-supported", "array A"),

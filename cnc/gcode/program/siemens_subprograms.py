@@ -167,9 +167,11 @@ _ENDS = {17.0: "", 2.0: "2", 30.0: "30"}
 
 
 def plain_step(line: int, statement: Statement) -> Step | None:
-    """Return the step of ``L10 P3``, M17, M2 or M30 alone in a line; None for another line."""
+    """Return the step of ``L10 P3``, M17, M2, M30 or a program number alone; None for others."""
     words = {word.letter: word for word in statement.words if word.letter != "N"}
     first = next(iter(words.values()), None)
+    if words.keys() == {"O"} and not statement.computed:
+        return NOTHING
     if first is None or statement.computed or not words.keys() <= {"L", "P", "M"}:
         return None
     if words.keys() == {"M"} and len(statement.words) <= 2 and first.number in _ENDS:

@@ -254,7 +254,7 @@ class Lines:
     def _array(self, name: Token, index: list[Node]) -> Variable | None:
         """Return the array of an element; None for R."""
         written = squeezed(self._text[name.begin : index[-1].end]) if index else name.text
-        plain = all(isinstance(each, Node) for each in index)
+        plain = all(isinstance(each, Node) and self._part(each) for each in index)
         if plain and name.text == "R" and len(index) == 1:
             return None
         known = self._names.find(name.text)
@@ -624,22 +624,12 @@ class Lines:
     # The whole line
 
     def _block(self, begin: int, end: int, *items: Any) -> Statement:
-        deletable = bool(items) and isinstance(items[0], Token) and items[0].terminal == "DELETE"
-        rest = [
-            item
-            for item in items
-            if not (isinstance(item, Token) and item.terminal in ("DELETE", "TAIL", "COMMENT"))
-            and item is not None
-        ]
-        for item in items:
-            if (
-                isinstance(item, Token)
-                and item.terminal == "COMMENT"
-                and REMARK.fullmatch(item.text)
-            ):
-                raise not_supported("a command in a comment", item.begin, item.end)
+        deletable = bool(items) and items[0].__class__ is Token and items[0].terminal == "DELETE"
+        rest = [each for each in items if each.__class__ is not Token and each is not None]
+        if len(rest) < len(items):
+            rest = _without_comments(items)
         number: list[_Word] = []
-        if rest and isinstance(rest[0], _Word) and rest[0].word.letter == "N":
+        if rest and rest[0].__class__ is _Word and rest[0].word.letter == "N":
             number = [rest.pop(0)]
         rest = self._without_label(rest, number[0].word if number else None)
         control = self._control_of(rest)
@@ -648,17 +638,18 @@ class Lines:
         found: list[_Word] = list(number)
         assignments: list[Assignment] = []
         for item in rest:
-            if isinstance(item, Assignment):
-                assignments.append(item)
-            elif isinstance(item, list):
-                assignments += item
-            elif isinstance(item, Remark):
-                self._remarks.append(item)
-            elif isinstance(item, _Named):
-                found += self._words_of(item)
-            elif isinstance(item, _Word):
+            kind = item.__class__
+            if kind is _Word:
                 self._check_beside(item.word)
                 found.append(item)
+            elif kind is _Named:
+                found += self._words_of(item)
+            elif kind is Assignment:
+                assignments.append(item)
+            elif kind is list:
+                assignments += item
+            elif kind is Remark:
+                self._remarks.append(item)
             else:
                 raise not_supported(repr(item.text), item.begin, item.end)
         return Statement(
@@ -674,7 +665,7 @@ class Lines:
 
     def _without_label(self, rest: list[Any], number: Word | None) -> list[Any]:
         """Return the parts behind a label and its colon."""
-        at = next((k for k, item in enumerate(rest) if _is_colon(item)), 0)
+        at = next((k for k, item in enumerate(rest) if item.__class__ is Token), 0)
         if not at:
             return rest
         begin = 0 if number is None else number.column + number.length - 1
@@ -686,6 +677,8 @@ class Lines:
 
     def _check_beside(self, word: Word) -> None:
         """Refuse the end and the call of a subprogram beside other words."""
+        if word.letter not in "LM":
+            return
         begin, end = word.column - 1, word.column - 1 + word.length
         if word.letter == "M" and word.number == 17.0:
             hint = "write M17 in a line of its own"
@@ -698,7 +691,7 @@ class Lines:
         if not rest:
             return None
         for item in rest:
-            if isinstance(item, Control):
+            if item.__class__ is Control:
                 if len(rest) > 1:
                     place = rest[0] if rest[0] is not item else rest[1]
                     raise self._beside(item, place)
@@ -843,8 +836,19 @@ def _is_comma(part: Any) -> bool:
     return isinstance(part, Token) and part.terminal == "COMMA"
 
 
-def _is_colon(part: Any) -> bool:
-    return isinstance(part, Token) and part.terminal == "COLON"
+def _without_comments(items: tuple[Any, ...]) -> list[Any]:
+    """Return the parts of a line without comments and block delete, and without EXTERN.
+
+    Raises:
+        GcodeError: ``code-not-supported``: a comment is a command for other controls.
+    """
+    found: list[Any] = []
+    for item in items:
+        if item.__class__ is not Token or item.terminal == "COLON":
+            found.append(item)
+        elif item.terminal == "COMMENT" and REMARK.fullmatch(item.text):
+            raise not_supported("a command in a comment", item.begin, item.end)
+    return [each for each in found if each is not None]
 
 
 def _arguments(parts: tuple[Any, ...]) -> list[Any]:
