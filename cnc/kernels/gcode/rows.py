@@ -22,7 +22,7 @@ INITIAL_LEVEL, R_LEVEL = 10, 11
 """Actions of codes. STOP leaves the line to the interpreter; IDLE changes nothing."""
 STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE, BOUNDARY, PATH = range(7)
 """Kinds of rows. BOUNDARY is the begin or the end of a call."""
-MOST_ROWS = 64
+MOST_ROWS = 76
 """Most rows of a line. A cycle with more is left to the interpreter."""
 MOST_OTHERS = 2048
 """Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object,
