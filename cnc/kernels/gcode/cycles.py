@@ -41,6 +41,7 @@ from cnc.kernels.gcode.rows import (
     Rows,
     Setup,
 )
+from cnc.kernels.gcode.rules import LONG_DWELL
 from cnc.kernels.jit import njit
 
 _A = 65
@@ -127,7 +128,7 @@ def _series(
         dwell = 0.0
     elif waits:
         # Not for NaN, too.
-        known = known and 0.0 <= dwell < setup["longest_dwell"] and setup["cycle_dwell"] != 0.0
+        known = known and 0.0 <= dwell < LONG_DWELL and setup["cycle_dwell"] != 0.0
     level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
     top, bottom, clear = heights_of(
         retract * setup["scale"][k], depth * setup["scale"][k], level, absolute, absolute,
