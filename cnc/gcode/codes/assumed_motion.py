@@ -11,7 +11,10 @@ from cnc.gcode.state.modal_groups import PLAIN_MOTIONS, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import Word
+from cnc.kernels.gcode.rules import motion_after_cancel
+from cnc.kernels.jit import interpreted
 
+_motion_after_cancel = interpreted(motion_after_cancel)
 _HIGHEST = {"none": -1, "assumed": -1, "previous": PLAIN_MOTIONS.index(G.G3)}
 _STRAIGHT = PLAIN_MOTIONS.index(G.G1)
 
@@ -44,7 +47,8 @@ class AssumedMotion:
         """Execute G80, after :meth:`keep`."""
         resting, before = self.resting, self._state.motion
         place = -1 if resting is None else PLAIN_MOTIONS.index(resting)
-        self._state.motion = resting if place <= self.restored else None
+        after = _motion_after_cancel(place, self.restored)
+        self._state.motion = PLAIN_MOTIONS[after] if after >= 0 else None
         if before is not None:
             self.cancelled()
 

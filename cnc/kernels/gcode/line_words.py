@@ -31,6 +31,7 @@ from cnc.kernels.gcode.rules import (
     MIN_FEED,
     SPINDLE_OFF,
     feeds_of_word,
+    motion_after_cancel,
     speed_waits,
     spindle_after,
 )
@@ -101,8 +102,9 @@ def read_words(
                 explicit = True
             elif action == CANCEL:
                 resting = mode if 0 <= mode <= LAST_MOTION else int(now["resting"])
-                if 0 <= resting <= setup["restored"]:
-                    mode = resting
+                after = motion_after_cancel(resting, int(setup["restored"]))
+                if after >= 0:
+                    mode = after
                 elif mode != NO_MOTION:
                     mode = CANCELLED
             elif action == PLANE:

@@ -1,10 +1,12 @@
-"""Rules of words: ends of moves, centres of arcs, feeds, spindle and coolant.
+"""Rules of words and flow: moves, centres of arcs, feeds, spindle, coolant, rounds of loops.
 
 Compiled code and the interpreter call these functions with plain numbers. NaN stands for a missing
 word and for a feed that is not known.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from cnc.kernels.jit import njit
 
@@ -101,3 +103,20 @@ def speed_waits(speed: float, direction: int, m: int) -> bool:
 def coolants_after(mist: bool, flood: bool, m: int) -> tuple[bool, bool]:
     """Return mist and flood after M7, M8 or M9."""
     return m == 7 or (mist and m == 8), m == 8 or (flood and m == 7)
+
+
+@njit
+def motion_after_cancel(resting: int, restored: int) -> int:
+    """Return the motion after G80 (0 to 3), -1 for none.
+
+    Args:
+        resting: The last of G0 to G3 in effect, -1 for none.
+        restored: The highest of G0 to G3 to which G80 returns, -1 for none.
+    """
+    return resting if 0 <= resting <= restored else -1
+
+
+@njit
+def rounds_of(count: float) -> float:
+    """Return the rounds of a REPEAT: the nearest whole number, halves to the even one."""
+    return max(np.rint(count), 0.0)
