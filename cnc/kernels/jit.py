@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
 from cnc.kernels import code_cache
@@ -86,6 +87,15 @@ class Kernel:
         """Its type to kernels that call it; numba asks for this attribute."""
         return self.dispatcher._numba_type_
 
+    @functools.cached_property
+    def plain(self) -> Callable[..., Any]:
+        """The Python function, which calls other kernels as Python functions too."""
+        function, callees = self.py_func, self._callees_by_name()
+        if not callees:
+            return function
+        names = {**function.__globals__, **{name: each.plain for name, each in callees.items()}}
+        return FunctionType(function.__code__, names, self.name, function.__defaults__)
+
     @property
     def folder(self) -> str:
         """Name of the folder of its compiled code."""
@@ -107,9 +117,13 @@ class Kernel:
 
     def callees(self) -> list[Kernel]:
         """Return the kernels that this one calls itself."""
+        return list(self._callees_by_name().values())
+
+    def _callees_by_name(self) -> dict[str, Kernel]:
+        """Return the kernels that this one calls itself, by their names in its module."""
         names = self.py_func.__globals__
-        found = (names.get(name) for name in self.py_func.__code__.co_names)
-        return [each for each in found if isinstance(each, Kernel)]
+        found = {name: names.get(name) for name in self.py_func.__code__.co_names}
+        return {name: each for name, each in found.items() if isinstance(each, Kernel)}
 
 
 kernels: dict[tuple[str, str], Kernel] = {}
@@ -131,8 +145,11 @@ def njit_for_threads(function: Function) -> Function:
 
 
 def interpreted(kernel: Function) -> Function:
-    """Return a kernel as plain Python, for single calls that are not worth a compilation."""
-    return cast(Function, getattr(kernel, "py_func", kernel))
+    """Return a kernel as plain Python, for single calls that are not worth a compilation.
+
+    The kernels that it calls are plain Python too.
+    """
+    return cast(Function, kernel.plain if isinstance(kernel, Kernel) else kernel)
 
 
 def compiling() -> bool:

@@ -417,6 +417,22 @@ def test_kernels_run_as_python_where_nothing_is_compiled(
     assert "dispatcher" not in vars(kernel)
 
 
+def test_an_interpreted_kernel_calls_other_kernels_as_python() -> None:
+    """Else a single call of it would compile them."""
+    variables: dict[str, Any] = {}
+    exec(
+        "def inner(x):\n    return x + 1.0\n"
+        "def middle(x):\n    return 2.0 * inner(x)\n"
+        "def outer(x, more=0.5):\n    return middle(x) + inner(x) + more\n",
+        variables,
+    )
+    for name in ("inner", "middle", "outer"):
+        variables[name].__module__ = "example"
+        variables[name] = jit.Kernel(variables[name])
+    assert jit.interpreted(variables["outer"])(1.0) == 6.5
+    assert not [name for name in ("inner", "middle") if "dispatcher" in vars(variables[name])]
+
+
 @pytest.fixture
 def kernel_of() -> Callable[[Mapping[str, Any]], Any]:
     def make(names: Mapping[str, Any]) -> Any:

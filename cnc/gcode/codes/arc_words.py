@@ -7,28 +7,28 @@ import math
 import numpy as np
 
 from cnc.gcode.codes.move_feeds import MoveFeeds
-from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
 from cnc.gcode.geometry.tilted_arcs import spline_of
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.kernels.gcode.arcs import SAME_POINT
+from cnc.kernels.gcode.rules import center_of_word
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 
 MAX_TURNS = 1000
 """Most turns of an arc. More are a typing error in P, and each turn is planned on its own."""
 _CLOCKWISE = G.G2
+_center_of_word = interpreted(center_of_word)
 
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
 """Letter of the offset along each axis, from the start to a centre or a control point."""
 _PLANE_LETTERS = {
     plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()
 }
-_NOWHERE = Word("G", 2.0, "G2", 1, 1)
-"""The place of errors of the fast path. The full interpretation reports them again."""
 
 
 class ArcMoves:
@@ -41,12 +41,6 @@ class ArcMoves:
         self._dialect = dialect
         self._here = here
         self._state = state
-        columns = {axis: index for index, axis in enumerate(words.axes)}
-        self._planes = {
-            plane: (columns[first], columns[second])
-            for plane, (first, second) in PLANE_AXES.items()
-            if first in columns and second in columns
-        }
 
     def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed | NurbsFeed:
         """Return the arc of a line with G2 or G3, or while one of them is in effect.
@@ -257,8 +251,8 @@ class ArcMoves:
         """The centre in machine coordinates."""
         i, j = plane
         state, coordinates = self._state, self._axis_words.coordinates
-        first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
         if coordinates.turned:
+            first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
             place = (
                 coordinates.to_program(self._axis_words.position)
                 if state.arc_absolute
@@ -272,8 +266,14 @@ class ArcMoves:
             return self._axis_words.position[i] + turned[i], self._axis_words.position[j] + turned[
                 j
             ]
-        base = coordinates.zero if state.arc_absolute else self._axis_words.position
-        return base[i] + first, base[j] + second
+        position, zero = self._axis_words.position, coordinates.zero
+        x, y = (
+            _center_of_word(
+                offset or 0.0, state.scale, position[column], zero[column], state.arc_absolute
+            )
+            for column, offset in zip(plane, offsets, strict=True)
+        )
+        return x, y
 
     def _check_center(
         self, letters: list[str], words: list[Word | None], user: str, at: Word
@@ -317,49 +317,6 @@ class ArcMoves:
             None,
         )
         return 0.0 if third is None else end[third] - self._axis_words.position[third]
-
-    def quick(self, move: QuickMove, motion: G, end: list[float], feed: float) -> ArcFeed | None:
-        """Return the arc of a simple line.
-
-        Args:
-            move: The line.
-            motion: G2 or G3.
-            end: (axes,) machine position of the end.
-            feed: mm/s.
-
-        Returns:
-            The arc; None if the line needs the full interpretation.
-        """
-        state = self._state
-        plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
-        if plane is None:
-            return None
-        if self._dialect.grbl_arcs and not any(column in plane for column, _ in move.axes):
-            return None
-        parameters = self._axis_words.coordinates.parameters
-        first = second = radius = None
-        for letter, number in move.arc:
-            value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
-            if not -MAX_NUMBER <= value <= MAX_NUMBER:
-                return None
-            if letter == letters[0]:
-                first = value
-            elif letter == letters[1]:
-                second = value
-            elif letter == "R" and len(move.arc) == 1:
-                radius = value
-            else:
-                return None
-        arc = self._arc_of(
-            end,
-            motion,
-            plane,
-            (first, second) if radius is None else None,
-            radius or 0.0,
-            1,
-            _NOWHERE,
-        )
-        return self._block(arc, end, feed)
 
     def _block(self, arc: arcs.Arc, end: list[float], feed: float) -> ArcFeed:
         here, plane = self._here, self._state.plane

@@ -7,13 +7,16 @@ has none after G80 (``no motion``), and refuses the axis words.
 from __future__ import annotations
 
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import QUICK_MOTIONS, ModalState
+from cnc.gcode.state.modal_groups import PLAIN_MOTIONS, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import Word
+from cnc.kernels.gcode.rules import motion_after_cancel
+from cnc.kernels.jit import interpreted
 
-_HIGHEST = {"none": -1, "assumed": -1, "previous": QUICK_MOTIONS.index(G.G3)}
-_STRAIGHT = QUICK_MOTIONS.index(G.G1)
+_motion_after_cancel = interpreted(motion_after_cancel)
+_HIGHEST = {"none": -1, "assumed": -1, "previous": PLAIN_MOTIONS.index(G.G3)}
+_STRAIGHT = PLAIN_MOTIONS.index(G.G1)
 
 
 class AssumedMotion:
@@ -37,20 +40,21 @@ class AssumedMotion:
 
     def keep(self) -> None:
         """Remember the motion in effect before a line that has a motion code."""
-        if self._state.motion in QUICK_MOTIONS:
+        if self._state.motion in PLAIN_MOTIONS:
             self.resting = self._state.motion
 
     def cancel(self) -> None:
         """Execute G80, after :meth:`keep`."""
         resting, before = self.resting, self._state.motion
-        place = -1 if resting is None else QUICK_MOTIONS.index(resting)
-        self._state.motion = resting if place <= self.restored else None
+        place = -1 if resting is None else PLAIN_MOTIONS.index(resting)
+        after = _motion_after_cancel(place, self.restored)
+        self._state.motion = PLAIN_MOTIONS[after] if after >= 0 else None
         if before is not None:
             self.cancelled()
 
     def cancelled(self) -> None:
         """Record that G80 has ended a motion; it may be assumed for the axis words after it."""
-        straight = self.resting in QUICK_MOTIONS[: _STRAIGHT + 1]
+        straight = self.resting in PLAIN_MOTIONS[: _STRAIGHT + 1]
         self._code = self.resting if self._assumes and straight else None
 
     def assume(self, word: Word) -> G | None:

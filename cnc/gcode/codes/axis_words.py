@@ -6,20 +6,22 @@ the position.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
-from cnc.gcode.codes.prepared_lines import Known
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.rotary_axes import RotaryAxes
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
-from cnc.gcode.syntax.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
+from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
+from cnc.kernels.gcode.rules import end_of_word
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import ROTARY_LETTERS
 
+_end_of_word = interpreted(end_of_word)
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
@@ -339,26 +341,13 @@ class AxisWords:
 
     def shifted(self, values: Iterable[tuple[int, float]], start: list[float]) -> list[float]:
         """Return the machine position of axis values, if the coordinates are shifted only."""
-        end, zero = start.copy(), self.coordinates.zero
-        if self._state.absolute:
-            for index, value in values:
-                if self.rotary.wrapped and self.rotary.has(index):
-                    value = self.rotary.end(index, value, start[index] - zero[index])
-                end[index] = value + zero[index]
-        else:
-            for index, value in values:
-                if self.rotary.wrapped and self.rotary.is_directed(index):
-                    here = start[index] - zero[index]
-                    value = self.rotary.end(index, here + value, here) - here
-                end[index] += value
+        end, zero, absolute = start.copy(), self.coordinates.zero, self._state.absolute
+        rotary = self.rotary
+        for index, value in values:
+            if rotary.wrapped and absolute and rotary.has(index):
+                value = rotary.end(index, value, start[index] - zero[index])
+            elif rotary.wrapped and not absolute and rotary.is_directed(index):
+                here = start[index] - zero[index]
+                value = rotary.end(index, here + value, here) - here
+            end[index] = _end_of_word(value, start[index], zero[index], absolute)
         return end
-
-    def quick_end(self, axes: Sequence[tuple[int, Known]]) -> list[float] | None:
-        """The end of a move; None if a value is out of range."""
-        scales, values = self.scales, []
-        for index, number in axes:
-            value = number if number.__class__ is float else number(self.coordinates.parameters)  # type: ignore[operator]
-            if not -MAX_NUMBER <= value <= MAX_NUMBER:
-                return None
-            values.append((index, value * scales[index]))
-        return self.shifted(values, self.position)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.rules import NotedCode
 from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import GROUP_OF_G, QUICK_MOTIONS
+from cnc.gcode.state.modal_groups import GROUP_OF_G, PLAIN_MOTIONS
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, G, M
@@ -229,4 +229,4 @@ def _group_of(word: Word) -> str | None:
     if code is None:
         return None
     group = GROUP_OF_G.get(code)
-    return group if group in _LAST_COUNTS or code in QUICK_MOTIONS else None
+    return group if group in _LAST_COUNTS or code in PLAIN_MOTIONS else None

@@ -70,6 +70,8 @@ def take(words: LineWords, user: str) -> Word | None:
     Raises:
         GcodeError: ``corner-angle`` for ``,A``, ``word-wanted-twice``.
     """
+    if not words.rest:
+        return None
     if ",A" in words.rest:
         angle = words.rest[",A"]
         raise fault("corner-angle", f"{angle.written}: only a G1 has the angle of a line", angle)

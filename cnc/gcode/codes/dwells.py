@@ -7,12 +7,11 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative
+from cnc.kernels.gcode.rules import LONG_DWELL
 from cnc.model.blocks import Dwell
 
 _SHORT = 0.1
 """s. A shorter dwell in milliseconds may be meant in seconds."""
-LONG_DWELL = 100.0
-"""s. A dwell from here on without a decimal point may be meant in milliseconds."""
 _MILLISECOND = 0.001
 _HUNDREDTH = 0.01
 MAX_DWELL = 1e6

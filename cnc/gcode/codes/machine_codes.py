@@ -5,17 +5,20 @@ Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes"
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.modal_groups import SPINDLE_STATES, Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.kernels.gcode import rules
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import (
     Coolant,
     End,
@@ -29,6 +32,9 @@ from cnc.model.blocks import (
 )
 from cnc.model.units import MM_PER_INCH
 
+_speed_waits, _spindle_after = interpreted(rules.speed_waits), interpreted(rules.spindle_after)
+_keeps_motion, _rpm_of = interpreted(rules.keeps_motion), interpreted(rules.rpm_of)
+_coolants_after = interpreted(rules.coolants_after)
 _DIRECTIONS = ("shortest", "cw", "ccw")
 _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M50: "feed_override",
@@ -97,10 +103,13 @@ class MachineCodes:
             and (word := words.take("S", "S"))
         ):
             state.speed = self._speed(word)
-            if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
-                self._spindle(with_motion=self._laser)
-            elif word.number:
+            # A tool change stops the spindle.
+            change = "spindle" in codes or "tool-change" in codes
+            turning = SPINDLE_STATES.index(state.spindle)
+            if _speed_waits(word.number, turning, M.M5 if change else -1):
                 self._unused_words.note(word)
+            elif turning and not change:
+                self._spindle(with_motion=self._laser)
         if self._dialect.lathe:
             return
         if word := words.take("T", "T"):
@@ -173,18 +182,19 @@ class MachineCodes:
                 self._spindle()
         elif code.number == M.M19:
             self._orient(words)
-        elif code.number == M.M5:
-            state.spindle = "off"
-            self._spindle()
         else:
-            self._take_power(words, code)
-            # The beam of a laser gets its power from the S of each move.
-            if state.speed is None and not self._laser:
-                message = f"{code.word.written} before any S word: the spindle does not turn"
-                self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
-            self._unused_words.mark_used("S")
-            before, state.spindle = state.spindle, "cw" if code.number == M.M3 else "ccw"
-            self._spindle(with_motion=self._laser and state.spindle == before)
+            before = SPINDLE_STATES.index(state.spindle)
+            after = _spindle_after(before, code.number)
+            if after:
+                self._take_power(words, code)
+                # The beam of a laser gets its power from the S of each move.
+                if state.speed is None and not self._laser:
+                    message = f"{code.word.written} before any S word: the spindle does not turn"
+                    self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
+                self._unused_words.mark_used("S")
+            state.spindle = SPINDLE_STATES[after]
+            in_motion = self._laser and _keeps_motion(before, after, code.number)
+            self._spindle(with_motion=in_motion)
 
     def _take_power(self, words: LineWords, code: Code) -> None:
         """Take the power of the spindle in per cent, whose speed only the machine knows."""
@@ -214,9 +224,9 @@ class MachineCodes:
 
     def _spindle(self, *, with_motion: bool = False) -> None:
         state, here = self._state, self._here
-        on = state.spindle != "off"
-        speed = (state.speed or 0.0) if on else 0.0
-        if state.constant_surface and on:
+        turning = SPINDLE_STATES.index(state.spindle)
+        speed = _rpm_of(turning, math.nan if state.speed is None else state.speed)
+        if state.constant_surface and turning:
             self._out.add(Spindle(here.file, here.line, state.spindle, state.most_rpm, speed))
         else:
             self._out.add(
@@ -265,8 +275,7 @@ class MachineCodes:
         if given is None:
             return
         for code in (given, codes.get("second-coolant", given)):
-            state.mist = code.number == M.M7 or (state.mist and code.number == M.M8)
-            state.flood = code.number == M.M8 or (state.flood and code.number == M.M7)
+            state.mist, state.flood = _coolants_after(state.mist, state.flood, code.number)
         self._coolant()
 
     def _coolant(self) -> None:

@@ -14,18 +14,16 @@ from cnc.gcode.codes.assumed_motion import AssumedMotion
 from cnc.gcode.codes.collector import Collector, VectorMove, VectorTurn
 from cnc.gcode.codes.corner_moves import CornerMoves
 from cnc.gcode.codes.move_feeds import MoveFeeds
-from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, ModalState
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation
 from cnc.model.blocks import ArcFeed, NurbsFeed
-from cnc.model.diagnostics import GcodeError
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
@@ -246,7 +244,7 @@ class Motion(MoveFeeds):
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             if angled:
                 end = self._end_at_angle(angled, given, end)
-            feed = self.feed(words, end, self.distance(end), at)
+            feed = self.feed(words, end, None, at)
             if self._dialect.corners and (word := corner_words.take(words, "G1")):
                 start = self.position
                 if self.corners.corner is not None:
@@ -343,60 +341,7 @@ class Motion(MoveFeeds):
         self._out.add(block)
         self.position = block.control_points[-1].tolist()
 
-    # Fast path
-
     def homed(self, position: tuple[float, ...]) -> None:
         """Go on where the board stands after homing."""
         if position:
             self.position = list(position)
-
-    def quick(self, move: QuickMove) -> bool:
-        """Make a simple move under G94 without a rotation of the coordinate system.
-
-        Returns:
-            False, and nothing is done, if the move needs the full interpretation.
-        """
-        state = self._state
-        motion = state.motion if move.motion is None else move.motion
-        if motion is None or not self._is_quick(move, motion):
-            return False
-        try:
-            feed = state.feed if move.feed is None else self.quick_feed(move.feed)
-            end = self.quick_end(move.axes)
-            if end is None or (feed is None and (motion != _TRAVERSE or move.feed is not None)):
-                return False
-            arc = None
-            if motion in _ARCS:
-                assert feed is not None
-                arc = self.arcs.quick(move, motion, end, self.straight_feed(end, feed))
-                if arc is None:
-                    return False
-        except GcodeError:
-            return False
-        if arc is not None:
-            self.arc(arc)
-        elif motion == _TRAVERSE or feed is None:
-            self.feed_to(end, math.nan)
-        else:
-            self.feed_to(end, self.straight_feed(end, feed))
-        if motion != _TRAVERSE and self._unused_words.words:
-            self._unused_words.mark_used("F")
-        state.feed = feed
-        state.motion = motion
-        self.assumed.end()
-        return True
-
-    def _is_quick(self, move: QuickMove, motion: G) -> bool:
-        """Whether the fast path knows the move and can't lose a note on an unused F word."""
-        is_arc = motion in _ARCS
-        if motion not in QUICK_MOTIONS or bool(move.arc) != is_arc:
-            return False
-        all_axes = self._has_rotary and self._dialect.feed_of_all_axes
-        if is_arc and (self._state.arc_absolute or all_axes):
-            return False
-        unused = self._unused_words
-        return (
-            move.feed is None
-            or not unused.enabled
-            or (motion != _TRAVERSE and "F" not in unused.words)
-        )

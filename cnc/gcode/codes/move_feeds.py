@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.axis_words import AxisWords
-from cnc.gcode.codes.prepared_lines import Known
 from cnc.gcode.state.modal_groups import Feed, feed_of
-from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.kernels.gcode.rules import MIN_FEED, feed_of_move
+from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import GcodeError
 from cnc.model.units import per_second
 
-MIN_FEED = 1e-6
-"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
-
+_feed_of_move = interpreted(feed_of_move)
 _FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 
 
@@ -43,13 +43,13 @@ class MoveFeeds(AxisWords):
                 return length
         return 0.0
 
-    def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
+    def feed(self, words: LineWords, end: list[float], length: float | None, at: Word) -> float:
         """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
 
         Args:
             words: The words of the line; an F under G93 is taken.
             end: (axes,) machine position of the end.
-            length: mm, used under G93.
+            length: mm, used under G93; None for that of a straight move.
             at: Word at which errors are reported.
 
         Raises:
@@ -57,12 +57,13 @@ class MoveFeeds(AxisWords):
         """
         state = self._state
         if state.feed_mode == "inverse-time":
+            length = self.distance(end) if length is None else length
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
             feed = self._first_feed(words, at)
         self._unused_words.mark_used("F")
-        rate = self.straight_feed(end, feed, length)
+        rate = self.straight_feed(end, feed, length or 0.0)
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0
             if rate < MIN_FEED:
@@ -88,19 +89,13 @@ class MoveFeeds(AxisWords):
             length: length along the linear axes, mm; 0 for a straight move.
         """
         if self._has_rotary:
-            moved = [there != here for there, here in zip(end, self.position, strict=True)]
-            if any(moved) and not any(
-                moves for moves, linear in zip(moved, self._linear, strict=True) if linear
-            ):
-                return feed.rotary
-            turned = [
-                there - here
-                for there, here, linear in zip(end, self.position, self._linear, strict=True)
-                if not linear
-            ]
-            if self._dialect.feed_of_all_axes and any(turned):
+            steps = [there - here for there, here in zip(end, self.position, strict=True)]
+            turned = [step for step, linear in zip(steps, self._linear, strict=True) if not linear]
+            shifts, turns = any(compress(steps, self._linear)), any(turned)
+            if self._dialect.feed_of_all_axes and shifts and turns:
                 length = length or self.distance(end)
                 return feed.linear * length / math.hypot(length, *turned)
+            return _feed_of_move(feed.linear, feed.rotary, shifts, turns)
         return feed.linear
 
     def feed_of_rotary_curve(self, points: NDArray[np.float64]) -> float:
@@ -133,14 +128,6 @@ class MoveFeeds(AxisWords):
                 "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
             )
         return rate
-
-    def quick_feed(self, known: Known) -> Feed | None:
-        """The feed of an F word; None if out of range."""
-        value = known if known.__class__ is float else known(self.coordinates.parameters)  # type: ignore[operator]
-        if not 0.0 < value <= MAX_NUMBER:
-            return None
-        feed = feed_of(value, self._state.scale)
-        return None if feed.rotary < MIN_FEED else feed
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:
         """Return the revolutions per minute of a move; under G96 at the largest radius."""

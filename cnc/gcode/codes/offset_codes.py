@@ -13,7 +13,7 @@ from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.turret_offsets import set_turret_offset
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, ModalState
+from cnc.gcode.state.modal_groups import PLAIN_MOTIONS, Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation, whole
@@ -22,7 +22,7 @@ _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 """The code that goes to the position of each code."""
 _ORIGINS = (2, 20)
 _BASIC_SYSTEMS = 6
-_NO_CYCLE = (None, G.G80, *QUICK_MOTIONS)
+_NO_CYCLE = (None, G.G80, *PLAIN_MOTIONS)
 """Modes of motion in which no cycle uses a P word."""
 _WITHOUT_P = frozenset(
     (0, 1, 2, 3, 17, 18, 19, 20, 21, 40, 41, 42, 43, 49, 54, 69, 80, 90, 91, 94, 98, 99)

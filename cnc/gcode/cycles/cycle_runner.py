@@ -25,6 +25,8 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
+from cnc.kernels.gcode.holes import machine_coordinate
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import (
     PLANE_AXES,
     Block,
@@ -37,6 +39,8 @@ from cnc.model.blocks import (
     SpindleSync,
     Stop,
 )
+
+_machine_coordinate = interpreted(machine_coordinate)
 
 
 def refuse_modes(
@@ -128,20 +132,23 @@ class CyclePlane:
 
         Axes that do not leave the start keep their exact value.
         """
+        place, coordinates = self._machine.copy(), self._coordinates
+        if not coordinates.turned:
+            for column, value, start in zip(self.columns, point, self.start, strict=True):
+                if column is not None:
+                    here, zero = place[column], coordinates.zero[column]
+                    place[column] = _machine_coordinate(value, start, here, zero)
+            return place
         program = self._program.copy()
         for column, value in zip(self.columns, point, strict=True):
             if column is not None:
                 program[column] = value
-        placed = self._coordinates.to_machine(program)
-        stays = [new == old for new, old in zip(program, self._program, strict=True)]
-        if self._coordinates.turned:
-            # Under a rotation either axis of the program moves both of the machine.
-            moved = {index for index, same in enumerate(stays) if not same}
-            stays = [index not in self._coordinates.coupled(moved) for index in range(len(stays))]
-        return [
-            here if same else there
-            for here, there, same in zip(self._machine, placed, stays, strict=True)
-        ]
+        pairs = enumerate(zip(program, self._program, strict=True))
+        placed = coordinates.to_machine(program)
+        # Under a rotation either axis of the program moves both of the machine.
+        for index in coordinates.coupled({index for index, (new, old) in pairs if new != old}):
+            place[index] = placed[index]
+        return place
 
 
 class CycleRunner:

@@ -1,6 +1,6 @@
 """Canned cycles for holes (G73, G74, G81 to G89, FANUC's G76): words of a line to steps.
 
-The steps are in :mod:`cnc.gcode.cycles.drilling_steps`.
+The rules of their steps are in :mod:`cnc.kernels.gcode.holes`.
 
 Consecutive lines with cycles are a series. It starts at a line after another motion code, or none,
 and G98 returns to the level at its start. Within a series, the words that a cycle needs except X, Y
@@ -15,12 +15,12 @@ drilling".
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
-from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
+from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.fagor_words import with_own_words
 from cnc.gcode.cycles.hole_places import (
     holes_in_polar_mode,
@@ -33,18 +33,22 @@ from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.kernels.gcode import holes as kernel
+from cnc.kernels.gcode.holes import Hole, HoleSettings
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import Plane
 
 FINE_BORING = G.G76
 TAPS: dict[G, Turning] = {G.G74: "ccw", G.G84: "cw"}
-PECKING = (G.G73, G.G83)
-DWELLING = (G.G74, G.G82, G.G84, G.G86, G.G88, G.G89)
+PECKING = tuple(G(10 * number) for number in kernel.PECKING)
+DWELLING = tuple(G(10 * number) for number in kernel.DWELLING)
 NEEDS_SPINDLE = (G.G74, FINE_BORING, G.G84, G.G86, G.G88)
 DRILLING = (
     G.G73, G.G74, G.G81, G.G82, G.G83, G.G84, G.G85, G.G86, G.G88, G.G89,
 )  # fmt: skip
 
 MOST_REPEATS = 10_000
+_series_at, _heights_of = interpreted(kernel.series_at), interpreted(kernel.heights_of)
 _NEAR = 1e-9
 """Distance of two equal places, mm."""
 MOST_PECKS = 100_000
@@ -158,19 +162,20 @@ class DrillingCycles:
         else:
             holes = holes_on_line(plane, given, heights, repeats, absolute=state.absolute)
         end = plane.place((*plane.start[:2], bottom))
-        settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
+        settings = settings._replace(feed=motion.feed(words, end, 0.0, at))
         self.series = series
         if not repeats:
             self._refuse_place(plane, given, name, at)
             return
         turned = {column: given[column] for column in motion.rotary_columns if column in given}
+        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
         if not turned:
-            self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
+            self._performer.perform(steps(cycle, plane.start, holes, settings, turning), plane)
             return
         for hole in holes:
             self._turn(turned, hole)
             plane = CyclePlane(motion, state)
-            self._performer.perform(steps(cycle, plane.start, [hole], settings), plane)
+            self._performer.perform(steps(cycle, plane.start, [hole], settings, turning), plane)
 
     def _refuse_place(
         self, plane: CyclePlane, given: dict[int, float], name: str, at: Word
@@ -204,9 +209,15 @@ class DrillingCycles:
     def _series_of(self, cycle: G) -> Series:
         """The series that this line continues, or a new one."""
         state, series, before = self._state, self.series, self._motion.motion_before
-        if series is None or before not in self.cycles or series.plane != state.plane:
+        kind = kernel.NEW
+        if series is not None:
+            kind = _series_at(
+                before in self.cycles, series.plane == state.plane, cycle == series.cycle,
+                self._rules.words_stay,
+            )  # fmt: skip
+        if series is None or kind == kernel.NEW:
             return Series(cycle, state.plane, self._motion.position)
-        if cycle != series.cycle and not self._rules.words_stay:
+        if kind == kernel.BEGUN_AGAIN:
             return Series(cycle, series.plane, series.start)
         words, absolute = series.words.copy(), series.absolute.copy()
         return Series(cycle, series.plane, series.start, words, absolute)
@@ -273,7 +284,6 @@ class DrillingCycles:
             self._keep_dwell(words, series, name)
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
-        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
         return HoleSettings(
             feed=0.0,
             dwell=dwell,
@@ -281,10 +291,9 @@ class DrillingCycles:
             less=less,
             least=least,
             clearance=rules.clearance,
-            turning=turning,
             shift=peck,
-            feed_out_to=rules.feed_out_to,
-            tap_dwell=rules.tap_dwell,
+            out_to_retract=rules.feed_out_to == "retract",
+            dwells_twice=rules.tap_dwell == "before-each",
         )
 
     def _keep_dwell(self, words: LineWords, series: Series, name: str) -> None:
@@ -385,9 +394,10 @@ class DrillingCycles:
         level = plane.seen(motion.coordinates.to_program(series.start))[2]
         kept = self._rules.heights == "kept"
         r, z = series.absolute["R"], series.absolute[plane.across]
-        top = retract.number * scale + (0.0 if (r if kept else state.absolute) else level)
-        bottom = depth.number * scale + (0.0 if (z if kept else state.absolute) else top)
-        clear = max(level, top) if state.initial_level else top
+        top, bottom, clear = _heights_of(
+            retract.number * scale, depth.number * scale, level, r if kept else state.absolute,
+            z if kept else state.absolute, bool(state.initial_level),
+        )  # fmt: skip
         self._check_level(top, clear, at)
         return top, bottom, clear
 

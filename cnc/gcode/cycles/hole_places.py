@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from cnc.gcode.codes.polar import stepped
 from cnc.gcode.codes.polar_mode import PolarMode
 from cnc.gcode.cycles.cycle_runner import CyclePlane
-from cnc.gcode.cycles.drilling_steps import Hole
+from cnc.kernels.gcode.holes import Hole, coordinate_of_hole
+from cnc.kernels.jit import interpreted
+
+_coordinate = interpreted(coordinate_of_hole)
 
 Heights = tuple[float, float, float]
 """R, the bottom, and the end of the cycle, mm."""
@@ -17,16 +21,14 @@ def holes_on_line(
     plane: CyclePlane, given: dict[int, float], heights: Heights, repeats: int, *, absolute: bool
 ) -> Iterator[Hole]:
     """Yield the holes of a line; ``given`` are its axis values by column, steps under G91."""
-    first, second, _ = plane.start
-    x, y = plane.in_plane(given)
     top, bottom, clear = heights
+    words = [math.nan if value is None else value for value in plane.in_plane(given)]
     for number in range(1, repeats + 1):
-        if absolute:
-            yield Hole(first if x is None else x, second if y is None else y, bottom, top, clear)
-        else:
-            yield Hole(
-                first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
-            )
+        x, y = (
+            _coordinate(number, start, word, absolute)
+            for start, word in zip(plane.start, words, strict=False)
+        )
+        yield Hole(x, y, bottom, top, clear)
 
 
 def holes_on_circle(

@@ -12,9 +12,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-ROUNDING = 1e-9
-"""Part of a peck or of a pass that is rounding, and does not add one."""
-
 Point = tuple[float, float, float]
 Turning = Literal["cw", "ccw"]
 

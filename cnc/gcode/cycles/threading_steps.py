@@ -25,7 +25,6 @@ from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
 from cnc.gcode.cycles.steps import (
-    ROUNDING,
     Cut,
     Point,
     Rapid,
@@ -37,6 +36,7 @@ from cnc.gcode.cycles.steps import (
     opposite,
     without_standing,
 )
+from cnc.kernels.gcode.holes import ROUNDING
 
 MOST_PASSES = 10_000
 

@@ -17,7 +17,6 @@ from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.motion import Handler, Motion
 from cnc.gcode.cycles import turning_holes, turning_threads
 from cnc.gcode.cycles.roughing import MOST_PASSES
-from cnc.gcode.cycles.steps import ROUNDING
 from cnc.gcode.cycles.turning_moves import TurningMoves
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.block_buffer import BlockBuffer
@@ -25,6 +24,7 @@ from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.kernels.gcode.holes import ROUNDING
 
 RETRACT = 0.5
 """Retract of cycles without a line of settings, mm."""

@@ -8,23 +8,24 @@ Haas, "Lathe Operator's Manual", drilling cycles.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from cnc.gcode.codes.dwells import Dwells
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling import MOST_PECKS
-from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, peck_count, steps
+from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.steps import Point, Turning
 from cnc.gcode.cycles.turning_moves import TurningMoves
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.kernels.gcode.holes import Hole, HoleSettings, peck_count
+from cnc.kernels.jit import interpreted
 
 _CODES = (G.G81, G.G82, G.G83, G.G84, G.G85, G.G86, G.G87, G.G88, G.G89)
 _ALONG_X = {G.G87: G.G83, G.G88: G.G84, G.G89: G.G85}
 """FANUC's cycles along X, and the cycle along Z that does the same."""
 _NEEDS_SPINDLE = (G.G84, G.G86)
+_peck_count = interpreted(peck_count)
 
 
 def register(dialect: Dialect, moves: TurningMoves) -> None:
@@ -79,9 +80,11 @@ class TurningHoles:
         if base == G.G83 and settings.peck == 0.0:
             base = G.G82
         place = plane.place((end[0], end[1], hole.bottom))
-        settings = replace(settings, feed=motion.feed(words, place, 0.0, at))
+        settings = settings._replace(feed=motion.feed(words, place, 0.0, at))
         count = whole(repeats, "the repeats", 1, MOST_PECKS) if repeats else 1
-        self._runner.perform(steps(base, plane.start, [hole] * count, settings), plane)
+        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
+        made = steps(base, plane.start, [hole] * count, settings, turning)
+        self._runner.perform(made, plane)
 
     def _hole(self, end: Point, scale: float, at: Word) -> Hole:
         """The hole at a point, from R and the level before the first cycle."""
@@ -104,22 +107,20 @@ class TurningHoles:
         """The settings from Q, P and the spindle, without the feed."""
         state, found = self._state, self._words
         peck = self._depth(found["Q"]) if cycle == G.G83 and "Q" in found else 0.0
-        if peck and peck_count(hole.retract, hole.bottom, peck) > MOST_PECKS:
+        if peck and _peck_count(hole.retract, hole.bottom, peck) > MOST_PECKS:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, at, "give a larger Q")
         if cycle in _NEEDS_SPINDLE and (state.spindle == "off" or not state.speed):
             message = f"{at.written} needs the spindle, which does not turn"
             raise fault("spindle-stopped", message, at, "give S and M3 before")
-        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
         rules = self._dialect.cycles
         return HoleSettings(
             feed=0.0,
             dwell=self._dwells.seconds(found["P"]) if "P" in found else 0.0,
             peck=peck,
             clearance=rules.clearance,
-            turning=turning,
-            feed_out_to=rules.feed_out_to,
-            tap_dwell=rules.tap_dwell,
+            out_to_retract=rules.feed_out_to == "retract",
+            dwells_twice=rules.tap_dwell == "before-each",
         )
 
     def _depth(self, word: Word) -> float:

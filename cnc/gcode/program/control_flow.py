@@ -14,7 +14,11 @@ from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control, Statement, Value
 from cnc.gcode.syntax.words import fault
+from cnc.kernels.gcode.rules import rounds_of
+from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import CncError, GcodeError
+
+_rounds_of = interpreted(rounds_of)
 
 MAX_SEQUENCE = 99_999_999
 """Highest block number that can be jumped to."""
@@ -153,7 +157,7 @@ class Repeat:
     def run(self, flow: Flow, line: int) -> int:
         """Enter the loop or pass it."""
         self.loop.since = flow.executed
-        count = round(self.count(self.parameters))
+        count = int(_rounds_of(self.count(self.parameters)))
         if count < 1:
             return self.loop.last + 1
         flow.frame.counts[self] = count

@@ -31,7 +31,7 @@ from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.offset_variables import OffsetVariables
-from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare
+from cnc.gcode.codes.prepared_lines import PreparedLine, prepare
 from cnc.gcode.codes.tip_control import TipControlCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import take_idle, unused
@@ -198,9 +198,6 @@ class Interpreter:
         prepared = self._prepared.get(id(statement))
         if prepared is None:
             prepared = self._prepare(statement)
-        if prepared.quick is not None and self.plain and self.motion.quick(prepared.quick):
-            self.begun = True
-            return
         words = prepared.line_words(self.parameters) if statement.words else None
         if statement.assignments:
             self._assignments.execute(statement.assignments)
@@ -225,22 +222,6 @@ class Interpreter:
                 self.out.ask(command, self.motion.homed)
             else:
                 self.out.add(command)
-
-    def execute_move(self, move: QuickMove, line: int) -> bool:
-        """Execute a line that is nothing but a move.
-
-        Returns:
-            Whether it was executed. If not, nothing was done: execute it as a statement.
-        """
-        if not self.plain:
-            return False
-        self.here.line = line
-        if self.out.unanswered:
-            self.out.take_answers()
-        if not self.motion.quick(move):
-            return False
-        self.begun = True
-        return True
 
     def end_of_file(self) -> None:
         """End a program that has no M2, M30 or ``%``.
@@ -272,7 +253,7 @@ class Interpreter:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
         prepared = self._prepared[id(statement)] = prepare(
-            statement, self.dialect, self._builder_codes, self.motion.column
+            statement, self.dialect, self._builder_codes
         )
         if self.points_wanted:
             collected = self.motion.collector is not None
@@ -329,18 +310,19 @@ class Interpreter:
         moving = self.feed_codes.moving = self.motion.check(words, codes)
         if self.turning_cycles is not None and moving != G.G33:
             self.turning_cycles.moves.end_follow()
-        if not codes:
+        explicit = codes.get("motion")
+        if len(codes) == (explicit is not None):
             self.feed_codes.feed(words, codes)
             self.machine_codes.speed_and_tool(words, codes)
             if self._turret:
                 self._turret.turn(words)
-            self.motion.move(words, moving)
+            self.motion.move(words, moving, explicit)
             return
         self._execute_machine_codes(words, codes)
         self._execute_settings(words, codes)
         if "exact-stop-once" in codes:
             self.machine_codes.stop_exactly(on=True)
-        self.motion.move(words, moving, codes.get("motion"))
+        self.motion.move(words, moving, explicit)
         if self._stops_after(codes):
             self.machine_codes.spindle(words, codes)
         if "exact-stop-once" in codes:

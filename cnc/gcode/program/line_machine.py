@@ -9,13 +9,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.codes.dwells import LONG_DWELL
-from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.program.row_blocks import SPINDLE_STATES, RowBlocks
+from cnc.gcode.program.row_blocks import RowBlocks
 from cnc.gcode.state.coordinates import SYSTEM_CODES
-from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, Feed
+from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, SPINDLE_STATES, Feed
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word
 from cnc.kernels.gcode import rows as kernel
@@ -97,7 +95,6 @@ class LineMachine:
         if dialect.stops_after_move:
             setup["m_action"][M.M5] = kernel.STOP
         cycles, dwell = dialect.cycles, dialect.dwell
-        setup["min_feed"], setup["longest_dwell"] = MIN_FEED, LONG_DWELL
         # The unit of a P with a decimal point is another one.
         if "P" not in dialect.dwell_point:
             setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)

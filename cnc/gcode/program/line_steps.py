@@ -1,4 +1,4 @@
-"""Steps of lines: a run of straight moves, a simple move, a control line, or ``%``.
+"""Steps of lines: a run of plain lines, a control line, or ``%``.
 
 All other lines are executed as statements and have no step class.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from cnc.gcode import dialects
-from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.klartext import steps as klartext
 from cnc.gcode.program import (
     block_matching,
@@ -28,7 +27,7 @@ from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.percent import PercentStep
-from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
+from cnc.gcode.program.plain_lines import SHORTEST, PlainLines
 from cnc.gcode.program.siemens_repeat import SectionEnd
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.source_text import Window
@@ -62,7 +61,6 @@ class StepMaker:
         self._builder_codes = codes
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
-        self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
         machine = LineMachine(flow.interpreter)
         self._runs = PlainLines(flow.interpreter, machine)
         is_compiled = dialect.flavour in ("ngc", "siemens")
@@ -92,7 +90,7 @@ class StepMaker:
             step = SectionEnd(_Alone(step) if isinstance(step, Statement) else step)
         # Few lines of a long program are executed again. If their statements were kept, the garbage
         # collector would take much time.
-        if line <= listing.last_executed or step.__class__ not in (_Move, Statement):
+        if line <= listing.last_executed or step.__class__ is not Statement:
             page.steps[index] = step
         if line > listing.last_executed:
             listing.last_executed = line
@@ -134,9 +132,7 @@ class StepMaker:
         return None
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
-        if self._flow.has_modal:
-            return self._of_statement(window, line, index)
-        if self._flow.listing.section_ends:
+        if self._flow.has_modal or self._flow.listing.section_ends:
             return self.single(window, line, index)
         if (
             self._compiled is not None
@@ -156,21 +152,6 @@ class StepMaker:
         Raises:
             GcodeError: The line is faulty, or the block that it opens.
         """
-        flow = self._flow
-        if flow.has_modal:
-            return self._of_statement(window, line, index)
-        if window.plain[index] and not (
-            flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
-        ):
-            letters, numbers = window.line_words(index)
-            if not letters:
-                return NOTHING
-            if move := move_of(letters, numbers, self._kinds):
-                return _Move(move, window)
-        return self._of_statement(window, line, index)
-
-    def _of_statement(self, window: Window, line: int, index: int) -> Step | Statement:
-        """Return the step of a line from its statement."""
         flow = self._flow
         statement = flow.listing.statement(window, index)
         if statement is None:
@@ -291,32 +272,6 @@ class _Compiled:
         if step is None:
             step = self._single = self._maker.single(self._window, line, line - self._window.first)
         return run_alone(flow, step, line)
-
-
-class _Move:
-    """A line with nothing but a move."""
-
-    __slots__ = ("_move", "_window")
-
-    def __init__(self, move: QuickMove, window: Window) -> None:
-        self._move = move
-        self._window = window
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Execute the move, or else the line as a statement."""
-        return (
-            line + 1
-            if flow.interpreter.execute_move(self._move, line)
-            else _execute_statement(flow, self._window, line)
-        )
-
-
-def _execute_statement(flow: Flow, window: Window, line: int) -> int:
-    """Execute a plain line as a statement; return the line to continue at."""
-    statement = flow.listing.statement(window, line - window.first)
-    assert statement is not None
-    flow.interpreter.execute(statement, line)
-    return line + 1
 
 
 class _Followed:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
+from cnc.gcode.program import line_steps
 from cnc.gcode.program.call_stack import Flow, Limits, Listing, Page, Step
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_steps import StepMaker
@@ -267,7 +268,8 @@ class _Watch:
         self._on_line = on_line
         self._most_repeated = flow.limits.repeated_lines
         self._states = RepeatedStates(flow)
-        self.next_report = min(REPORT_INTERVAL, self._most_repeated)
+        # Compiled code may begin at the first check.
+        self.next_report = min(REPORT_INTERVAL, line_steps.MANY_LINES, self._most_repeated)
 
     def check(self, executed: int, line: int) -> int:
         """Check the limit of repeated lines; return the number of lines at the next check.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from itertools import repeat
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.state.modal_groups import PLANES
+from cnc.gcode.state.modal_groups import PLANES, SPINDLE_STATES
 from cnc.kernels.gcode import rows as kernel
 from cnc.model.blocks import (
     ArcFeed,
@@ -21,8 +20,6 @@ from cnc.model.blocks import (
 )
 from cnc.model.many_blocks import blocks_of
 
-SPINDLE_STATES: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
-"""States of the spindle by their number in rows."""
 _PLANES = tuple(PLANES.values())
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 import numpy as np
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.move_feeds import MIN_FEED
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import (
     MAX_ORDER,
@@ -34,6 +33,7 @@ from cnc.gcode.state.modal_groups import Code, Codes, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.kernels.gcode.rules import MIN_FEED
 
 OPEN, CLOSE = G.G5_2, G.G5_3
 DEFAULT_ORDER = 3

@@ -105,13 +105,13 @@ class Coordinates:
 
     @figure.setter
     def figure(self, figure: Figure) -> None:
-        self._figure = figure
+        self._figure, self._figure_changes = figure, figure.changes
         self.figure_is_new = False
 
     @property
     def turned(self) -> bool:
         """Whether a machine position is more than a sum."""
-        return self.rotation != 0.0 or self._figure.changes
+        return self.rotation != 0.0 or self._figure_changes
 
     def coupled(self, columns: set[int]) -> set[int]:
         """Return the columns of axes that move with those of a program's words."""
@@ -119,7 +119,7 @@ class Coordinates:
 
     def to_machine(self, program: list[float]) -> list[float]:
         """Return the machine position of a point in program coordinates."""
-        program = self._figure.point(program) if self._figure.changes else program
+        program = self._figure.point(program) if self._figure_changes else program
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
         added = [
@@ -135,7 +135,7 @@ class Coordinates:
     def to_program(self, machine: list[float]) -> list[float]:
         """Return the program coordinates of a machine position."""
         found = self._unshifted(machine)
-        return self._figure.original(found) if self._figure.changes else found
+        return self._figure.original(found) if self._figure_changes else found
 
     def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
@@ -145,7 +145,7 @@ class Coordinates:
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""
-        delta = self._figure.vector(delta) if self._figure.changes else delta
+        delta = self._figure.vector(delta) if self._figure_changes else delta
         return self._rotated(delta, self._turn) if self.rotation else delta
 
     def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:

@@ -13,9 +13,10 @@ from typing import Literal
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word, fault
+from cnc.kernels.gcode.rules import feeds_of_word
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import PathControl, Plane
 from cnc.model.diagnostics import GcodeError
-from cnc.model.units import per_second
 
 _GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
@@ -63,8 +64,10 @@ _M_GROUPS: dict[str, tuple[M, ...]] = {
 GROUP_OF_G = {code: group for group, codes in _GROUPS.items() for code in codes}
 GROUP_OF_M = {code: group for group, codes in _M_GROUPS.items() for code in codes}
 
-QUICK_MOTIONS = (G.G0, G.G1, G.G2, G.G3)
+PLAIN_MOTIONS = (G.G0, G.G1, G.G2, G.G3)
 """Motion codes of straight moves and arcs."""
+SPINDLE_STATES: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
+"""States of the spindle by their number in :mod:`cnc.kernels.gcode.rules`."""
 PLANES: dict[G, Plane] = {G.G17: "XY", G.G18: "ZX", G.G19: "YZ"}
 SYSTEMS = {code: index for index, code in enumerate(_GROUPS["system"])}
 
@@ -75,7 +78,8 @@ FEED_MODES: dict[G, FeedMode] = {
     G.G95: "per-revolution",
 }
 
-_ENDS_ANYWAY = [{G.G80, motion} for motion in QUICK_MOTIONS]
+_feeds_of_word = interpreted(feeds_of_word)
+_ENDS_ANYWAY = [{G.G80, motion} for motion in PLAIN_MOTIONS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,14 +179,15 @@ class Feed:
 
 
 @lru_cache(maxsize=1024)
-def feed_of(number: float, scale: float) -> Feed:
+def feed_of(number: float, scale: float, *, per_turn: bool = False) -> Feed:
     """Return the feed of an F word.
 
     Args:
         number: Program units, or degrees, a minute.
         scale: mm of a program unit.
+        per_turn: The number is for a revolution of the spindle.
     """
-    return Feed(per_second(number * scale), per_second(number))
+    return Feed(*_feeds_of_word(number, scale, per_turn))
 
 
 @dataclass(slots=True)

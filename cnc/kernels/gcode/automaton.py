@@ -181,7 +181,7 @@ def _number(data: Bytes, begin: int, end: int) -> float:
 
 
 @njit
-def read(  # noqa: PLR0915 a call for each token takes longer than the token
+def read(  # noqa: C901, PLR0915 a call for each token takes longer than the token
     data: Bytes, begins: Counts, ends: Counts, longest: int, tables: Tables, classes: Bytes,
     stack: Ints, events: Events, results: Results,
 ) -> int:  # fmt: skip

@@ -1,7 +1,7 @@
-"""Canned cycles for holes (G73, G81 to G83, G85, G89) as rows.
+"""Lines with canned cycles for holes (G73, G81 to G83, G85, G89) as rows.
 
-The rows are those of :mod:`cnc.gcode.cycles.drilling`, which explains the cycles. The other cycles
-turn or stop the spindle; they and wrong lines are left to the interpreter.
+The rules of the cycles are in :mod:`cnc.kernels.gcode.holes`. The other cycles turn or stop the
+spindle; they and wrong lines are left to the interpreter.
 """
 
 from __future__ import annotations
@@ -9,12 +9,27 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from cnc.kernels.gcode.holes import (
+    DWELLING,
+    GOES_ON,
+    NEW,
+    PECKING,
+    Hole,
+    HoleSettings,
+    Point,
+    Steps,
+    add_hole,
+    coordinate_of_hole,
+    heights_of,
+    machine_coordinate,
+    most_steps,
+    series_at,
+)
 from cnc.kernels.gcode.line_words import LAST_MOTION, LineWords
 from cnc.kernels.gcode.rows import (
     DEPTH,
     MOST_ROWS,
     PATH,
-    PAUSE,
     PECK,
     RETRACT,
     STRAIGHT,
@@ -26,36 +41,10 @@ from cnc.kernels.gcode.rows import (
     Rows,
     Setup,
 )
+from cnc.kernels.gcode.rules import LONG_DWELL
 from cnc.kernels.jit import njit
 
 _A = 65
-_ROUNDING = 1e-9
-"""As :data:`cnc.gcode.cycles.steps.ROUNDING`."""
-_HOLE_ROWS = 8
-"""Most rows of a hole besides its pecks, and of a peck."""
-
-Spot = tuple[float, float, float]
-
-
-class _Place(NamedTuple):
-    """The plane of a line: columns of its axes and of the axis across it, and the start."""
-
-    first: int
-    second: int
-    across: int
-    start: Spot
-    line: int
-
-
-class _Hole(NamedTuple):
-    """Heights of a hole, its peck (mm; inf for none), dwell (s) and feed (mm/s)."""
-
-    bottom: float
-    top: float
-    clear: float
-    peck: float
-    dwell: float
-    feed: float
 
 
 class _Series(NamedTuple):
@@ -67,64 +56,22 @@ class _Series(NamedTuple):
 
 
 @njit
-def _move_to(
-    row: int, here: Spot, to: Spot, feed: float, at: _Place, setup: Setup, position: Floats,
-    rows: Rows,
-) -> int:  # fmt: skip
-    """Add a straight move in the plane, if it has a length; return the number of rows."""
-    if to[0] == here[0] and to[1] == here[1] and to[2] == here[2]:
-        return row
-    point = rows.points[row]
-    for i in range(len(position)):
-        point[i] = position[i]
-    # An axis that does not leave the start of the line keeps its exact value.
-    if to[0] != at.start[0]:
-        point[at.first] = to[0] + setup["zero"][at.first]
-    if to[1] != at.start[1]:
-        point[at.second] = to[1] + setup["zero"][at.second]
-    if to[2] != at.start[2]:
-        point[at.across] = to[2] + setup["zero"][at.across]
-    rows.kinds[row], rows.lines[row], rows.feeds[row] = STRAIGHT, at.line, feed
-    return row + 1
-
-
-@njit
-def _add_hole(
-    row: int, cycle: int, x: float, y: float, hole: _Hole, at: _Place, setup: Setup,
+def _place(
+    begin: int, end: int, columns: tuple[int, int, int], start: Point, line: int, setup: Setup,
     position: Floats, rows: Rows,
-) -> int:  # fmt: skip
-    """Add the moves of a hole from R on; return the number of rows."""
-    bottom, top = (x, y, hole.bottom), (x, y, hole.top)
-    here = top
-    if cycle == 73 or cycle == 83:
-        clearance = setup["clearance"]
-        count = max(1, math.ceil((hole.top - hole.bottom) / hole.peck - _ROUNDING))
-        for number in range(1, count + 1):
-            depth = hole.top - number * hole.peck if number < count else hole.bottom
-            to = (x, y, depth)
-            row = _move_to(row, here, to, hole.feed, at, setup, position, rows)
-            here = to
-            if depth > hole.bottom:
-                if cycle == 83:
-                    row = _move_to(row, here, top, math.nan, at, setup, position, rows)
-                    here = top
-                height = depth + clearance
-                to = (x, y, hole.top if hole.top < height else height)
-                row = _move_to(row, here, to, math.nan, at, setup, position, rows)
-                here = to
-    else:
-        row = _move_to(row, here, bottom, hole.feed, at, setup, position, rows)
-        here = bottom
-        if (cycle == 82 or cycle == 89) and hole.dwell > 0.0:
-            rows.kinds[row], rows.lines[row], rows.data[row, 0] = PAUSE, at.line, hole.dwell
-            row += 1
-        if cycle == 85 or cycle == 89:
-            to = top
-            if cycle == 89 and not setup["out_to_retract"]:
-                to = (x, y, hole.clear)
-            row = _move_to(row, here, to, hole.feed, at, setup, position, rows)
-            here = to
-    return _move_to(row, here, (x, y, hole.clear), math.nan, at, setup, position, rows)
+) -> None:  # fmt: skip
+    """Give the rows of steps their lines, and those of moves their machine positions."""
+    zero = setup["zero"]
+    for row in range(begin, end):
+        rows.lines[row] = line
+        if rows.kinds[row] == STRAIGHT:
+            point, data = rows.points[row], rows.data[row]
+            for i in range(len(position)):
+                point[i] = position[i]
+            for axis in range(3):
+                i = columns[axis]
+                point[i] = machine_coordinate(data[axis], start[axis], position[i], zero[i])
+            rows.feeds[row] = data[3]
 
 
 @njit
@@ -148,8 +95,10 @@ def _keep_series(
 def _series(
     words: LineWords, depth: float, columns: tuple[int, int, int], setup: Setup, now: Record,
     position: Floats,
-) -> tuple[bool, _Hole, _Series]:  # fmt: skip
+) -> tuple[bool, Hole, HoleSettings, _Series]:  # fmt: skip
     """Return the hole of a line from its words and those of the series; False for none.
+
+    The place of the hole is not known yet.
 
     Args:
         words: The words of the line.
@@ -160,10 +109,13 @@ def _series(
         position: (n,) the position.
     """
     cycle, k = words.mode, columns[2]
-    pecks, waits = cycle == 73 or cycle == 83, cycle == 82 or cycle == 89
-    before, plane = int(now["cycle"]), int(now["cycle_plane"])
-    goes_on = int(now["mode"]) > LAST_MOTION and before > 0 and plane == words.plane
-    stay = goes_on and (before == cycle or setup["words_stay"])
+    pecks, waits = cycle in PECKING, cycle in DWELLING
+    before, absolute = int(now["cycle"]), words.absolute != 0
+    kind = series_at(
+        int(now["mode"]) > LAST_MOTION and before > 0, int(now["cycle_plane"]) == words.plane,
+        before == cycle, bool(setup["words_stay"]),
+    )  # fmt: skip
+    goes_on, stay = kind != NEW, kind == GOES_ON
     given = (depth, words.radius, words.time, words.peck)
     old = now["words"]
     depth = given[0] if given[0] == given[0] or not stay else old[DEPTH]
@@ -176,19 +128,24 @@ def _series(
         dwell = 0.0
     elif waits:
         # Not for NaN, too.
-        known = known and 0.0 <= dwell < setup["longest_dwell"] and setup["cycle_dwell"] != 0.0
+        known = known and 0.0 <= dwell < LONG_DWELL and setup["cycle_dwell"] != 0.0
     level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
-    top = retract * setup["scale"][k] + (0.0 if words.absolute else level)
-    bottom = depth * setup["scale"][k] + (0.0 if words.absolute else top)
-    clear = top if words.initial == 0 or top > level else level
+    top, bottom, clear = heights_of(
+        retract * setup["scale"][k], depth * setup["scale"][k], level, absolute, absolute,
+        words.initial != 0,
+    )  # fmt: skip
     # A P in effect is a dwell of pecks in one dialect, and none in another.
     known = known and bottom <= top and (not pecks or (peck > 0.0 and time != time))
     known = known and (words.initial != UNCLEAR_LEVEL or clear == top)
     # Heights of a line before count as that line says, in a way that depends on the dialect.
     keeps = stay and (given[0] != given[0] or given[1] != given[1])
     known = known and (not keeps or int(now["cycle_distance"]) == 1 + words.absolute)
-    hole = _Hole(bottom, top, clear, peck if pecks else math.inf, dwell, words.linear)
-    return bool(known), hole, _Series(bool(goes_on), bool(stay), given)
+    hole = Hole(math.nan, math.nan, bottom, top, clear)
+    clearance, to_retract = float(setup["clearance"]), bool(setup["out_to_retract"])
+    how = HoleSettings(
+        words.linear, dwell, peck if pecks else 0.0, 0.0, 0.0, clearance, 0.0, to_retract, False
+    )
+    return bool(known), hole, how, _Series(goes_on, stay, given)
 
 
 @njit
@@ -240,45 +197,31 @@ def add_cycle(
             depth = numbers[w]
         elif column >= 0:
             return -1
-    known, hole, series = _series(words, depth, (i, j, k), setup, now, position)
-    if not known:
-        return -1
-    pecks = (hole.top - hole.bottom) / hole.peck
-    if pecks > MOST_ROWS:
+    known, hole, how, series = _series(words, depth, (i, j, k), setup, now, position)
+    if not known or (how.peck > 0.0 and (hole.retract - hole.bottom) / how.peck > MOST_ROWS):
         return -1
     start = (position[i] - zero[i], position[j] - zero[j], position[k] - zero[k])
-    at = _Place(i, j, k, start, line)
-    most = int(now["rows"]) + MOST_ROWS - _HOLE_ROWS - 3 * math.ceil(pecks)
+    absolute = words.absolute != 0
+    # The last row restores G64.
+    most = int(now["rows"]) + MOST_ROWS - 1 - most_steps(words.mode, hole, how)
     if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 0.0
         row += 1
-    here, top = start, hole.top
+    here, begin, steps = start, row, Steps(rows.kinds, rows.data)
     for number in range(1, repeats + 1):
         if row > most:
             return -1
-        if words.absolute:
-            x1 = x if x == x else here[0]
-            y1 = y if y == y else here[1]
-        else:
-            x1 = start[0] + number * (x if x == x and x != 0.0 else 0.0)
-            y1 = start[1] + number * (y if y == y and y != 0.0 else 0.0)
-        if here[2] < top:
-            to = (here[0], here[1], top)
-            row = _move_to(row, here, to, math.nan, at, setup, position, rows)
-            here = to
-        to = (x1, y1, here[2])
-        row = _move_to(row, here, to, math.nan, at, setup, position, rows)
-        row = _move_to(row, to, (x1, y1, top), math.nan, at, setup, position, rows)
-        row = _add_hole(row, words.mode, x1, y1, hole, at, setup, position, rows)
-        here = (x1, y1, hole.clear)
+        first = coordinate_of_hole(number, start[0], x, absolute)
+        second = coordinate_of_hole(number, start[1], y, absolute)
+        hole = Hole(first, second, hole.bottom, hole.retract, hole.clear)
+        row = add_hole(row, words.mode, here, hole, how, steps)
+        here = (first, second, hole.clear)
+    _place(begin, row, (i, j, k), start, line, setup, position, rows)
     if setup["blends"]:
         rows.kinds[row], rows.lines[row], rows.data[row, 0] = PATH, line, 1.0
         row += 1
     _keep_series(words, series, line, now, position)
-    if here[0] != start[0]:
-        position[i] = here[0] + zero[i]
-    if here[1] != start[1]:
-        position[j] = here[1] + zero[j]
-    if here[2] != start[2]:
-        position[k] = here[2] + zero[k]
+    position[i] = machine_coordinate(here[0], start[0], position[i], zero[i])
+    position[j] = machine_coordinate(here[1], start[1], position[j], zero[j])
+    position[k] = machine_coordinate(here[2], start[2], position[k], zero[k])
     return row

@@ -11,7 +11,7 @@ import math
 
 from cnc.kernels.gcode.arcs import OK, Tolerance, Wanted, arc_of
 from cnc.kernels.gcode.cycles import add_cycle
-from cnc.kernels.gcode.line_words import LAST_MOTION, LineWords, fits, is_kept, read_words
+from cnc.kernels.gcode.line_words import LAST_MOTION, LineWords, fits, read_words
 from cnc.kernels.gcode.rows import (
     ARC,
     COOLANT,
@@ -26,6 +26,16 @@ from cnc.kernels.gcode.rows import (
     Record,
     Rows,
     Setup,
+)
+from cnc.kernels.gcode.rules import (
+    center_of_word,
+    coolants_after,
+    end_of_word,
+    feed_of_move,
+    keeps_motion,
+    rpm_of,
+    speed_waits,
+    spindle_after,
 )
 from cnc.kernels.gcode.statements import Words
 from cnc.kernels.jit import njit
@@ -86,10 +96,9 @@ def _arc_row(
             setup["arc_absolute"] or not (has_first or has_second)
         ):
             return False
-        x = (first if has_first else 0.0) * setup["unit"]
-        y = (second if has_second else 0.0) * setup["unit"]
-        x += setup["zero"][i] if setup["arc_absolute"] else position[i]
-        y += setup["zero"][j] if setup["arc_absolute"] else position[j]
+        unit, zero, absolute = setup["unit"], setup["zero"], setup["arc_absolute"]
+        x = center_of_word(first, unit, position[i], zero[i], absolute)
+        y = center_of_word(second, unit, position[j], zero[j], absolute)
     arc = arc_of(
         Wanted(position[i], position[j], end[i], end[j], x, y, radius * setup["unit"], clockwise),
         Tolerance(setup["slack"], setup["relative"], setup["limit"], setup["reach"]),
@@ -116,16 +125,16 @@ def _add_events(words: LineWords, line: int, seconds: float, now: Record, rows: 
     """
     row = int(now["rows"])
     if words.turn >= 0 or (words.speed == words.speed and now["spindle"] > 0):
-        turn = words.turn if words.turn >= 0 else int(now["spindle"])
-        speed = words.speed if words.speed == words.speed else float(now["speed"])
-        rpm = speed if turn > 0 and speed != 0.0 else 0.0
+        before = int(now["spindle"])
+        turn = spindle_after(before, words.turn)
+        rpm = rpm_of(turn, words.speed if words.speed == words.speed else float(now["speed"]))
         if turn != now["turning"] or rpm != now["rpm"]:
             rows.data[row, 0], rows.data[row, 1] = turn, rpm
-            rows.data[row, 2] = words.turn < 0 or (words.turn > 0 and words.turn == now["spindle"])
+            rows.data[row, 2] = keeps_motion(before, turn, words.turn)
             rows.kinds[row], rows.lines[row] = SPINDLE, line
             row += 1
     if words.cool >= 0:
-        mist, flood = _coolants(words.cool, now)
+        mist, flood = coolants_after(now["mist"] != 0, now["flood"] != 0, words.cool)
         if mist != now["misting"] or flood != now["flooding"]:
             rows.data[row, 0], rows.data[row, 1] = mist, flood
             rows.kinds[row], rows.lines[row] = COOLANT, line
@@ -135,14 +144,6 @@ def _add_events(words: LineWords, line: int, seconds: float, now: Record, rows: 
         rows.data[row, 0] = seconds
         row += 1
     return row
-
-
-@njit
-def _coolants(code: int, now: Record) -> tuple[int, int]:
-    """Return mist and flood after M7, M8 or M9."""
-    mist = code == 7 or (now["mist"] != 0 and code == 8)
-    flood = code == 8 or (now["flood"] != 0 and code == 7)
-    return int(mist), int(flood)
 
 
 @njit
@@ -158,41 +159,41 @@ def _commit(words: LineWords, line: int, now: Record, is_feed: bool) -> None:
     now["linear"], now["rotary"], now["initial"] = words.linear, words.rotary, words.initial
     if words.speed == words.speed:
         now["speed"] = words.speed
-        if is_kept(words, now) and now["speed_word"] != now["speed_word"]:
+        waits = speed_waits(words.speed, int(now["spindle"]), words.turn)
+        if waits and now["speed_word"] != now["speed_word"]:
             now["speed_word"], now["speed_line"] = words.speed, line
     if words.turn >= 0 or (words.speed == words.speed and now["spindle"] > 0):
-        if words.turn > 0:
+        turn = spindle_after(int(now["spindle"]), words.turn)
+        if words.turn >= 0 and turn > 0:
             now["speed_word"] = math.nan
-        if words.turn >= 0:
-            now["spindle"] = words.turn
-        speed = float(now["speed"])
-        now["turning"] = now["spindle"]
-        now["rpm"] = speed if now["spindle"] > 0 and speed != 0.0 else 0.0
+        now["spindle"] = now["turning"] = turn
+        now["rpm"] = rpm_of(turn, float(now["speed"]))
     if words.cool >= 0:
-        now["mist"], now["flood"] = _coolants(words.cool, now)
+        mist, flood = coolants_after(now["mist"] != 0, now["flood"] != 0, words.cool)
+        now["mist"], now["flood"] = mist, flood
         now["misting"], now["flooding"] = now["mist"], now["flood"]
 
 
 @njit
 def _end(
     letters: Bytes, numbers: Floats, absolute: int, setup: Setup, position: Floats, end: Floats
-) -> bool:
-    """Fill the end of a move from its axis words; return whether only rotary axes move."""
+) -> tuple[bool, bool]:
+    """Fill the end of a move from its words; return whether linear and rotary axes move."""
     turned = shifted = False
     for i in range(len(position)):
         end[i] = position[i]
     for w in range(len(letters)):
         i = setup["column"][int(letters[w]) - _A]
         if i >= 0:
-            target = numbers[w] * setup["scale"][i]
-            target = target + setup["zero"][i] if absolute else position[i] + target
+            value = numbers[w] * setup["scale"][i]
+            target = end_of_word(value, position[i], setup["zero"][i], absolute != 0)
             if target != position[i]:
                 if setup["turns"][i] != 0.0:
                     turned = True
                 else:
                     shifted = True
             end[i] = target
-    return turned and not shifted
+    return shifted, turned
 
 
 @njit
@@ -219,7 +220,7 @@ def _execute_any(
             return False
     elif is_move:
         end = rows.points[row]
-        rotates = _end(letters, numbers, words.absolute, setup, position, end)
+        shifts, turns = _end(letters, numbers, words.absolute, setup, position, end)
         rows.kinds[row] = STRAIGHT
         if words.mode >= 2:
             if not _arc_row(
@@ -228,7 +229,7 @@ def _execute_any(
             ):  # fmt: skip
                 return False
             rows.kinds[row] = ARC
-        rate = words.rotary if rotates else words.linear
+        rate = feed_of_move(words.linear, words.rotary, shifts, turns)
         rows.feeds[row] = math.nan if words.mode == 0 else rate
         rows.lines[row] = line
         for i in range(len(position)):
@@ -272,8 +273,8 @@ def execute_line(
         straight = straight and setup["column"][int(letters[w]) - _A] >= 0
     if straight:
         row = int(now["rows"])
-        rotates = _end(letters, numbers, now["absolute"], setup, position, rows.points[row])
-        rate = now["rotary"] if rotates else now["linear"]
+        shifts, turns = _end(letters, numbers, now["absolute"], setup, position, rows.points[row])
+        rate = feed_of_move(now["linear"], now["rotary"], shifts, turns)
         rows.kinds[row] = STRAIGHT
         rows.feeds[row] = math.nan if now["mode"] == 0 else rate
         rows.lines[row] = line

@@ -26,6 +26,15 @@ from cnc.kernels.gcode.rows import (
     Record,
     Setup,
 )
+from cnc.kernels.gcode.rules import (
+    LONG_DWELL,
+    MIN_FEED,
+    SPINDLE_OFF,
+    feeds_of_word,
+    motion_after_cancel,
+    speed_waits,
+    spindle_after,
+)
 from cnc.kernels.jit import njit
 
 _A, _F, _G, _I, _J, _K, _L, _M, _N = 65, 70, 71, 73, 74, 75, 76, 77, 78
@@ -93,8 +102,9 @@ def read_words(
                 explicit = True
             elif action == CANCEL:
                 resting = mode if 0 <= mode <= LAST_MOTION else int(now["resting"])
-                if 0 <= resting <= setup["restored"]:
-                    mode = resting
+                after = motion_after_cancel(resting, int(setup["restored"]))
+                if after >= 0:
+                    mode = after
                 elif mode != NO_MOTION:
                     mode = CANCELLED
             elif action == PLANE:
@@ -106,7 +116,7 @@ def read_words(
             elif action == DWELL:
                 pausing = True
             elif action == TURN:
-                turn = (tenths // 10 - 2) % 3
+                turn = tenths // 10
             elif action == COOL:
                 cool = tenths // 10
             elif action == INITIAL_LEVEL:
@@ -115,9 +125,8 @@ def read_words(
                 initial = 0
         elif char == _F:
             feed = value
-            linear = value * setup["unit"] / 60.0
-            rotary = value / 60.0
-            known = known and value > 0.0 and rotary >= setup["min_feed"]
+            linear, rotary = feeds_of_word(value, setup["unit"], False)
+            known = known and value > 0.0 and rotary >= MIN_FEED
         elif char == _S:
             speed = value
             known = known and not value < 0.0
@@ -146,20 +155,11 @@ def read_words(
 
 
 @njit
-def is_kept(words: LineWords, now: Record) -> bool:
-    """Return whether the S word of a line waits for a start of the spindle."""
-    return (
-        words.speed == words.speed
-        and words.speed != 0.0
-        and (words.turn >= 0 or now["spindle"] == 0)
-    )
-
-
-@njit
 def _fits_speed(words: LineWords, setup: Setup, now: Record) -> bool:
     """Return whether the F and S words of a line fit the state of the spindle and earlier words."""
     has_speed = words.speed == words.speed
-    if words.turn > 0 and not has_speed and now["speed"] != now["speed"]:
+    starts = spindle_after(SPINDLE_OFF, words.turn) != SPINDLE_OFF
+    if starts and not has_speed and now["speed"] != now["speed"]:
         return False
     if (has_speed or words.turn >= 0) and setup["surface_speed"]:
         return False
@@ -168,7 +168,8 @@ def _fits_speed(words: LineWords, setup: Setup, now: Record) -> bool:
         kept_feed, kept_speed = float(now["feed_word"]), float(now["speed_word"])
         if words.feed == words.feed and kept_feed == kept_feed and words.feed != kept_feed:
             return False
-        if is_kept(words, now) and kept_speed == kept_speed and words.speed != kept_speed:
+        waits = speed_waits(words.speed, int(now["spindle"]), words.turn)
+        if waits and kept_speed == kept_speed and words.speed != kept_speed:
             return False
     return True
 
@@ -185,7 +186,7 @@ def fits(words: LineWords, setup: Setup, now: Record) -> bool:
     if words.pausing:
         seconds = words.time * setup["dwell"]
         # Not for NaN, too.
-        if not 0.0 <= seconds < setup["longest_dwell"] or setup["dwell"] == 0.0:
+        if not 0.0 <= seconds < LONG_DWELL or setup["dwell"] == 0.0:
             return False
         if words.moving or words.curved or words.explicit:
             return False

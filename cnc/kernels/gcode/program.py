@@ -32,6 +32,7 @@ from cnc.kernels.gcode.program_text import (
     Text,
 )
 from cnc.kernels.gcode.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
+from cnc.kernels.gcode.rules import rounds_of
 from cnc.kernels.gcode.statements import (
     CONTROL,
     MOST_ITEMS,
@@ -193,7 +194,7 @@ def _next_line(
     if action == WHILE or action == REPEAT:
         control.since[k] = executed
     if action == REPEAT:
-        rounds = np.rint(value)
+        rounds = rounds_of(value)
         if rounds > _MOST_ROUNDS:
             return NOWHERE
         if rounds >= 1.0:

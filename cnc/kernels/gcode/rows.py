@@ -22,7 +22,7 @@ INITIAL_LEVEL, R_LEVEL = 10, 11
 """Actions of codes. STOP leaves the line to the interpreter; IDLE changes nothing."""
 STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE, BOUNDARY, PATH = range(7)
 """Kinds of rows. BOUNDARY is the begin or the end of a call."""
-MOST_ROWS = 64
+MOST_ROWS = 76
 """Most rows of a line. A cycle with more is left to the interpreter."""
 MOST_OTHERS = 2048
 """Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object,
@@ -88,13 +88,11 @@ SETUP = np.dtype(
         ("turns", np.float64, (MOST_AXES,)),
         ("planes", np.int64, (3, 3)),
         ("unit", np.float64),
-        ("min_feed", np.float64),
         ("slack", np.float64),
         ("relative", np.float64),
         ("limit", np.float64),
         ("reach", np.float64),
         ("dwell", np.float64),
-        ("longest_dwell", np.float64),
         ("cycle_dwell", np.float64),
         ("clearance", np.float64),
         ("restored", np.int64),
@@ -120,9 +118,8 @@ By letter: the column of its axis, TAKEN_WORD or OTHER_WORD. By axis: mm or degr
 the machine position of the program's zero, and 1 for a rotary axis. By plane: columns of its two
 axes and of the axis across it, -1 for one that is missing.
 
-mm a program unit; the slowest feed (mm/s); the tolerances of arcs (mm, see
-:class:`cnc.kernels.gcode.arcs.Tolerance`); s of P1 in G4, 0 if P is not its word; the shortest
-dwell (s) that is left to the interpreter; s of P1 in a cycle, 0 if compiled code does not know it;
+mm a program unit; the tolerances of arcs (mm, see :class:`cnc.kernels.gcode.arcs.Tolerance`); s of
+P1 in G4, 0 if P is not its word; s of P1 in a cycle, 0 if compiled code does not know it;
 retraction of G73 and distance of G83 from the bottom (mm); the highest of G0 to G3 to which G80
 returns, -1 for none.
 

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
+from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.steps import Cut, Pause, Rapid
+from cnc.gcode.syntax.code_numbers import G
+from cnc.kernels.gcode.holes import Hole, HoleSettings
 from tests.support.gcode.gcode_cases import (
     assert_rows_equal,
     error_of,
@@ -104,7 +106,7 @@ def test_series_against_a_second_implementation(
             settings = HoleSettings(
                 feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254
             )
-            for step in steps(int(cycle[1:]) * 10, place, holes, settings):
+            for step in steps(G(int(cycle[1:]) * 10), place, holes, settings, "cw"):
                 if isinstance(step, Pause):
                     expected.append(("dwell", step.seconds))
                 elif isinstance(step, Rapid | Cut):

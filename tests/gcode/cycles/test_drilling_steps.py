@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, peck_count, steps
+from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.steps import (
     Cut,
     OperatorStop,
@@ -17,8 +17,12 @@ from cnc.gcode.cycles.steps import (
     Rapid,
     SetOverrides,
     Step,
+    Turning,
     TurnSpindle,
 )
+from cnc.gcode.syntax.code_numbers import G
+from cnc.kernels.gcode.holes import Hole, HoleSettings, peck_count
+from cnc.kernels.jit import interpreted
 from tests.support.soak import share
 
 HIGH = Hole(4, 5, bottom=-1, retract=1, clear=3)
@@ -31,8 +35,8 @@ FANUC = HoleSettings(
     peck=0.75,
     clearance=0.25,
     shift=0.1,
-    feed_out_to="retract",
-    tap_dwell="before-each",
+    out_to_retract=True,
+    dwells_twice=True,
 )
 OVER = [Rapid((4, 5, 3)), Rapid((4, 5, 1))]
 
@@ -65,7 +69,7 @@ TABLE: list[tuple[int, Hole, HoleSettings, list[Step]]] = [
     (
         740,
         LOW,
-        HoleSettings(feed=10, turning="ccw"),
+        HoleSettings(feed=10),
         [LOCK, cut(-1), OFF, CW, cut(1), OFF, CCW, UNLOCK],
     ),
     (850, HIGH, HOW, [cut(-1), cut(1), up(3)]),
@@ -91,22 +95,23 @@ TABLE: list[tuple[int, Hole, HoleSettings, list[Step]]] = [
 def test_the_steps_of_each_cycle(
     cycle: int, hole: Hole, settings: HoleSettings, expected: list[Step]
 ) -> None:
-    assert list(steps(cycle, START, [hole], settings)) == OVER + expected
+    turning: Turning = "ccw" if cycle == 740 else "cw"
+    assert list(steps(G(cycle), START, [hole], settings, turning)) == OVER + expected
 
 
 def test_below_r_the_tool_rises_before_it_moves_across() -> None:
-    found = list(steps(810, (0, 0, -7), [LOW], HoleSettings(feed=10)))
+    found = list(steps(G.G81, (0, 0, -7), [LOW], HoleSettings(feed=10), "cw"))
     assert found == [Rapid((0, 0, 1)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
 def test_above_r_the_tool_moves_across_at_its_height() -> None:
-    found = list(steps(810, (0, 0, 9), [LOW], HoleSettings(feed=10)))
+    found = list(steps(G.G81, (0, 0, 9), [LOW], HoleSettings(feed=10), "cw"))
     assert found == [Rapid((4, 5, 9)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
 def test_between_holes_the_tool_keeps_its_height() -> None:
     second = Hole(6, 5, -1, 1, 3)
-    found = list(steps(810, START, [HIGH, second], HoleSettings(feed=10)))
+    found = list(steps(G.G81, START, [HIGH, second], HoleSettings(feed=10), "cw"))
     assert found[4:6] == [Rapid((6, 5, 3)), Rapid((6, 5, 1))]
 
 
@@ -118,14 +123,13 @@ def test_rounding_does_not_change_the_number_of_pecks(
     top: float, bottom: float, peck: float, count: int
 ) -> None:
     """1 - 20 * 0.1 is not -1 to the bit."""
-    assert peck_count(top, bottom, peck) == count
+    assert interpreted(peck_count)(top, bottom, peck) == count
 
 
 def test_a_short_peck_does_not_retract_above_r() -> None:
-    for cycle in (730, 830):
-        found = list(
-            steps(cycle, (4, 5, 1), [LOW], HoleSettings(feed=10, peck=0.1, clearance=0.25))
-        )
+    settings = HoleSettings(feed=10, peck=0.1, clearance=0.25)
+    for cycle in (G.G73, G.G83):
+        found = list(steps(cycle, (4, 5, 1), [LOW], settings, "cw"))
         assert max(step.to[2] for step in found if isinstance(step, Rapid | Cut)) == 1
 
 
@@ -146,10 +150,9 @@ settings_of_holes = st.builds(
     dwell=st.sampled_from([0.0, 1.5]),
     peck=st.floats(0.05, 60),
     clearance=st.floats(0, 1),
-    turning=st.sampled_from(["cw", "ccw"]),
     shift=st.floats(0, 1),
-    feed_out_to=st.sampled_from(["clear", "retract"]),
-    tap_dwell=st.sampled_from(["after", "before-each"]),
+    out_to_retract=st.booleans(),
+    dwells_twice=st.booleans(),
 )
 CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
 
@@ -169,7 +172,7 @@ def test_no_traverse_enters_material(
     """
     place, reached = (0.0, 0.0, height), math.inf
     for hole in many:
-        for step in steps(cycle, place, [hole], settings):
+        for step in steps(G(cycle), place, [hole], settings, "cw"):
             if isinstance(step, Cut):
                 assert step.to[:2] == (hole.first, hole.second) == place[:2]
                 assert hole.bottom <= step.to[2] <= hole.clear
@@ -190,12 +193,17 @@ def test_no_traverse_enters_material(
 
 
 @settings(max_examples=share(5000, 14), deadline=None)
-@given(cycle=st.sampled_from(CYCLES), hole=holes, settings=settings_of_holes)
+@given(
+    cycle=st.sampled_from(CYCLES),
+    hole=holes,
+    settings=settings_of_holes,
+    turning=st.sampled_from(["cw", "ccw"]),
+)
 def test_spindle_and_overrides_end_as_they_were(
-    cycle: int, hole: Hole, settings: HoleSettings
+    cycle: int, hole: Hole, settings: HoleSettings, turning: Turning
 ) -> None:
-    found = list(steps(cycle, START, [hole], settings))
+    found = list(steps(G(cycle), START, [hole], settings, turning))
     turns = [step.state for step in found if isinstance(step, TurnSpindle)]
-    assert not turns or turns[-1] == settings.turning
+    assert not turns or turns[-1] == turning
     locks = [step.overrides for step in found if isinstance(step, SetOverrides)]
     assert locks in ([], [False, True])

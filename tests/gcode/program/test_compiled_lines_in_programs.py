@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import NAMES
 from cnc.gcode.program import compiled_program, line_steps
 from cnc.gcode.program.call_stack import Limits
@@ -137,8 +136,6 @@ def agree(
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", len(lines) + 1)
         patch.setattr(line_steps, "MANY_LINES", 1 << 40)
-        patch.setattr(line_steps, "move_of", lambda *_: None)
-        patch.setattr(Motion, "quick", lambda *_: False)
         slow = outcome(lines, axes, dialect, block_delete=block_delete, laser=laser)
     assert quick == slow, (lines, axes, dialect)
 

@@ -1,0 +1,122 @@
+"""Rules of words and flow: moves, centres of arcs, feeds, spindle, coolant, rounds of loops.
+
+Compiled code and the interpreter call these functions with plain numbers. NaN stands for a missing
+word and for a feed that is not known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cnc.kernels.jit import njit
+
+MIN_FEED = 1e-6
+"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
+LONG_DWELL = 100.0
+"""s. A dwell from here on without a decimal point may be meant in milliseconds."""
+
+SPINDLE_OFF, SPINDLE_CW, SPINDLE_CCW = 0, 1, 2
+
+
+@njit
+def end_of_word(value: float, here: float, zero: float, absolute: bool) -> float:
+    """Return the machine coordinate of an axis word.
+
+    Args:
+        value: The word, mm or degrees.
+        here: Machine coordinate before.
+        zero: Machine coordinate of the program's zero.
+        absolute: G90.
+    """
+    return value + zero if absolute else here + value
+
+
+@njit
+def center_of_word(word: float, unit: float, here: float, zero: float, absolute: bool) -> float:
+    """Return the machine coordinate of a centre of an arc.
+
+    Args:
+        word: I, J or K. A missing one is 0.
+        unit: mm of a program unit.
+        here: Machine coordinate of the start.
+        zero: Machine coordinate of the program's zero.
+        absolute: G90.1.
+    """
+    offset = (word if word == word else 0.0) * unit
+    return offset + (zero if absolute else here)
+
+
+@njit
+def feeds_of_word(number: float, unit: float, per_turn: bool) -> tuple[float, float]:
+    """Return the feeds of linear and of rotary axes that an F word gives.
+
+    Args:
+        number: The word.
+        unit: mm of a unit of feeds.
+        per_turn: G95: mm and degrees a turn, and not mm/s and degrees/s.
+    """
+    if per_turn:
+        return number * unit, number
+    return number * unit / 60.0, number / 60.0
+
+
+@njit
+def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> float:
+    """Return the feed of a move: that of rotary axes if only they move.
+
+    Args:
+        linear: Feed of linear axes.
+        rotary: Feed of rotary axes.
+        shifts: Whether a linear axis moves.
+        turns: Whether a rotary axis moves.
+    """
+    return rotary if turns and not shifts else linear
+
+
+@njit
+def spindle_after(direction: int, m: int) -> int:
+    """Return the direction of the spindle after M3, M4 or M5; ``m`` is -1 for none of them."""
+    if m < 0:
+        return direction
+    return SPINDLE_CW if m == 3 else SPINDLE_CCW if m == 4 else SPINDLE_OFF
+
+
+@njit
+def rpm_of(direction: int, speed: float) -> float:
+    """Return the speed of the spindle, whose S word is NaN if there was none."""
+    return speed if direction != SPINDLE_OFF and speed == speed and speed != 0.0 else 0.0
+
+
+@njit
+def keeps_motion(before: int, after: int, m: int) -> bool:
+    """Return whether a laser changes its power in motion: by S alone, or in its mode before."""
+    return m < 0 or (after != SPINDLE_OFF and after == before)
+
+
+@njit
+def speed_waits(speed: float, direction: int, m: int) -> bool:
+    """Return whether an S word has no effect before the next start of the spindle."""
+    return speed == speed and speed != 0.0 and (m >= 0 or direction == SPINDLE_OFF)
+
+
+@njit
+def coolants_after(mist: bool, flood: bool, m: int) -> tuple[bool, bool]:
+    """Return mist and flood after M7, M8 or M9."""
+    return m == 7 or (mist and m == 8), m == 8 or (flood and m == 7)
+
+
+@njit
+def motion_after_cancel(resting: int, restored: int) -> int:
+    """Return the motion after G80 (0 to 3), -1 for none.
+
+    Args:
+        resting: The last of G0 to G3 in effect, -1 for none.
+        restored: The highest of G0 to G3 to which G80 returns, -1 for none.
+    """
+    return resting if 0 <= resting <= restored else -1
+
+
+@njit
+def rounds_of(count: float) -> float:
+    """Return the rounds of a REPEAT: the nearest whole number, halves to the even one."""
+    return max(np.rint(count), 0.0)
