@@ -214,7 +214,8 @@ class LookAhead:
     def _accepted(self, factor: float) -> bool:
         """Plan for a factor of the feeds from here on; return whether the audit accepts it."""
         if factor > 0.0:
-            self._window.override(factor)
+            if not self._window.override(factor):
+                return False
         else:
             self._window.stop()
         return self._refusal() is None

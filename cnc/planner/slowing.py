@@ -23,6 +23,7 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
+from cnc.kernels.planner.slowed_clock import pace_wanted
 from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
 from cnc.planner.intervals import between, joined
@@ -36,7 +37,7 @@ from cnc.planner.phases import (
     plan_to_rest,
     release,
 )
-from cnc.planner.stop_ramp import even_ramp, fastest_ramp, firm_ramp, ramp_by_clock
+from cnc.planner.stop_ramp import copy_by_clock, even_ramp, fastest_ramp, firm_ramp, ramp_by_clock
 
 Ramp = tuple[Phases, float]
 """Phases to rest, and the place of rest, mm."""
@@ -49,6 +50,9 @@ MARGIN = 1e-8
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
+
+KEPT = 1.0 - 1e-6
+"""A plan that needs no more than this part of its speed keeps the feeds."""
 
 SOON = 1.05
 """Part of the time of a ramp with constant bounds in which a plan rests soon. A ramp that takes
@@ -130,6 +134,47 @@ def slowed(request: Request) -> SlowedPlan | None:
             if found is not None:
                 return found
     return None
+
+
+def slower_plan(request: Request, slow_from: float) -> SlowedPlan | None:
+    """Return the plan so far with a clock that slows until it keeps the feeds of the request.
+
+    It needs no search, so there is one where :func:`slowed` finds none: at the limits of the axes.
+    Behind the ramp the motion is slower than need be, until it is planned anew.
+
+    Args:
+        request: its goal is that of the plan so far.
+        slow_from: where the plan so far begins to keep the feeds before the request, mm.
+
+    Returns:
+        None if no ramp is legal.
+    """
+    path, limits, plan = request.path, request.path.limits, request.plan
+    s, v = float(plan[0]["s"]), float(plan[0]["v"])
+    first = int(np.searchsorted(plan["s"], slow_from))
+    part = 1.0
+    if first < len(plan):
+        ahead = path.intervals(limits, float(plan[first]["s"]), request.goal)
+        part = pace_wanted(plan[first:], ahead)
+    fastest = float(plan["v"].max())
+    slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN))
+    lead, phases = 0, plan
+    if part < KEPT:
+        ahead = HORIZON * limits.stopping_distance(fastest, any_direction=True)
+        near = path.intervals(slowing, s, min(request.goal, s + ahead))
+        here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
+        found = copy_by_clock(plan, here, near, slowing.arrays, part) if len(here.end) else None
+        if found is None:
+            return None
+        lead, phases = found
+        slow_from = max(slow_from, float(phases[lead]["s"]) if lead < len(phases) else request.goal)
+        if exceeding_sections(path, phases[:lead], near):
+            return None
+    steady = lead
+    if steady < len(phases) and phases[steady]["a"] != 0.0:
+        steady += first_steady(phases[steady:])
+    known = path.intervals(limits, s, request.goal)
+    return SlowedPlan(phases, request.goal, request.rests, known, steady, slow_from, slowing)
 
 
 def rests_soon(request: Request) -> bool:

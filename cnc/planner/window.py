@@ -43,7 +43,7 @@ from cnc.planner.phases import (
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.planner.section import with_feeds_in_effect
-from cnc.planner.slowing import Request, rests_soon, slowed
+from cnc.planner.slowing import Request, rests_soon, slowed, slower_plan
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""
@@ -260,7 +260,7 @@ class Window:
         self._rebase()
         before = self._path
         self._path = before.under(replace(before.limits, feed_factor=feed_factor))
-        if self.moving and not self._slow_down():
+        if self.moving and not (self._slow_down() or self._slow_clock()):
             self._path = before
             return False
         if not self.moving:
@@ -334,6 +334,22 @@ class Window:
         """Plan anew to feeds that may be below the speed; return whether there is such a plan."""
         goal, rests = self._path.goal(self._at)
         return self._redirect(Request(self._path, self._plan.phases, self._at, goal, rests, False))
+
+    def _slow_clock(self) -> bool:
+        """Follow the plan so far with a clock that slows to the feeds; return whether that is legal.
+
+        It is planned anew from the first point without acceleration.
+        """
+        plan = self._plan
+        request = Request(self._path, plan.phases, self._at, plan.rest_at, False, False)
+        found = slower_plan(request, plan.slow_from)
+        if found is None:
+            return False
+        plan.slow_from, plan.slowing = found.slow_from, found.limits
+        plan.phases, plan.settled = found.phases, found.lead
+        plan.unsettled, plan.arrived, plan.follow = 0, 0, 1
+        self.unproved = True
+        return True
 
     def _redirect(self, request: Request) -> bool:
         """Plan for a request from where the next slice begins; return whether there is a plan."""
