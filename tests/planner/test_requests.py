@@ -34,9 +34,9 @@ BEHIND = 2.0
 a motion past corners.
 """
 
-REQUESTS = share(10_000, 18)
 EACH = share(5, 2)
 """Requests for one program."""
+REQUESTS = share(10_000, EACH * len(FAMILIES))
 
 PROGRAMS = [
     (family, number) for family in FAMILIES for number in range(REQUESTS // (EACH * len(FAMILIES)))
