@@ -201,16 +201,17 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
 
 
 def release(phases: Phases) -> Phases | None:
-    """Return the phase that ends the acceleration (> 0) at the start of ``phases``.
+    """Return the phase that ends the acceleration at the start of ``phases``.
 
-    Its jerk is that with which their own ramp ends. It is None if there is no such jerk.
+    Its jerk is that with which their own ramp ends. It is None if there is no such jerk, or if the
+    motion would rest before.
     """
-    falling = np.flatnonzero(phases["j"] < 0.0)
-    if not len(falling):
-        return None
     _, s, v, a, _ = phases[0].tolist()
-    j = float(phases[falling[0]]["j"])
-    return np.array([(-a / j, s, v, a, j)], PHASE)
+    ending = np.flatnonzero(phases["j"] * a < 0.0)
+    if not len(ending):
+        return None
+    j = float(phases[ending[0]]["j"])
+    return None if v - 0.5 * a * a / j <= 0.0 else np.array([(-a / j, s, v, a, j)], PHASE)
 
 
 def end_of(phases: Phases) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,12 @@ HORIZON = 8.0
 
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
+
+FEW = 200
+"""Intervals within the horizon, up to which a search takes less than 0.1 CPU s."""
+
+SHORTEST = 1e-3
+"""mm; the feed is read on this length."""
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
@@ -104,6 +111,29 @@ class SlowedPlan:
     limits: Limits
 
 
+def _feed_at(request: Request) -> float:
+    """Return the largest speed that the feeds of a request allow where it begins, mm/s."""
+    limits, s = request.path.limits, request.at
+    near = request.path.intervals(limits, s, min(request.goal, s + SHORTEST))
+    return float(near.top[0]) if len(near.end) else inf
+
+
+class SlowerPlan(NamedTuple):
+    """The plan so far, with a clock that slows.
+
+    Attributes:
+        phases: the plan; it rests where it did.
+        lead: number of phases up to the first point at which it may be planned anew.
+        slow_from: from here on the limits in effect hold, mm.
+        limits: those before.
+    """
+
+    phases: Phases
+    lead: int
+    slow_from: float
+    limits: Limits
+
+
 def slowed(request: Request) -> SlowedPlan | None:
     """Return a plan for the request; None if there is none, or if the plan so far rests sooner.
 
@@ -117,17 +147,19 @@ def slowed(request: Request) -> SlowedPlan | None:
         return ramp if sooner else None
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
-    if acceleration > 0.0 and (released := release(plan)) is not None:
+    if not len(lead):
+        leads.append((lead, float(plan[0]["s"]), speed))
+    elif len(lead) < len(plan):
+        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+    # A motion that slows for a stop, or has to slow, goes on slowing.
+    slows = acceleration < 0.0 and (request.stops or speed > _feed_at(request))
+    if not (acceleration < 0.0 and request.stops) and (released := release(plan)) is not None:
         s, v = end_of(released)
         if (
             s < request.goal
             and not request.path.intervals(request.path.limits, request.at, s).flat.any()
         ):
-            leads.append((released, s, v))
-    if not len(lead):
-        leads.append((lead, float(plan[0]["s"]), speed))
-    elif len(lead) < len(plan):
-        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+            leads.insert(len(leads) if slows else 0, (released, s, v))
     for phases, s, v in leads:
         if v > 0.0 and s < request.goal - rounding_of(request.goal):
             found = _Search(request, phases, s, v).run()
@@ -136,7 +168,15 @@ def slowed(request: Request) -> SlowedPlan | None:
     return None
 
 
-def slower_plan(request: Request, slow_from: float) -> SlowedPlan | None:
+def searched_soon(request: Request) -> bool:
+    """Return whether the path is so simple that :func:`slowed` takes a short computing time."""
+    path, speed = request.path, float(request.plan["v"].max())
+    ahead = HORIZON * path.limits.stopping_distance(speed, any_direction=True)
+    near = path.intervals(path.limits, request.at, min(request.goal, request.at + ahead))
+    return len(near.end) <= FEW
+
+
+def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     """Return the plan so far with a clock that slows until it keeps the feeds of the request.
 
     It needs no search, so there is one where :func:`slowed` finds none: at the limits of the axes.
@@ -151,30 +191,37 @@ def slower_plan(request: Request, slow_from: float) -> SlowedPlan | None:
     """
     path, limits, plan = request.path, request.path.limits, request.plan
     s, v = float(plan[0]["s"]), float(plan[0]["v"])
+    fastest = float(plan["v"].max())
+    slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN))
     first = int(np.searchsorted(plan["s"], slow_from))
     part = 1.0
     if first < len(plan):
         ahead = path.intervals(limits, float(plan[first]["s"]), request.goal)
         part = pace_wanted(plan[first:], ahead)
-    fastest = float(plan["v"].max())
-    slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN))
-    lead, phases = 0, plan
-    if part < KEPT:
-        ahead = HORIZON * limits.stopping_distance(fastest, any_direction=True)
-        near = path.intervals(slowing, s, min(request.goal, s + ahead))
-        here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
-        found = copy_by_clock(plan, here, near, slowing.arrays, part) if len(here.end) else None
-        if found is None:
-            return None
-        lead, phases = found
-        slow_from = max(slow_from, float(phases[lead]["s"]) if lead < len(phases) else request.goal)
-        if exceeding_sections(path, phases[:lead], near):
-            return None
-    steady = lead
-    if steady < len(phases) and phases[steady]["a"] != 0.0:
-        steady += first_steady(phases[steady:])
-    known = path.intervals(limits, s, request.goal)
-    return SlowedPlan(phases, request.goal, request.rests, known, steady, slow_from, slowing)
+    if part >= KEPT:
+        return SlowerPlan(plan, _steady_from(plan, 0), slow_from, slowing)
+    if rests_soon(request):
+        count = first_rest(plan)
+        rest = float(plan[count]["s"]) if count < len(plan) else request.goal
+        return SlowerPlan(plan, count, rest, slowing)
+    end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
+    near = path.intervals(slowing, s, end)
+    here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
+    found = copy_by_clock(plan, here, near, slowing.arrays, part) if len(here.end) else None
+    if found is None:
+        return None
+    ramp, phases = found
+    if exceeding_sections(path, phases[:ramp], near):
+        return None
+    behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
+    return SlowerPlan(phases, _steady_from(phases, ramp), max(slow_from, behind), slowing)
+
+
+def _steady_from(phases: Phases, first: int) -> int:
+    """Return the number of phases before the first point without acceleration from one on."""
+    if first == len(phases) or phases[first]["a"] == 0.0:
+        return first
+    return first + first_steady(phases[first:])
 
 
 def rests_soon(request: Request) -> bool:

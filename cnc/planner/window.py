@@ -43,7 +43,7 @@ from cnc.planner.phases import (
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.planner.section import with_feeds_in_effect
-from cnc.planner.slowing import Request, rests_soon, slowed, slower_plan
+from cnc.planner.slowing import Request, rests_soon, searched_soon, slowed, slower_plan
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""
@@ -260,7 +260,7 @@ class Window:
         self._rebase()
         before = self._path
         self._path = before.under(replace(before.limits, feed_factor=feed_factor))
-        if self.moving and not (self._slow_down() or self._slow_clock()):
+        if self.moving and not self._redirects():
             self._path = before
             return False
         if not self.moving:
@@ -330,10 +330,13 @@ class Window:
         open_from = float(phases[plan.settled]["s"]) if plan.settled < len(phases) else goal
         plan.unsettled = len(known.end) - int(np.searchsorted(known.end, open_from))
 
-    def _slow_down(self) -> bool:
+    def _redirects(self) -> bool:
         """Plan anew to feeds that may be below the speed; return whether there is such a plan."""
         goal, rests = self._path.goal(self._at)
-        return self._redirect(Request(self._path, self._plan.phases, self._at, goal, rests, False))
+        request = Request(self._path, self._plan.phases, self._at, goal, rests, False)
+        if searched_soon(request):
+            return self._redirect(request) or self._slow_clock()
+        return self._slow_clock() or self._redirect(request)
 
     def _slow_clock(self) -> bool:
         """Follow the plan so far with a clock that slows to the feeds; return whether that is legal.
