@@ -9,7 +9,7 @@ from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
 from cnc.kernels.planner.refine import refine
 from cnc.kernels.planner.scurve import phase_time
-from cnc.planner.intervals import between
+from cnc.planner.intervals import between, lowered
 from cnc.planner.known_path import rounding_of
 from cnc.planner.limits import Limits
 
@@ -70,7 +70,7 @@ def plan_to_rest(
         if status != PLANNED:
             return status, phases
     legal, phases = refine(
-        np.concatenate((lead, phases)), whole, limits.arrays, rough or len(lead) > 0
+        np.concatenate((lead, phases)), lowered(whole), limits.arrays, rough or len(lead) > 0
     )
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 

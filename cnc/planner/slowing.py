@@ -27,7 +27,7 @@ from cnc.kernels.planner.phases import Phases
 from cnc.kernels.planner.slowed_clock import pace_wanted
 from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
-from cnc.planner.intervals import between, joined
+from cnc.planner.intervals import between, joined, lowered
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import (
@@ -207,7 +207,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
     near = path.intervals(slowing, s, end)
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
-    found = copy_by_clock(plan, here, near, slowing.arrays, part) if len(here.end) else None
+    found = copy_by_clock(plan, here, lowered(near), slowing.arrays, part) if len(here.end) else None
     if found is None:
         return None
     ramp, phases = found
@@ -268,9 +268,10 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
 
     def searched(ramp: Ramp, part: float) -> list[Ramp]:
         """Return the shortest ramp that a search finds from another one, if there is any."""
-        legal, phases, rest = shortest_ramp(*ramp, before, part, near, slowing.arrays)
+        legal, phases, rest = shortest_ramp(*ramp, before, part, search, slowing.arrays)
         return [(phases, rest)] if legal and not exceeding_sections(path, phases, near) else []
 
+    search = lowered(near)
     ramps: list[Ramp] = []
     if (firm := firm_ramp(plan, here)) is not None:
         ramps = searched((firm, end_of(firm)[0]), FAR)
@@ -280,7 +281,7 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
             quick = float(phases["duration"].sum()) <= SOON * float(firm["duration"].sum())
             if quick and not rises and (found := stopped(phases, rest)) is not None:
                 return found
-    slow = ramp_by_clock(plan, here, near, slowing.arrays)
+    slow = ramp_by_clock(plan, here, search, slowing.arrays)
     if slow is not None:
         if slow[1] < before and not exceeding_sections(path, slow[0], near):
             ramps.append(slow)
