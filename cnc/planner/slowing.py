@@ -24,6 +24,7 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
+from cnc.kernels.planner.refine import refine
 from cnc.kernels.planner.slowed_clock import pace_wanted
 from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
@@ -48,6 +49,9 @@ HORIZON = 8.0
 
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
+
+AT_REST = 2.0
+"""A plan that rests within this many ramps of constant bounds is followed to that rest."""
 
 FEW = 200
 """Intervals within the horizon, up to which a search takes less than 0.1 CPU s."""
@@ -168,6 +172,11 @@ def slowed(request: Request) -> SlowedPlan | None:
     return None
 
 
+def time_before(phases: Phases, place: float) -> float:
+    """Return about the time in which phases come to an arc length, s."""
+    return float(phases["duration"][: int(np.searchsorted(phases["s"], place))].sum())
+
+
 def searched_soon(request: Request) -> bool:
     """Return whether the path is so simple that :func:`slowed` takes a short computing time."""
     path, speed = request.path, float(request.plan["v"].max())
@@ -199,15 +208,23 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         ahead = path.intervals(limits, float(plan[first]["s"]), request.goal)
         part = pace_wanted(plan[first:], ahead)
     if part >= KEPT:
+        known = path.intervals(limits, s, request.goal)
+        legal, faster = refine(plan, lowered(known), limits.arrays, True)
+        if legal and not exceeding_sections(path, faster, known):
+            plan = faster
         return SlowerPlan(plan, _steady_from(plan, 0), slow_from, slowing)
-    if rests_soon(request):
-        count = first_rest(plan)
-        rest = float(plan[count]["s"]) if count < len(plan) else request.goal
-        return SlowerPlan(plan, count, rest, slowing)
     end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
     near = path.intervals(slowing, s, end)
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
-    found = copy_by_clock(plan, here, lowered(near), slowing.arrays, part) if len(here.end) else None
+    if not len(here.end):
+        return None
+    firm = firm_ramp(plan, here)
+    if firm is not None and _time_to_rest(plan) <= AT_REST * _duration((firm, 0.0)):
+        # It rests about as soon as a ramp that begins a little later would end.
+        count = first_rest(plan)
+        rest = float(plan[count]["s"]) if count < len(plan) else request.goal
+        return SlowerPlan(plan, count, rest, slowing)
+    found = copy_by_clock(plan, here, lowered(near), slowing.arrays, part)
     if found is None:
         return None
     ramp, phases = found

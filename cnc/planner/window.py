@@ -43,7 +43,15 @@ from cnc.planner.phases import (
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.planner.section import with_feeds_in_effect
-from cnc.planner.slowing import Request, rests_soon, searched_soon, slowed, slower_plan
+from cnc.planner.slowing import (
+    Request,
+    SlowedPlan,
+    rests_soon,
+    searched_soon,
+    slowed,
+    slower_plan,
+    time_before,
+)
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""
@@ -331,32 +339,35 @@ class Window:
         plan.unsettled = len(known.end) - int(np.searchsorted(known.end, open_from))
 
     def _redirects(self) -> bool:
-        """Plan anew to feeds that may be below the speed; return whether there is such a plan."""
-        goal, rests = self._path.goal(self._at)
-        request = Request(self._path, self._plan.phases, self._at, goal, rests, False)
-        if searched_soon(request):
-            return self._redirect(request) or self._slow_clock()
-        return self._slow_clock() or self._redirect(request)
+        """Plan anew to feeds that may be below the speed; return whether there is such a plan.
 
-    def _slow_clock(self) -> bool:
-        """Follow the plan so far with a clock that slows to the feeds; return whether that is legal.
-
-        It is planned anew from the first point without acceleration.
+        A search finds a faster motion. But it may find none, or take long; then the clock of the
+        plan so far is slowed, and it is planned anew from the first point without acceleration.
         """
-        plan = self._plan
-        request = Request(self._path, plan.phases, self._at, plan.rest_at, False, False)
-        found = slower_plan(request, plan.slow_from)
-        if found is None:
-            return False
-        plan.slow_from, plan.slowing = found.slow_from, found.limits
-        plan.phases, plan.settled = found.phases, found.lead
+        plan, (goal, rests) = self._plan, self._path.goal(self._at)
+        request = Request(self._path, plan.phases, self._at, goal, rests, False)
+        sought = slowed(request) if searched_soon(request) else None
+        time = inf if sought is None else time_before(sought.phases, sought.slow_from)
+        by_clock = None
+        if time > 0.0:
+            clocked = replace(request, goal=plan.rest_at, rests=False)
+            by_clock = slower_plan(clocked, plan.slow_from)
+        if by_clock is None:
+            return self._adopt(sought if time < inf else slowed(request))
+        if time <= time_before(by_clock.phases, by_clock.slow_from):
+            return self._adopt(sought)
+        plan.slow_from, plan.slowing = by_clock.slow_from, by_clock.limits
+        plan.phases, plan.settled = by_clock.phases, by_clock.lead
         plan.unsettled, plan.arrived, plan.follow = 0, 0, 1
         self.unproved = True
         return True
 
     def _redirect(self, request: Request) -> bool:
         """Plan for a request from where the next slice begins; return whether there is a plan."""
-        found = slowed(request)
+        return self._adopt(slowed(request))
+
+    def _adopt(self, found: SlowedPlan | None) -> bool:
+        """Make a plan that slows the current one; return whether there is one."""
         if found is None:
             return False
         self._plan.slow_from, self._plan.slowing = found.slow_from, found.limits

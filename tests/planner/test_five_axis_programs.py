@@ -13,6 +13,7 @@ from tests.support.planner.legality import compare_files
 from tests.support.planner.random_jobs import TOOL_LENGTH, Job, with_angles
 from tests.support.soak import share
 
+
 @pytest.mark.parametrize("seed", range(share(60, 1)))
 @pytest.mark.parametrize("kind", share(TYPES, ("xyzac", "xyzbc-head", "xyzac-head-table")))
 def test_random_programs_keep_the_limits_of_every_joint(

@@ -66,9 +66,8 @@ strictly inside the limits.
 
 MARGIN = 1.2 * TOUCH
 JERK_MARGIN = 2.0 * UNSEEN
-"""Shares of the limits of acceleration and jerk that stay free: for the part by which a motion may
-exceed what is left, for the interpolation of the path's derivatives, and for jumps of curvature that
-show in differences.
+"""Shares of the limits of acceleration and jerk that stay free. A motion may exceed the rest by
+TOUCH, the path's derivatives are interpolated, and jumps of curvature show in differences.
 """
 
 INSTANT = 1e-12

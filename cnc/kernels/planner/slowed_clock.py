@@ -77,8 +77,10 @@ MEETING = 48
 HALVINGS = 50
 """Number of times that the moment is halved at which it meets the copy."""
 
-SLOWER = 0.01
-"""Part by which the copy may be slower than wanted."""
+SLOWER, MUCH_SLOWER = 0.01, 0.5
+"""The search ends when the copy is slower than wanted by less than the first part. A copy at less
+than the second part of the wanted speed is refused.
+"""
 
 ABRUPT = 1e-3
 """Part of a limit of jerk by which it may change abruptly inside a step."""
@@ -338,15 +340,15 @@ def meeting(
         Their number, -1 if there are none; and the state at their end.
     """
     count = 0
-    while count < MEETING and state.v > 0.0:
+    while count < MEETING and state.v > 0.0 and state.s < about.known.end[-1]:
         part, wanted, state = pace(state, about)
         wanted *= part * part
         if state.a >= wanted:
             return count, state
         most = bounds(state, allowed(part, use), about)[1]
-        if most <= 0.0:
-            return -1, state
-        h = max(dt, (wanted - state.a) / most / RECOVERY)
+        if count == 0 and most > 0.0:
+            dt = max(dt, (wanted - state.a) / most / RECOVERY)
+        h = dt
         change = next_change(state, h, about)
         if after(state, 2.0 * h, most).s > change:
             h = phase_time(state.v, state.a, most, 2.0 * h, change - state.s)
@@ -451,7 +453,7 @@ def slower_copy(
         careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))
         meets, there = meeting(behind, h, careful, about, out[count + 1 :])
         slow, _, _ = pace(there, about)
-        met = meets >= 0 and slow <= wanted
+        met = meets >= 0 and there.v > 0.0 and slow <= wanted
         if met:
             low, high = 0.0, h
             for _ in range(HALVINGS):
@@ -460,10 +462,12 @@ def slower_copy(
                 middle = 0.5 * (low + high)
                 tried = meeting(after(state, middle, j), h, careful, about, out[count + 1 :])
                 slower, _, _ = pace(tried[1], about)
-                if tried[0] >= 0 and slower <= wanted:
+                if tried[0] >= 0 and tried[1].v > 0.0 and slower <= wanted:
                     high, slow = middle, slower
                 else:
                     low = middle
+            if slow < wanted * MUCH_SLOWER:
+                return 0, out[:0]
             if high < h:
                 behind = after(state, high, j)
             meets, there = meeting(behind, h, careful, about, out[count + 1 :])
@@ -475,10 +479,18 @@ def slower_copy(
             row = out[m]
             s_end = out[m + 1]["s"] if m + 1 < stop else end.s
             worst, fastest, _ = largest_shares(
-                row["duration"], row["s"], row["v"], row["a"], row["j"], s_end, state.k,
-                known, limits, scratch,
+                row["duration"],
+                row["s"],
+                row["v"],
+                row["a"],
+                row["j"],
+                s_end,
+                state.k,
+                known,
+                limits,
+                scratch,
             )
-            if s_end > known.end[-1] or max(worst, fastest) > 1.0 + TOUCH:
+            if s_end <= row["s"] or s_end > known.end[-1] or max(worst, fastest) > 1.0 + TOUCH:
                 return 0, out[:0]
         if met:
             part, _, end = pace(end, about)
