@@ -200,18 +200,19 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
     return (k, t) if INSTANT <= t < duration - INSTANT else (k + 1, 0.0)
 
 
-def release(phases: Phases) -> Phases | None:
+def release(phases: Phases, least: float) -> Phases | None:
     """Return the phase that ends the acceleration at the start of ``phases``.
 
-    Its jerk is that with which their own ramp ends. It is None if there is no such jerk, or if the
-    motion would rest before.
+    Its jerk is that with which their own ramp ends, and ``least`` at least. It is None if there is
+    no such jerk, or if the motion would rest before.
     """
     _, s, v, a, _ = phases[0].tolist()
     ending = np.flatnonzero(phases["j"] * a < 0.0)
-    if not len(ending):
+    own = abs(float(phases[ending[0]]["j"])) if len(ending) else 0.0
+    jerk = max(own, least)
+    if jerk == 0.0 or (a < 0.0 and v <= 0.5 * a * a / jerk):
         return None
-    j = float(phases[ending[0]]["j"])
-    return None if v - 0.5 * a * a / j <= 0.0 else np.array([(-a / j, s, v, a, j)], PHASE)
+    return np.array([(abs(a) / jerk, s, v, a, -jerk if a > 0.0 else jerk)], PHASE)
 
 
 def end_of(phases: Phases) -> tuple[float, float]:

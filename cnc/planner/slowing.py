@@ -57,7 +57,10 @@ FEW = 200
 """Intervals within the horizon, up to which a search takes less than 0.1 CPU s."""
 
 SHORTEST = 1e-3
-"""mm; the feed is read on this length."""
+"""mm; the bounds where a request begins are those on this length."""
+
+RELEASED = 0.5
+"""Part of a bound on the jerk with which an acceleration may be ended in any case."""
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
@@ -117,9 +120,20 @@ class SlowedPlan:
 
 def _feed_at(request: Request) -> float:
     """Return the largest speed that the feeds of a request allow where it begins, mm/s."""
-    limits, s = request.path.limits, request.at
-    near = request.path.intervals(limits, s, min(request.goal, s + SHORTEST))
+    near = _near(request)
     return float(near.top[0]) if len(near.end) else inf
+
+
+def _jerk_at(request: Request) -> float:
+    """Return a jerk that is possible at any speed where a request begins, mm/s^3."""
+    near = _near(request)
+    return RELEASED * float(near.jerk[0, 0]) if len(near.end) else 0.0
+
+
+def _near(request: Request) -> Intervals:
+    """Return the intervals just behind the place where a request begins."""
+    s = request.at
+    return request.path.intervals(request.path.limits, s, min(request.goal, s + SHORTEST))
 
 
 class SlowerPlan(NamedTuple):
@@ -157,7 +171,10 @@ def slowed(request: Request) -> SlowedPlan | None:
         leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
     # A motion that slows for a stop, or has to slow, goes on slowing.
     slows = acceleration < 0.0 and (request.stops or speed > _feed_at(request))
-    if not (acceleration < 0.0 and request.stops) and (released := release(plan)) is not None:
+    if (
+        not (acceleration < 0.0 and request.stops)
+        and (released := release(plan, _jerk_at(request))) is not None
+    ):
         s, v = end_of(released)
         if (
             s < request.goal
@@ -231,7 +248,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     if exceeding_sections(path, phases[:ramp], near):
         return None
     behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
-    return SlowerPlan(phases, _steady_from(phases, ramp), max(slow_from, behind), slowing)
+    return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
 
 
 def _steady_from(phases: Phases, first: int) -> int:

@@ -162,6 +162,9 @@ class Window:
             return True
         if self._stopping and not len(plan.phases):
             self._stopping = False
+        if len(plan.phases) and plan.phases[0]["a"] != 0.0:
+            self._plan_from_copy()
+            return True
         goal, rests = self._path.goal(self._at)
         if (
             self._stopping
@@ -361,6 +364,18 @@ class Window:
         plan.unsettled, plan.arrived, plan.follow = 0, 0, 1
         self.unproved = True
         return True
+
+    def _plan_from_copy(self) -> None:
+        """Plan anew behind a ramp to a slower copy of the plan before; settle some of it.
+
+        Where no plan begins there, the copy is followed to a point without acceleration.
+        """
+        self._rebase()
+        plan, (goal, rests) = self._plan, self._path.goal(self._at)
+        request = Request(self._path, plan.phases, self._at, goal, rests, False)
+        if self.caution or not self._redirect(request):
+            plan.settled = first_steady(plan.phases)
+        self.unproved = True
 
     def _redirect(self, request: Request) -> bool:
         """Plan for a request from where the next slice begins; return whether there is a plan."""

@@ -64,7 +64,7 @@ The next window begins with the motion behind the seam: so the first step of its
 strictly inside the limits.
 """
 
-MARGIN = 1.2 * TOUCH
+MARGIN = TOUCH
 JERK_MARGIN = 2.0 * UNSEEN
 """Shares of the limits of acceleration and jerk that stay free. A motion may exceed the rest by
 TOUCH, the path's derivatives are interpolated, and jumps of curvature show in differences.
