@@ -34,7 +34,7 @@ BEHIND = 2.0
 a motion past corners.
 """
 
-REQUESTS = share(10_000, 18)
+REQUESTS = share(10_000, 20)
 EACH = share(5, 2)
 """Requests for one program."""
 
