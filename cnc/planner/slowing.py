@@ -315,7 +315,7 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
                 return found
     slow = ramp_by_clock(plan, here, search, slowing.arrays)
     if slow is not None:
-        if slow[1] < before and not exceeding_sections(path, slow[0], near):
+        if not exceeding_sections(path, slow[0], near):
             ramps.append(slow)
         ramps += searched(slow, FAR)
     ramps.sort(key=_duration)
