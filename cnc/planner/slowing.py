@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.intervals import SAMPLES, Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
 from cnc.kernels.planner.refine import refine
@@ -54,13 +54,10 @@ AT_REST = 2.0
 """A plan that rests within this many ramps of constant bounds is followed to that rest."""
 
 FEW = 200
-"""Intervals within the horizon, up to which a search takes less than 0.1 CPU s."""
+"""Intervals with a bend within the horizon, up to which a search takes less than 0.1 CPU s."""
 
 SHORTEST = 1e-3
 """mm; the bounds where a request begins are those on this length."""
-
-RELEASED = 0.5
-"""Part of a bound on the jerk with which an acceleration may be ended in any case."""
 
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
@@ -127,7 +124,7 @@ def _feed_at(request: Request) -> float:
 def _jerk_at(request: Request) -> float:
     """Return a jerk that is possible at any speed where a request begins, mm/s^3."""
     near = _near(request)
-    return RELEASED * float(near.jerk[0, 0]) if len(near.end) else 0.0
+    return float(near.jerk[0, 0]) if len(near.end) else 0.0
 
 
 def _near(request: Request) -> Intervals:
@@ -199,7 +196,8 @@ def searched_soon(request: Request) -> bool:
     path, speed = request.path, float(request.plan["v"].max())
     ahead = HORIZON * path.limits.stopping_distance(speed, any_direction=True)
     near = path.intervals(path.limits, request.at, min(request.goal, request.at + ahead))
-    return len(near.end) <= FEW
+    bent = near.samples[:, SAMPLES // 2, 1].any(axis=1)
+    return int(np.count_nonzero(bent)) <= FEW
 
 
 def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
@@ -317,7 +315,7 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
                 return found
     slow = ramp_by_clock(plan, here, search, slowing.arrays)
     if slow is not None:
-        if slow[1] < before and not exceeding_sections(path, slow[0], near):
+        if not exceeding_sections(path, slow[0], near):
             ramps.append(slow)
         ramps += searched(slow, FAR)
     ramps.sort(key=_duration)

@@ -14,7 +14,7 @@ clock that slows.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def ramp_by_clock(
     for row in _beginnings(plan, time):
         for steps, use in CLOCKS:
             legal, phases, rest = slowed_clock(plan[row:], known, machine, time / steps, use)
-            if legal:
+            if legal and _may_slow(known, plan[row]["s"], rest):
                 return np.concatenate((plan[:row], phases)), rest
     return None
 
@@ -180,18 +180,23 @@ def copy_by_clock(
     firm = firm_ramp(plan, near)
     if firm is None:
         return None
-    starts = np.concatenate((plan["s"][:1], known.end[:-1]))
     time = float(firm["duration"].sum())
     for row in _beginnings(plan, time):
         for steps, use in CLOCKS:
             ramp, phases = slower_copy(plan[row:], known, machine, time / steps, use, part)
             if not ramp:
                 continue
-            begin, end = phases[0]["s"], phases[ramp]["s"] if ramp < len(phases) else inf
-            # A stretch of constant speed is crossed before the ramp, or behind it.
-            if not (known.flat & (starts < end) & (known.end > begin)).any():
+            end = phases[ramp]["s"] if ramp < len(phases) else known.end[-1]
+            if _may_slow(known, plan[row]["s"], end):
                 return row + ramp, np.concatenate((plan[:row], phases))
     return None
+
+
+def _may_slow(known: Intervals, begin: float, end: float) -> bool:
+    """Return whether there is no stretch of constant speed between two places."""
+    first = int(np.searchsorted(known.end, begin, side="right"))
+    last = int(np.searchsorted(known.end, end, side="left"))
+    return not known.flat[first : last + 1].any()
 
 
 def _beginnings(plan: Phases, time: float) -> list[int]:

@@ -80,6 +80,11 @@ exact to less than 1e-14 s.
 SLICE_LENGTH = 0.01
 """mm; slices of slow motion are not shorter."""
 
+LONGER = 1.1
+"""A motion that a search finds may slow for so many times the time of one by the clock: it goes on
+faster.
+"""
+
 MORE_SLOWLY = 0.9
 """Part of its speed at which a plan is made again that the audit refused."""
 
@@ -357,7 +362,7 @@ class Window:
             by_clock = slower_plan(clocked, plan.slow_from)
         if by_clock is None:
             return self._adopt(sought if time < inf else slowed(request))
-        if time <= time_before(by_clock.phases, by_clock.slow_from):
+        if time <= LONGER * time_before(by_clock.phases, by_clock.slow_from):
             return self._adopt(sought)
         plan.slow_from, plan.slowing = by_clock.slow_from, by_clock.limits
         plan.phases, plan.settled = by_clock.phases, by_clock.lead

@@ -29,14 +29,17 @@ from tests.support.soak import share
 RAMPS = 2.5
 """A motion slows within this many ramps to rest on a straight line along the slowest axis."""
 
+RAMPS_TO_REST = 4.0
+"""It rests within this many: between two tight bends it may have to cross one of them before."""
+
 BEHIND = 2.0
 """At the new feed the motion loses no more than so many of these ramps, a slice, and the rest of
 a motion past corners.
 """
 
+REQUESTS = share(10_000, 20)
 EACH = share(5, 2)
 """Requests for one program."""
-REQUESTS = share(10_000, EACH * len(FAMILIES))
 
 PROGRAMS = [
     (family, number) for family in FAMILIES for number in range(REQUESTS // (EACH * len(FAMILIES)))
@@ -56,8 +59,10 @@ def test_a_request_takes_effect_within_the_promised_time(
         if answer is None:
             continue
         message = (seed, family, number, trial, answer)
-        late = SLICE + RAMPS * answer.ramp
-        assert answer.delay <= answer.chain + SLICE + 1e-9, message
+        ramps = RAMPS if answer.request > 0.0 else RAMPS_TO_REST
+        late = SLICE + ramps * answer.ramp
+        # A slice of slow motion is longer: it covers 0.01 mm.
+        assert answer.delay <= answer.chain + 1.5 * SLICE, message
         assert answer.effect <= answer.chain + late, message
         assert answer.behind <= BEHIND * answer.ramp + answer.chain + SLICE, message
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks import corners, optimum_cases
+from benchmarks.holds import state
 from cnc.api import parse
 from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import Machine
@@ -114,7 +115,21 @@ def stop_time(v: float, machine: Machine) -> float:
     limits, own = Limits.of(machine), slice(Limits.of(machine).tip_columns, None)
     a = min(limits.tangential_acceleration, float(limits.axis_acceleration[own].min()))
     j = min(limits.tangential_jerk, float(limits.axis_jerk[own].min()))
+    return _ramp(v, a, j)
+
+
+def _ramp(v: float, a: float, j: float) -> float:
     return v / a + a / j if v * j >= a * a else 2.0 * math.sqrt(v / j)
+
+
+def stop_time_of_joints(plan: PlanChunk, machine: Machine) -> float:
+    """Return the longest time that a joint needs from its speed at the end of a plan to rest, s."""
+    limits, joint = Limits.of(machine), Limits.of(machine).tip_columns
+    speeds = np.abs(state(plan, plan.t0 + plan.duration)[0])[joint:].tolist()
+    bounds = limits.axis_acceleration[joint:].tolist(), limits.axis_jerk[joint:].tolist()
+    return max(
+        _ramp(v, a, j) for v, a, j in zip(speeds, *bounds, strict=True) if max(a, j) < math.inf
+    )
 
 
 def plans_of(program: Program, control: Control) -> list[PlanChunk]:
@@ -200,7 +215,10 @@ def answered(program: Program, rng: Random) -> Answer | None:
             v = float(np.abs(item.phase_v).max())
             if item.phase_v[-1] == 0.0:
                 return None
-            requested, ramp, chain = end, stop_time(v, program.machine), ahead.chain_left
+            requested, chain = end, ahead.chain_left
+            ramp = stop_time(v, program.machine)
+            if program.family == FIVE_AXES:
+                ramp = max(ramp, stop_time_of_joints(item, program.machine))
             if request < 0.0:
                 sent += list(ahead.ramp_down())
                 rested = sent[-1].t0 + sent[-1].duration
