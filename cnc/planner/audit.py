@@ -7,6 +7,7 @@ sent on.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from math import ceil, inf
 
@@ -144,6 +145,11 @@ class Audit:
         """Whether a plan that breaks a limit is a fault."""
         return self._judges
 
+    def shares(self, axes: Sequence[str]) -> dict[str, float]:
+        """Return the largest values as parts of the limits, less their errors, by their names."""
+        sure = (self._largest - self._unsure - self._steep) / self._limits
+        return {name: float(part) for name, part in zip(_names(axes), sure, strict=True) if name}
+
     def jump(self) -> None:
         """Note that the next plan begins at rest at another place: a probe made contact there."""
         self._known = 0
@@ -267,11 +273,16 @@ class Audit:
         if not broken.any():
             self._legal = values
             return []
-        names = ["", "accel", "jerk", "normal_accel", "chord_error", "step_deviation", "feed"]
-        names += [
-            f"{name}_{axis}" for name in ("velocity", "acceleration", "jerk") for axis in path.axes
-        ]
+        names = _names(path.axes)
         return [
             (names[k], f"{names[k]} reaches {sure[k]:g}, the limit is {self._limits[k]:g}")
             for k in np.flatnonzero(broken).tolist()
         ]
+
+
+def _names(axes: Sequence[str]) -> list[str]:
+    """Return the names of the largest values; empty for one without a limit."""
+    names = ["", "accel", "jerk", "normal_accel", "chord_error", "step_deviation", "feed"]
+    return names + [
+        f"{name}_{axis}" for name in ("velocity", "acceleration", "jerk") for axis in axes
+    ]

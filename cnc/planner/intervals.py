@@ -8,6 +8,7 @@ import numpy as np
 
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
+from cnc.kernels.planner.lifts import TOUCH
 from cnc.kernels.planner.limits import Junction, piece_junction
 from cnc.kernels.planner.subdivision import chunk_intervals
 from cnc.path.chunk import PathChunk
@@ -15,6 +16,9 @@ from cnc.planner.limits import Limits
 
 STANDSTILL = Junction(0.0, True, 1.0, 0.0)
 """A junction at which the motion rests."""
+
+ROUNDING = 1e-4
+"""Part of TOUCH that is left for rounding."""
 
 REFINED = 2.0
 """Usual ratio of the speed for which intervals are cut to their bound of the speed."""
@@ -111,6 +115,14 @@ def between(known: Intervals, start: float, stop: float) -> Intervals:
     cut = last < count and (last == 0 or known.end[last - 1] < stop) and last >= first
     part = Intervals._make(array[first : last + cut] for array in known)
     return part._replace(end=np.minimum(part.end, stop)) if cut else part
+
+
+def lowered(known: Intervals) -> Intervals:
+    """Return intervals for a search, which may exceed their speeds by TOUCH.
+
+    A motion at the speeds of ``known`` itself is legal over them.
+    """
+    return known._replace(top=known.top / (1.0 + (1.0 - ROUNDING) * TOUCH))
 
 
 def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:

@@ -100,6 +100,19 @@ class LookAhead:
         self._allowed = Overrides("", 0, **always)
         self._follows_spindle = False
 
+    @property
+    def feed_factor(self) -> float:
+        """The factor of the feeds for which the motion from here on is planned; 0 for a hold.
+
+        It differs from the request of the operator as long as that has to wait.
+        """
+        return self._factor
+
+    @property
+    def chain_left(self) -> float:
+        """Time until the motion past corners ends that is under way, s; 0 for none."""
+        return self._finished.chain_left
+
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
         """Yield plans for the path, and the blocks that are not motion, in order.
 
@@ -214,7 +227,8 @@ class LookAhead:
     def _accepted(self, factor: float) -> bool:
         """Plan for a factor of the feeds from here on; return whether the audit accepts it."""
         if factor > 0.0:
-            self._window.override(factor)
+            if not self._window.override(factor):
+                return False
         else:
             self._window.stop()
         return self._refusal() is None

@@ -9,7 +9,7 @@ from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
 from cnc.kernels.planner.refine import refine
 from cnc.kernels.planner.scurve import phase_time
-from cnc.planner.intervals import between
+from cnc.planner.intervals import between, lowered
 from cnc.planner.known_path import rounding_of
 from cnc.planner.limits import Limits
 
@@ -70,7 +70,7 @@ def plan_to_rest(
         if status != PLANNED:
             return status, phases
     legal, phases = refine(
-        np.concatenate((lead, phases)), whole, limits.arrays, rough or len(lead) > 0
+        np.concatenate((lead, phases)), lowered(whole), limits.arrays, rough or len(lead) > 0
     )
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 
@@ -200,17 +200,19 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
     return (k, t) if INSTANT <= t < duration - INSTANT else (k + 1, 0.0)
 
 
-def release(phases: Phases) -> Phases | None:
-    """Return the phase that ends the acceleration (> 0) at the start of ``phases``.
+def release(phases: Phases, least: float) -> Phases | None:
+    """Return the phase that ends the acceleration at the start of ``phases``.
 
-    Its jerk is that with which their own ramp ends. It is None if there is no such jerk.
+    Its jerk is that with which their own ramp ends, and ``least`` at least. It is None if there is
+    no such jerk, or if the motion would rest before.
     """
-    falling = np.flatnonzero(phases["j"] < 0.0)
-    if not len(falling):
-        return None
     _, s, v, a, _ = phases[0].tolist()
-    j = float(phases[falling[0]]["j"])
-    return np.array([(-a / j, s, v, a, j)], PHASE)
+    ending = np.flatnonzero(phases["j"] * a < 0.0)
+    own = abs(float(phases[ending[0]]["j"])) if len(ending) else 0.0
+    jerk = max(own, least)
+    if jerk == 0.0 or (a < 0.0 and v <= 0.5 * a * a / jerk):
+        return None
+    return np.array([(abs(a) / jerk, s, v, a, -jerk if a > 0.0 else jerk)], PHASE)
 
 
 def end_of(phases: Phases) -> tuple[float, float]:

@@ -17,15 +17,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.intervals import SAMPLES, Intervals
 from cnc.kernels.planner.lookahead import PLANNED
 from cnc.kernels.planner.phases import Phases
+from cnc.kernels.planner.refine import refine
+from cnc.kernels.planner.slowed_clock import pace_wanted
 from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.acceptance import exceeding_sections
-from cnc.planner.intervals import between, joined
+from cnc.planner.intervals import between, joined, lowered
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import (
@@ -36,7 +39,7 @@ from cnc.planner.phases import (
     plan_to_rest,
     release,
 )
-from cnc.planner.stop_ramp import even_ramp, fastest_ramp, firm_ramp, ramp_by_clock
+from cnc.planner.stop_ramp import copy_by_clock, even_ramp, fastest_ramp, firm_ramp, ramp_by_clock
 
 Ramp = tuple[Phases, float]
 """Phases to rest, and the place of rest, mm."""
@@ -47,8 +50,20 @@ HORIZON = 8.0
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
+AT_REST = 2.0
+"""A plan that rests within this many ramps of constant bounds is followed to that rest."""
+
+FEW = 200
+"""Intervals with a bend within the horizon, up to which a search takes less than 0.1 CPU s."""
+
+SHORTEST = 1e-3
+"""mm; the bounds where a request begins are those on this length."""
+
 HALVINGS = 5
 """Number of times that the length is halved between too short and long enough."""
+
+KEPT = 1.0 - 1e-6
+"""A plan that needs no more than this part of its speed keeps the feeds."""
 
 SOON = 1.05
 """Part of the time of a ramp with constant bounds in which a plan rests soon. A ramp that takes
@@ -100,6 +115,40 @@ class SlowedPlan:
     limits: Limits
 
 
+def _feed_at(request: Request) -> float:
+    """Return the largest speed that the feeds of a request allow where it begins, mm/s."""
+    near = _near(request)
+    return float(near.top[0]) if len(near.end) else inf
+
+
+def _jerk_at(request: Request) -> float:
+    """Return a jerk that is possible at any speed where a request begins, mm/s^3."""
+    near = _near(request)
+    return float(near.jerk[0, 0]) if len(near.end) else 0.0
+
+
+def _near(request: Request) -> Intervals:
+    """Return the intervals just behind the place where a request begins."""
+    s = request.at
+    return request.path.intervals(request.path.limits, s, min(request.goal, s + SHORTEST))
+
+
+class SlowerPlan(NamedTuple):
+    """The plan so far, with a clock that slows.
+
+    Attributes:
+        phases: the plan; it rests where it did.
+        lead: number of phases up to the first point at which it may be planned anew.
+        slow_from: from here on the limits in effect hold, mm.
+        limits: those before.
+    """
+
+    phases: Phases
+    lead: int
+    slow_from: float
+    limits: Limits
+
+
 def slowed(request: Request) -> SlowedPlan | None:
     """Return a plan for the request; None if there is none, or if the plan so far rests sooner.
 
@@ -113,23 +162,98 @@ def slowed(request: Request) -> SlowedPlan | None:
         return ramp if sooner else None
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
     leads = []
-    if acceleration > 0.0 and (released := release(plan)) is not None:
+    if not len(lead):
+        leads.append((lead, float(plan[0]["s"]), speed))
+    elif len(lead) < len(plan):
+        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+    # A motion that slows for a stop, or has to slow, goes on slowing.
+    slows = acceleration < 0.0 and (request.stops or speed > _feed_at(request))
+    if (
+        not (acceleration < 0.0 and request.stops)
+        and (released := release(plan, _jerk_at(request))) is not None
+    ):
         s, v = end_of(released)
         if (
             s < request.goal
             and not request.path.intervals(request.path.limits, request.at, s).flat.any()
         ):
-            leads.append((released, s, v))
-    if not len(lead):
-        leads.append((lead, float(plan[0]["s"]), speed))
-    elif len(lead) < len(plan):
-        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+            leads.insert(len(leads) if slows else 0, (released, s, v))
     for phases, s, v in leads:
         if v > 0.0 and s < request.goal - rounding_of(request.goal):
             found = _Search(request, phases, s, v).run()
             if found is not None:
                 return found
     return None
+
+
+def time_before(phases: Phases, place: float) -> float:
+    """Return about the time in which phases come to an arc length, s."""
+    return float(phases["duration"][: int(np.searchsorted(phases["s"], place))].sum())
+
+
+def searched_soon(request: Request) -> bool:
+    """Return whether the path is so simple that :func:`slowed` takes a short computing time."""
+    path, speed = request.path, float(request.plan["v"].max())
+    ahead = HORIZON * path.limits.stopping_distance(speed, any_direction=True)
+    near = path.intervals(path.limits, request.at, min(request.goal, request.at + ahead))
+    bent = near.samples[:, SAMPLES // 2, 1].any(axis=1)
+    return int(np.count_nonzero(bent)) <= FEW
+
+
+def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
+    """Return the plan so far with a clock that slows until it keeps the feeds of the request.
+
+    It needs no search, so there is one where :func:`slowed` finds none: at the limits of the axes.
+    Behind the ramp the motion is slower than need be, until it is planned anew.
+
+    Args:
+        request: its goal is that of the plan so far.
+        slow_from: where the plan so far begins to keep the feeds before the request, mm.
+
+    Returns:
+        None if no ramp is legal.
+    """
+    path, limits, plan = request.path, request.path.limits, request.plan
+    s, v = float(plan[0]["s"]), float(plan[0]["v"])
+    fastest = float(plan["v"].max())
+    slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN))
+    first = int(np.searchsorted(plan["s"], slow_from))
+    part = 1.0
+    if first < len(plan):
+        ahead = path.intervals(limits, float(plan[first]["s"]), request.goal)
+        part = pace_wanted(plan[first:], ahead)
+    if part >= KEPT:
+        known = path.intervals(limits, s, request.goal)
+        legal, faster = refine(plan, lowered(known), limits.arrays, True)
+        if legal and not exceeding_sections(path, faster, known):
+            plan = faster
+        return SlowerPlan(plan, _steady_from(plan, 0), slow_from, slowing)
+    end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
+    near = path.intervals(slowing, s, end)
+    here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
+    if not len(here.end):
+        return None
+    firm = firm_ramp(plan, here)
+    if firm is not None and _time_to_rest(plan) <= AT_REST * _duration((firm, 0.0)):
+        # It rests about as soon as a ramp that begins a little later would end.
+        count = first_rest(plan)
+        rest = float(plan[count]["s"]) if count < len(plan) else request.goal
+        return SlowerPlan(plan, count, rest, slowing)
+    found = copy_by_clock(plan, here, lowered(near), slowing.arrays, part)
+    if found is None:
+        return None
+    ramp, phases = found
+    if exceeding_sections(path, phases[:ramp], near):
+        return None
+    behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
+    return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
+
+
+def _steady_from(phases: Phases, first: int) -> int:
+    """Return the number of phases before the first point without acceleration from one on."""
+    if first == len(phases) or phases[first]["a"] == 0.0:
+        return first
+    return first + first_steady(phases[first:])
 
 
 def rests_soon(request: Request) -> bool:
@@ -176,9 +300,10 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
 
     def searched(ramp: Ramp, part: float) -> list[Ramp]:
         """Return the shortest ramp that a search finds from another one, if there is any."""
-        legal, phases, rest = shortest_ramp(*ramp, before, part, near, slowing.arrays)
+        legal, phases, rest = shortest_ramp(*ramp, before, part, search, slowing.arrays)
         return [(phases, rest)] if legal and not exceeding_sections(path, phases, near) else []
 
+    search = lowered(near)
     ramps: list[Ramp] = []
     if (firm := firm_ramp(plan, here)) is not None:
         ramps = searched((firm, end_of(firm)[0]), FAR)
@@ -188,9 +313,9 @@ def _shortest_stop(request: Request) -> SlowedPlan | None:
             quick = float(phases["duration"].sum()) <= SOON * float(firm["duration"].sum())
             if quick and not rises and (found := stopped(phases, rest)) is not None:
                 return found
-    slow = ramp_by_clock(plan, here, near, slowing.arrays)
+    slow = ramp_by_clock(plan, here, search, slowing.arrays)
     if slow is not None:
-        if slow[1] < before and not exceeding_sections(path, slow[0], near):
+        if not exceeding_sections(path, slow[0], near):
             ramps.append(slow)
         ramps += searched(slow, FAR)
     ramps.sort(key=_duration)

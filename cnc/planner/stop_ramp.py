@@ -21,7 +21,7 @@ import numpy as np
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
-from cnc.kernels.planner.slowed_clock import slowed_clock
+from cnc.kernels.planner.slowed_clock import slowed_clock, slower_copy
 
 EVEN = 0.98
 """A bound varies by less than 2 % over the ramp and with the speed; else a search may find a
@@ -154,14 +154,56 @@ def ramp_by_clock(
     if firm is None:
         return None
     time = float(firm["duration"].sum())
-    begun = np.cumsum(plan["duration"])[:-1]
-    rows = np.unique(np.searchsorted(begun, time * np.array(LATER), side="right") + 1)
-    for row in [0, *rows[rows < len(plan)].tolist()]:
+    for row in _beginnings(plan, time):
         for steps, use in CLOCKS:
             legal, phases, rest = slowed_clock(plan[row:], known, machine, time / steps, use)
-            if legal:
+            if legal and _may_slow(known, plan[row]["s"], rest):
                 return np.concatenate((plan[:row], phases)), rest
     return None
+
+
+def copy_by_clock(
+    plan: Phases, near: Intervals, known: Intervals, machine: LimitArrays, part: float
+) -> tuple[int, Phases] | None:
+    """Return a ramp to a copy of the plan at a part of its speed, and that copy.
+
+    Args:
+        plan: the plan so far, from the start of the ramp to rest.
+        near: the intervals behind the start, about as far as a ramp to rest goes.
+        known: the intervals behind the start, farther than any ramp goes.
+        machine: the limits.
+        part: of the speed; the copy may be a little slower.
+
+    Returns:
+        The number of phases of the ramp, and all phases; None if no ramp is legal.
+    """
+    firm = firm_ramp(plan, near)
+    if firm is None:
+        return None
+    time = float(firm["duration"].sum())
+    for row in _beginnings(plan, time):
+        for steps, use in CLOCKS:
+            ramp, phases = slower_copy(plan[row:], known, machine, time / steps, use, part)
+            if not ramp:
+                continue
+            end = phases[ramp]["s"] if ramp < len(phases) else known.end[-1]
+            if _may_slow(known, plan[row]["s"], end):
+                return row + ramp, np.concatenate((plan[:row], phases))
+    return None
+
+
+def _may_slow(known: Intervals, begin: float, end: float) -> bool:
+    """Return whether there is no stretch of constant speed between two places."""
+    first = int(np.searchsorted(known.end, begin, side="right"))
+    last = int(np.searchsorted(known.end, end, side="left"))
+    return not known.flat[first : last + 1].any()
+
+
+def _beginnings(plan: Phases, time: float) -> list[int]:
+    """Return the phases of a plan at which a ramp of about ``time`` seconds may begin."""
+    begun = np.cumsum(plan["duration"])[:-1]
+    rows = np.unique(np.searchsorted(begun, time * np.array(LATER), side="right") + 1)
+    return [0, *rows[rows < len(plan)].tolist()]
 
 
 def _ramp_from(s: float, v: float, a: float, accel: float, jerk: float) -> Phases | None:

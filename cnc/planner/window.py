@@ -43,7 +43,15 @@ from cnc.planner.phases import (
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
 from cnc.planner.section import with_feeds_in_effect
-from cnc.planner.slowing import Request, rests_soon, slowed
+from cnc.planner.slowing import (
+    Request,
+    SlowedPlan,
+    rests_soon,
+    searched_soon,
+    slowed,
+    slower_plan,
+    time_before,
+)
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""
@@ -71,6 +79,11 @@ exact to less than 1e-14 s.
 
 SLICE_LENGTH = 0.01
 """mm; slices of slow motion are not shorter."""
+
+LONGER = 1.1
+"""A motion that a search finds may slow for so many times the time of one by the clock: it goes on
+faster.
+"""
 
 MORE_SLOWLY = 0.9
 """Part of its speed at which a plan is made again that the audit refused."""
@@ -154,6 +167,9 @@ class Window:
             return True
         if self._stopping and not len(plan.phases):
             self._stopping = False
+        if len(plan.phases) and plan.phases[0]["a"] != 0.0:
+            self._plan_from_copy()
+            return True
         goal, rests = self._path.goal(self._at)
         if (
             self._stopping
@@ -260,7 +276,7 @@ class Window:
         self._rebase()
         before = self._path
         self._path = before.under(replace(before.limits, feed_factor=feed_factor))
-        if self.moving and not self._slow_down():
+        if self.moving and not self._redirects():
             self._path = before
             return False
         if not self.moving:
@@ -330,14 +346,48 @@ class Window:
         open_from = float(phases[plan.settled]["s"]) if plan.settled < len(phases) else goal
         plan.unsettled = len(known.end) - int(np.searchsorted(known.end, open_from))
 
-    def _slow_down(self) -> bool:
-        """Plan anew to feeds that may be below the speed; return whether there is such a plan."""
-        goal, rests = self._path.goal(self._at)
-        return self._redirect(Request(self._path, self._plan.phases, self._at, goal, rests, False))
+    def _redirects(self) -> bool:
+        """Plan anew to feeds that may be below the speed; return whether there is such a plan.
+
+        A search finds a faster motion. But it may find none, or take long; then the clock of the
+        plan so far is slowed, and it is planned anew from the first point without acceleration.
+        """
+        plan, (goal, rests) = self._plan, self._path.goal(self._at)
+        request = Request(self._path, plan.phases, self._at, goal, rests, False)
+        sought = slowed(request) if searched_soon(request) else None
+        time = inf if sought is None else time_before(sought.phases, sought.slow_from)
+        by_clock = None
+        if time > 0.0:
+            clocked = replace(request, goal=plan.rest_at, rests=False)
+            by_clock = slower_plan(clocked, plan.slow_from)
+        if by_clock is None:
+            return self._adopt(sought if time < inf else slowed(request))
+        if time <= LONGER * time_before(by_clock.phases, by_clock.slow_from):
+            return self._adopt(sought)
+        plan.slow_from, plan.slowing = by_clock.slow_from, by_clock.limits
+        plan.phases, plan.settled = by_clock.phases, by_clock.lead
+        plan.unsettled, plan.arrived, plan.follow = 0, 0, 1
+        self.unproved = True
+        return True
+
+    def _plan_from_copy(self) -> None:
+        """Plan anew behind a ramp to a slower copy of the plan before; settle some of it.
+
+        Where no plan begins there, the copy is followed to a point without acceleration.
+        """
+        self._rebase()
+        plan, (goal, rests) = self._plan, self._path.goal(self._at)
+        request = Request(self._path, plan.phases, self._at, goal, rests, False)
+        if self.caution or not self._redirect(request):
+            plan.settled = first_steady(plan.phases)
+        self.unproved = True
 
     def _redirect(self, request: Request) -> bool:
         """Plan for a request from where the next slice begins; return whether there is a plan."""
-        found = slowed(request)
+        return self._adopt(slowed(request))
+
+    def _adopt(self, found: SlowedPlan | None) -> bool:
+        """Make a plan that slows the current one; return whether there is one."""
         if found is None:
             return False
         self._plan.slow_from, self._plan.slowing = found.slow_from, found.limits

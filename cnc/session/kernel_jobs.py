@@ -92,12 +92,13 @@ def plan_corner() -> None:
 
 
 def stop() -> None:
-    """Come to rest on a curve."""
+    """Come to rest on a curve, and slow there."""
+    from cnc.kernels.planner.slowed_clock import pace_wanted
     from cnc.kernels.planner.stopping import FAR, shortest_ramp
     from cnc.planner.known_path import KnownPath
     from cnc.planner.limits import Limits
     from cnc.planner.phases import plan_to_rest
-    from cnc.planner.stop_ramp import ramp_by_clock
+    from cnc.planner.stop_ramp import copy_by_clock, ramp_by_clock
 
     limits = Limits.of(_machine())
     known_path = KnownPath(limits)
@@ -107,6 +108,7 @@ def stop() -> None:
     plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
     shortest_ramp(plan, end, end, FAR, known, limits.arrays)
     ramp_by_clock(plan, known, known, limits.arrays)
+    copy_by_clock(plan, known, known, limits.arrays, 0.5 * pace_wanted(plan, known))
 
 
 def audit() -> None:

@@ -64,10 +64,10 @@ The next window begins with the motion behind the seam: so the first step of its
 strictly inside the limits.
 """
 
-MARGIN = 5e-5
+MARGIN = TOUCH
 JERK_MARGIN = 2.0 * UNSEEN
-"""Shares of the limits of acceleration and jerk that stay free: for the interpolation of the path's
-derivatives, and for jumps of curvature that show in differences.
+"""Shares of the limits of acceleration and jerk that stay free. A motion may exceed the rest by
+TOUCH, the path's derivatives are interpolated, and jumps of curvature show in differences.
 """
 
 INSTANT = 1e-12
@@ -94,8 +94,8 @@ def sum_limits(limits: LimitArrays) -> SumLimits:
     for i in range(axes):
         a[i] = limits.axis_acceleration[i] * (1.0 - MARGIN)
         j[i] = limits.axis_jerk[i] * (1.0 - JERK_MARGIN)
-    a[axes] = limits.tangential_acceleration * (1.0 - 1e-6)
-    j[axes] = limits.tangential_jerk * (1.0 - 1e-6)
+    a[axes] = limits.tangential_acceleration * (1.0 - MARGIN)
+    j[axes] = limits.tangential_jerk * (1.0 - MARGIN)
     return SumLimits(a, j, 1.0 / a, 1.0 / j)
 
 

@@ -141,7 +141,8 @@ def sampled_speed(sampling: Sampling, spacing: float, limits: LimitArrays) -> fl
     for i in range(q.shape[2]):
         least_a = min(limits.normal_acceleration, axis_a[i])
         for m in range(1, SAMPLES):
-            if abs(q[m, 1, i] - q[m - 1, 1, i]) > turn:
+            # A rotary axis may turn by many degrees on a millimetre.
+            if abs(q[m, 1, i] - q[m - 1, 1, i]) > turn * max(1.0, abs(q[m, 1, i])):
                 return 0.0
             by_v2 = max(by_v2, abs(abs(q[m, 2, i]) - abs(q[m - 1, 2, i])) / axis_a[i])
             by_v3 = max(by_v3, abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) / axis_j[i])

@@ -1,4 +1,4 @@
-r"""A ramp to rest that follows the plan ever more slowly.
+r"""A ramp to rest, or to a slower copy of the plan, that follows the plan ever more slowly.
 
 At l times the speed of the plan, the accelerations and jerks of all axes fall to l^2 and l^3 of
 theirs. So a motion at the limits may be made a little slower, then leaves its limits some space,
@@ -12,8 +12,9 @@ and may be slowed faster:
         +----------`------- s
 
 A step is chosen so that a motion recovers behind it: with the largest jerk, it comes back to a
-slowed copy of the plan before it exceeds a limit. The end is one phase of constant jerk. No other
-search is needed, so this works at states that have only one legal motion for a while.
+slowed copy of the plan before it exceeds a limit. The end is one phase of constant jerk to rest, or
+a recovery to the copy at a given part of the plan's speed. No other search is needed, so this works
+at states that have only one legal motion for a while.
 """
 
 from __future__ import annotations
@@ -69,6 +70,17 @@ NEAR, FINER = 0.98, 0.25
 
 FALL = 0.02
 """Largest part of the speed that one step takes: so no step passes the start of the last phase."""
+
+MEETING = 48
+"""Largest number of phases with which the motion comes back to a slowed copy of the plan."""
+
+HALVINGS = 50
+"""Number of times that the moment is halved at which it meets the copy."""
+
+SLOWER, MUCH_SLOWER = 0.01, 0.5
+"""The search ends when the copy is slower than wanted by less than the first part. A copy at less
+than the second part of the wanted speed is refused.
+"""
 
 ABRUPT = 1e-3
 """Part of a limit of jerk by which it may change abruptly inside a step."""
@@ -285,6 +297,209 @@ def next_change(state: State, h: float, about: Surroundings) -> float:
 
 
 @njit
+def pace_wanted(plan: Phases, known: Intervals) -> float:
+    """Return the part of its speed at which a plan keeps the speed bounds; at most 1."""
+    end, top = known.end, known.top
+    most = 1.0
+    k = 0
+    for r in range(len(plan)):
+        duration, s, v = plan[r]["duration"], plan[r]["s"], plan[r]["v"]
+        a, j = plan[r]["a"], plan[r]["j"]
+        finish = plan[r + 1]["s"] if r + 1 < len(plan) else end[-1]
+        turn = -a / j if a * j < 0.0 else math.inf
+        k = interval_at(s, k, end)
+        t = 0.0
+        while True:
+            last = not (k + 1 < len(end) and end[k] < finish)
+            t_next = duration if last else phase_time(v, a, j, duration, end[k] - s)
+            for moment in (t, min(max(turn, t), t_next), t_next):
+                speed = v + moment * (a + 0.5 * moment * j)
+                if speed > most * top[k]:
+                    most = speed / top[k]
+            if last:
+                break
+            t = t_next
+            k += 1
+    return 1.0 / most
+
+
+@njit
+def meeting(
+    state: State, dt: float, use: float, about: Surroundings, out: Phases
+) -> tuple[int, State]:
+    """Write the phases with which the motion comes back to a slowed copy of the plan.
+
+    Args:
+        state: of the motion.
+        dt: least duration of a step, s.
+        use: share of the limits that a slow motion may use.
+        about: plan, path and limits.
+        out: (MEETING,): receives the phases.
+
+    Returns:
+        Their number, -1 if there are none; and the state at their end.
+    """
+    count = 0
+    while count < MEETING and state.v > 0.0 and state.s < about.known.end[-1]:
+        part, wanted, state = pace(state, about)
+        wanted *= part * part
+        if state.a >= wanted:
+            return count, state
+        most = bounds(state, allowed(part, use), about)[1]
+        if count == 0 and most > 0.0:
+            dt = max(dt, (wanted - state.a) / most / RECOVERY)
+        h = dt
+        change = next_change(state, h, about)
+        if after(state, 2.0 * h, most).s > change:
+            h = phase_time(state.v, state.a, most, 2.0 * h, change - state.s)
+        behind = placed(after(state, h, most), change)
+        part, wanted, _ = pace(behind, about)
+        meets = behind.a >= part * part * wanted
+        if meets:
+            low = 0.0
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + h)
+                part, wanted, _ = pace(after(state, middle, most), about)
+                if state.a + middle * most >= part * part * wanted:
+                    h = middle
+                else:
+                    low = middle
+            behind = after(state, h, most)
+        write_phase(out, count, h, state.s, state.v, state.a, most)
+        count += 1
+        state = behind
+        if meets:
+            return count, state
+    return -1, state
+
+
+@njit
+def placed(state: State, change: float) -> State:
+    """Return the state at an abrupt change, if it is there but for rounding."""
+    if change < math.inf and abs(state.s - change) <= 1e-12 * change:
+        return State(change, state.v, state.a, state.row, state.k)
+    return state
+
+
+@njit
+def next_step(
+    state: State, dt: float, part: float, use: float, about: Surroundings
+) -> tuple[float, float, State]:
+    """Return duration and jerk of one step of a ramp, and the state behind it.
+
+    Args:
+        state: of the motion.
+        dt: duration of a step, s.
+        part: the speed as a part of the plan's.
+        use: share of the limits that a slow motion may use.
+        about: plan, path and limits.
+    """
+    h = dt * FINER if part > NEAR else dt
+    if state.a < 0.0:
+        h = min(h, -FALL * state.v / state.a)
+    change = next_change(state, h, about)
+    if change < math.inf:
+        h = BEFORE * phase_time(state.v, state.a, 0.0, h, change - state.s)
+    j = lowest_jerk(state, h, part, use, about)
+    if after(state, 2.0 * h, j).s > change:
+        h = phase_time(state.v, state.a, j, 2.0 * h, change - state.s)
+    return h, j, placed(after(state, h, j), change)
+
+
+@njit
+def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int) -> int:
+    """Append the plan at ``part`` of its speed, from a state on it on; return the new count."""
+    row = plan[state.row]
+    t = phase_time(row["v"], row["a"], row["j"], row["duration"], max(state.s - row["s"], 0.0))
+    square, cube = part * part, part * part * part
+    if t < row["duration"]:
+        left = (row["duration"] - t) / part
+        write_phase(out, count, left, state.s, state.v, state.a, row["j"] * cube)
+        count += 1
+    for r in range(state.row + 1, len(plan)):
+        row = plan[r]
+        v, a, j = row["v"] * part, row["a"] * square, row["j"] * cube
+        write_phase(out, count, row["duration"] / part, row["s"], v, a, j)
+        count += 1
+    return count
+
+
+@njit
+def slower_copy(
+    plan: Phases, known: Intervals, machine: LimitArrays, dt: float, use: float, wanted: float
+) -> tuple[int, Phases]:
+    """Return a ramp from the start of a plan to a copy of it at a part of its speed, and that copy.
+
+    Args:
+        plan: (p,): the plan from the start of the ramp on; it starts at speed.
+        known: the intervals from there on, about as far as the ramp goes.
+        machine: the limits.
+        dt: duration of a step, s.
+        use: share of the limits that a slow motion may use.
+        wanted: part of the plan's speed; the copy may be slower by SLOWER of it.
+
+    Returns:
+        The number of phases of the ramp, and all phases; 0 and none if there is no legal ramp.
+    """
+    limits = sum_limits(machine)
+    about = Surroundings(plan, known, limits, np.empty((3, len(limits.a))))
+    out = np.empty(MOST + MEETING + len(plan) + 1, PHASE)
+    scratch = np.empty((SCRATCH, len(limits.a)))
+    state = State(plan[0]["s"], plan[0]["v"], plan[0]["a"], 0, 0)
+    count = 0
+    while count < MOST and state.v > 0.0 and state.s < known.end[-1]:
+        part, _, state = pace(state, about)
+        h, j, behind = next_step(state, dt, part, use, about)
+        careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))
+        meets, there = meeting(behind, h, careful, about, out[count + 1 :])
+        slow, _, _ = pace(there, about)
+        met = meets >= 0 and there.v > 0.0 and slow <= wanted
+        if met:
+            low, high = 0.0, h
+            for _ in range(HALVINGS):
+                if slow >= wanted * (1.0 - SLOWER):
+                    break
+                middle = 0.5 * (low + high)
+                tried = meeting(after(state, middle, j), h, careful, about, out[count + 1 :])
+                slower, _, _ = pace(tried[1], about)
+                if tried[0] >= 0 and tried[1].v > 0.0 and slower <= wanted:
+                    high, slow = middle, slower
+                else:
+                    low = middle
+            if slow < wanted * MUCH_SLOWER:
+                return 0, out[:0]
+            if high < h:
+                behind = after(state, high, j)
+            meets, there = meeting(behind, h, careful, about, out[count + 1 :])
+            h = high
+        write_phase(out, count, h, state.s, state.v, state.a, j)
+        stop = count + 1 + (meets if met else 0)
+        end = there if met else behind
+        for m in range(count, stop):
+            row = out[m]
+            s_end = out[m + 1]["s"] if m + 1 < stop else end.s
+            worst, fastest, _ = largest_shares(
+                row["duration"],
+                row["s"],
+                row["v"],
+                row["a"],
+                row["j"],
+                s_end,
+                state.k,
+                known,
+                limits,
+                scratch,
+            )
+            if s_end <= row["s"] or s_end > known.end[-1] or max(worst, fastest) > 1.0 + TOUCH:
+                return 0, out[:0]
+        if met:
+            part, _, end = pace(end, about)
+            return stop, out[: write_copy(end, part, plan, out, stop)]
+        count, state = stop, behind
+    return 0, out[:0]
+
+
+@njit
 def slowed_clock(
     plan: Phases, known: Intervals, machine: LimitArrays, dt: float, use: float
 ) -> tuple[bool, Phases, float]:
@@ -310,27 +525,14 @@ def slowed_clock(
         part, _, state = pace(state, about)
         j = bounds(state, allowed(part, use), about)[1]
         ending = ends(state, j, use, about)
-        change = math.inf
-        h = dt
         if ending:
             j = 0.5 * state.a * state.a / state.v
             h = -state.a / j
+            behind = after(state, h, j)
         else:
-            if part > NEAR:
-                h *= FINER
-            if state.a < 0.0:
-                h = min(h, -FALL * state.v / state.a)
-            change = next_change(state, h, about)
-            if change < math.inf:
-                h = BEFORE * phase_time(state.v, state.a, 0.0, h, change - state.s)
-            j = lowest_jerk(state, h, part, use, about)
-            if after(state, 2.0 * h, j).s > change:
-                h = phase_time(state.v, state.a, j, 2.0 * h, change - state.s)
+            h, j, behind = next_step(state, dt, part, use, about)
         write_phase(out, count, h, state.s, state.v, state.a, j)
         count += 1
-        behind = after(state, h, j)
-        if change < math.inf and abs(behind.s - change) <= 1e-12 * change:
-            behind = State(change, behind.v, behind.a, behind.row, behind.k)
         if behind.s > known.end[-1]:
             break
         worst, fastest, _ = largest_shares(

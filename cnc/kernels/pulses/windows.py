@@ -38,6 +38,8 @@ may vanish by symmetry.
 """
 SHORTEST = 2.0**-20
 """Part of a piece that is not divided any more."""
+EPSILON = 2.0**-52
+"""Relative rounding error of the parameter."""
 ROUNDING = 1e3
 """A polynomial whose error is up to so many times the allowed one is accepted where a narrower
 window is hardly better: the error is rounding.
@@ -137,12 +139,13 @@ def _fit_axes(piece: Piece, ua: float, ub: float, scale: Floats, window: Window)
             start[0, i] * k, start[1, i] * k * h, start[2, i] * k * h2, start[3, i] * k * h3,
             end[0, i] * k, end[1, i] * k * h, end[2, i] * k * h2, end[3, i] * k * h3,
         )  # fmt: skip
-    farthest = 0.0
+    farthest = steepest = 0.0
     for i in range(n):
         farthest = max(farthest, abs(start[0, i] * scale[i]), abs(end[0, i] * scale[i]))
-    # One axis of an arc is as rough as the other is far from 0. Narrower windows would not be
-    # better.
-    allowed = 0.25 * SLACK + SLACK_PER_BLU * farthest
+        steepest = max(steepest, abs(start[1, i] * scale[i]), abs(end[1, i] * scale[i]))
+    # One axis of an arc is as rough as the other is far from 0, and near a pole a rotary axis is as
+    # rough as the parameter. Narrower windows would not be better.
+    allowed = 0.25 * SLACK + SLACK_PER_BLU * farthest + EPSILON * max(abs(ua), abs(ub)) * steepest
     off = 0.0
     for k in range(2):
         x = CHECKS[k]

@@ -1,6 +1,7 @@
 """Random programs and machines by seed: all kinds of moves, all path modes, limits of 3 decades."""
 
 import math
+import re
 
 import numpy as np
 
@@ -8,6 +9,8 @@ from cnc.machine.board import Board
 from cnc.machine.models import Axis, Machine, PathLimits
 
 AXES = ("X", "Y", "Z")
+TOOL_LENGTH = 80.0
+_MOVE = re.compile(r"G[0-3] X")
 MODES = ("G61", "G61.1", "G64", "G64 P0")
 
 
@@ -175,6 +178,26 @@ class Job:
             if self.rng.random() < 0.05:
                 self.lines.append("G4 P0.01")
         return "\n".join([*self.lines, "M2"]) + "\n"
+
+
+def with_angles(program: str, tilt: str, rng: np.random.Generator) -> str:
+    """Return a program under tool-tip control with angles in most of its moves."""
+    lines = ["G21 G90", f"G43.1 Z{TOOL_LENGTH}", "M428", "G0 X0 Y0 Z0"]
+    angles, turning = np.zeros(2), rng.normal(0.0, 1.0, 2)
+    largest = 10 ** rng.uniform(-1.0, 1.5)
+    smooth = rng.random() < 0.6
+    before = ""
+    for line in program.split("\n"):
+        place = " ".join(re.findall(r"[XYZ]\S+", line))
+        # Without a move of the tip the length of the path would be in degrees.
+        before, moves = place or before, place != before
+        if _MOVE.match(line) and moves and rng.random() < 0.85:
+            turning = 0.9 * turning + 0.3 * rng.normal(0.0, 1.0, 2)
+            step = turning if smooth else rng.normal(0.0, 1.0, 2)
+            angles = np.clip(angles + 0.3 * largest * step, -120.0, 120.0).round(4)
+            line += f" {tilt}{angles[0]:.4f} C{angles[1]:.4f}"
+        lines.append(line)
+    return "\n".join(lines)
 
 
 def random_job(seed: int) -> tuple[str, Machine]:
