@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cnc.gcode.reader.tables import NAMES
 from tests.support.paths import ROOT
 
 USE = """
@@ -46,6 +47,8 @@ def test_a_wheel_with_compiled_kernels_is_for_one_platform(
         assert "cnc/kernels/compiled/path.curve-x/curve_eval-0.code" in archive.namelist()
         (tags,) = [name for name in archive.namelist() if name.endswith("/WHEEL")]
         assert b"Root-Is-Purelib: false" in archive.read(tags)
+        tables = [name for name in archive.namelist() if name.endswith(".tables")]
+    assert {name.split("/")[-1].split("-")[0] for name in tables} == set(NAMES)
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,8 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,8 +40,8 @@ from cnc.kernels.gcode.automaton import (
 if TYPE_CHECKING:
     from lark import Lark
 
-_FOLDERS = (Path(__file__).parents[2] / "grammars", Path(__file__).parents[3] / "grammars")
-"""The grammars: in an installed package, and in a checkout."""
+NAMES = ("ngc", "macro", "sinumerik", "klartext")
+"""Names of the grammars."""
 _DIGEST = 32
 _FORMAT = 5
 """Version of the tables' form."""
@@ -94,19 +96,41 @@ def grammar(name: str) -> Grammar:
 
     A file that cannot be written is made anew at each start.
     """
-    folder = next(each for each in _FOLDERS if each.is_dir())
-    texts = [file.read_bytes() for file in sorted(folder.glob("*.lark"))]
-    digest = hashlib.sha256(b"\0".join([str(_FORMAT).encode(), *texts])).hexdigest()[:16]
-    file_name = f"{name}-{digest}.tables"
-    for place in (folder, cache_folder()):
+    folder, file_name = _folder(), _file_name(name)
+    places: list[Traversable] = [folder, cache_folder()]
+    for place in places:
         with suppress(OSError):
-            if (found := _unpacked((place / file_name).read_bytes())) is not None:
+            if (found := _unpacked(place.joinpath(file_name).read_bytes())) is not None:
                 return found
-    made = make(folder / f"{name}.lark")
+    made = make(folder.joinpath(f"{name}.lark"), folder)
     with suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
         write(made, cache_folder() / file_name)
+        for older in cache_folder().glob(f"{name}-*.tables"):
+            if older.name != file_name:
+                older.unlink()
     return made
+
+
+def write_named(name: str, folder: Path) -> Path:
+    """Write the tables of a grammar into a folder, under the name by which they are found."""
+    write(grammar(name), folder / _file_name(name))
+    return folder / _file_name(name)
+
+
+def _file_name(name: str) -> str:
+    """Return the name of the file of a grammar's tables: it depends on all grammars."""
+    folder = _folder()
+    names = sorted(file.name for file in folder.iterdir() if file.name.endswith(".lark"))
+    texts = [folder.joinpath(file).read_bytes() for file in names]
+    digest = hashlib.sha256(b"\0".join([str(_FORMAT).encode(), *texts])).hexdigest()[:16]
+    return f"{name}-{digest}.tables"
+
+
+def _folder() -> Traversable:
+    """Return the folder of the grammars: in an installed package, or in a checkout."""
+    installed = files("cnc").joinpath("grammars")
+    return installed if installed.is_dir() else Path(__file__).parents[3] / "grammars"
 
 
 def write(made: Grammar, file: Path) -> None:
@@ -158,17 +182,30 @@ def _grammar(
     )  # fmt: skip
 
 
-def make(file: Path) -> Grammar:
+def make(file: Traversable, folder: Traversable) -> Grammar:
     """Return the tables of a grammar file.
+
+    Args:
+        file: The file.
+        folder: Folder of the files that it imports.
 
     Raises:
         GrammarError: The grammar has a conflict, or a text is two terminals at one place.
     """
     import lark
 
+    def imported(_base: str | None, name: str) -> tuple[str, str]:
+        """Return a file that the grammar imports."""
+        return name, folder.joinpath(name).read_text(encoding="utf-8")
+
     try:
-        parser = lark.Lark.open(
-            os.fspath(file), parser="lalr", maybe_placeholders=False, strict=True
+        parser = lark.Lark(
+            file.read_text(encoding="utf-8"),
+            source_path=file.name,
+            import_paths=[imported],
+            parser="lalr",
+            maybe_placeholders=False,
+            strict=True,
         )
     except lark.exceptions.GrammarError as error:
         raise GrammarError(f"{file.name}: {error}") from None

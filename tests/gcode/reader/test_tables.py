@@ -214,13 +214,13 @@ def test_a_doubtful_grammar_is_refused(tmp_path: Path, text: str, message: str) 
     file = tmp_path / "some.lark"
     file.write_text(text)
     with pytest.raises(GrammarError, match=message):
-        make(file)
+        make(file, tmp_path)
 
 
 def test_a_text_of_two_terminals_is_allowed_in_different_places(tmp_path: Path) -> None:
     file = tmp_path / "some.lark"
     file.write_text('start: A "-" B\nA: /[xy]/\nB: /x/\n')
-    assert make(file).terminals
+    assert make(file, tmp_path).terminals
 
 
 def test_the_grammars_have_no_conflict() -> None:
