@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import pickle
@@ -444,13 +445,13 @@ def kernel_of() -> Callable[[Mapping[str, Any]], Any]:
     return make
 
 
-def test_modules_can_be_excepted_from_running_as_python() -> None:
-    source = "def f(x):\n    return x + 1.0\n"
-    variables: dict[str, Any] = {}
-    exec(source, variables)
-    variables["f"].__module__ = "example"
-    kernel = jit.Kernel(variables["f"])
-    with jit.as_python(except_in=frozenset({"example"})):
+def test_modules_can_be_excepted_from_running_as_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "excepted.py").write_text("def f(x):\n    return x + 1.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    kernel = jit.Kernel(importlib.import_module("excepted").f)
+    with jit.as_python(except_in=frozenset({"excepted"})):
         assert kernel(1.0) == 2.0
     assert "dispatcher" in vars(kernel)
 
