@@ -181,5 +181,7 @@ def test_only_kernels_that_make_or_return_arrays_count(
     called: tuple[dict[str, Any], Path], name: str, counts: bool
 ) -> None:
     (file,) = called[1].glob(f"example-*/{name}-*.code")
-    code = Code._make(pickle.loads(code_cache.read(called[1], str(file.relative_to(called[1]))) or b""))
+    code = Code._make(
+        pickle.loads(code_cache.read(called[1], str(file.relative_to(called[1]))) or b"")
+    )
     assert (b"NRT_" in code.code) == counts

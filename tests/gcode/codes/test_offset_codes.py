@@ -302,7 +302,7 @@ def test_fanuc_clears_the_local_offset() -> None:
     ("dialect", "x"), [("linuxcnc", 6.0), ("auto", 6.0), ("fanuc", 1.0), ("grbl", 6.0)]
 )
 def test_a_shift_after_the_program_by_dialect(dialect: str, x: float) -> None:
-    """M2 of GRBL 1.1 resets modes, and keeps the shift of G92; only a reset of the board ends it."""
+    """M2 of GRBL 1.1 keeps the shift of G92, which only a reset of the board ends."""
     stored = {5210: 1.0, 5211: 5.0}
     parameters = Parameters(stored, macro=dialect == "fanuc")
     assert_blocks("G0 X1\nM2", ("rapid", x, 0, 0), ("end",), dialect=dialect, parameters=parameters)
