@@ -1,7 +1,8 @@
 """Pages of the reference that are generated from code, each time the site is built.
 
 The command line comes from cyclopts, the machine file from its pydantic models, the findings from
-the catalogue, and the codes of the dialects from their data. mkdocs-gen-files runs this file.
+the catalogue, the codes of the dialects from their data, and the diagrams of the languages from
+their grammars. mkdocs-gen-files runs this file.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from cnc.cli.commands import app
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import evidence
 from cnc.machine.schema import machine_schema
+from docs import grammar_diagrams
 
 
 def command_line() -> str:
@@ -119,6 +121,7 @@ for page, content in (
     ("reference/machine-file.md", machine_file()),
     ("reference/findings.md", markdown()),
     ("reference/dialects.md", dialect_codes()),
+    ("reference/grammars.md", grammar_diagrams.page()),
 ):
     with mkdocs_gen_files.open(page, "w") as file:
         file.write(content)
