@@ -87,12 +87,22 @@ class Keyboard:
         return answer in ("y", "Y")
 
     def press(self, key: str) -> None:
-        """Carry out the request of a key, or take it as the answer to a question."""
-        control = self._control
+        """Carry out the request of a key, or take it as the answer to a question.
+
+        A request that the board does not know is told.
+        """
         log.debug("key %r", key)
         if self._answers is not None:
             self._answers.put(key)
-        elif key == " ":
+            return
+        try:
+            self._request(key)
+        except UsageError as refused:
+            print(refused.diagnostic.message, file=sys.stderr, flush=True)
+
+    def _request(self, key: str) -> None:
+        control = self._control
+        if key == " ":
             if control.held:
                 control.resume()
             else:

@@ -41,6 +41,9 @@ class Control:
     Args:
         feed_override: Per cent of the programmed feeds, 1 to 200. The limits of the machine still
             hold, and traverses are not scaled.
+
+    Attributes:
+        feed_only: Whether the board has no override of traverses and of the spindle.
     """
 
     def __init__(self, feed_override: float = 100.0) -> None:
@@ -49,6 +52,7 @@ class Control:
         self._stopped = False
         self._rapid_override = 100
         self._spindle_override = 100.0
+        self.feed_only = False
         self.override(feed_override)
 
     @property
@@ -103,12 +107,14 @@ class Control:
         """Scale traverses.
 
         Raises:
-            UsageError: ``rapid-override``, for another value than 25, 50 or 100 per cent.
+            UsageError: ``rapid-override``, for another value than 25, 50 or 100 per cent, or if
+                the board has no such override.
         """
         if percent not in RAPID_OVERRIDES:
             message = f"an override of traverses of {percent:g} % is not possible"
             hint = f"give {', '.join(map(str, RAPID_OVERRIDES[:-1]))} or {RAPID_OVERRIDES[-1]}"
             raise UsageError(Diagnostic("rapid-override", message, hint=hint))
+        self._refuse("rapid-override", "traverses", percent)
         self._rapid_override = percent
         self._wake_ups.put(None)
 
@@ -116,14 +122,31 @@ class Control:
         """Scale the programmed spindle speeds.
 
         Raises:
-            UsageError: ``spindle-override``, outside 10 to 200 per cent.
+            UsageError: ``spindle-override``, outside 10 to 200 per cent, or if the board has no
+                such override.
         """
         if not MIN_SPINDLE_OVERRIDE <= percent <= MAX_SPINDLE_OVERRIDE:
             message = f"a spindle override of {percent:g} % is not possible"
             hint = f"give {MIN_SPINDLE_OVERRIDE:g} to {MAX_SPINDLE_OVERRIDE:g} per cent"
             raise UsageError(Diagnostic("spindle-override", message, hint=hint))
+        self._refuse("spindle-override", "the spindle", percent)
         self._spindle_override = percent
         self._wake_ups.put(None)
+
+    def take_feed_only(self) -> None:
+        """Refuse overrides that only GRBL boards have, from now on.
+
+        Raises:
+            UsageError: ``rapid-override``, ``spindle-override``, if one is in effect.
+        """
+        self.feed_only = True
+        self._refuse("rapid-override", "traverses", self._rapid_override)
+        self._refuse("spindle-override", "the spindle", self._spindle_override)
+
+    def _refuse(self, code: str, name: str, percent: float) -> None:
+        if self.feed_only and percent != 100:
+            message = f"this board has no override of {name}"
+            raise UsageError(Diagnostic(code, message, hint="leave it out; GRBL boards have it"))
 
     def hold(self) -> None:
         """Request a stop on the path, and wait there."""

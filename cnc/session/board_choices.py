@@ -11,7 +11,6 @@ from cnc.boards.serial_port import identity
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.model.operator_control import Control
 from cnc.report.result import AssumedOffset, Report
 from cnc.session.board_offsets import board_parameters, offset_parameters, offsets_in
 from cnc.session.context import SessionContext
@@ -107,17 +106,6 @@ def is_attended(context: SessionContext, board: Board | None) -> bool:
     return pauses == "skip" or (
         pauses == "wait" and (has_operator or not isinstance(board, LineSink))
     )
-
-
-def refuse_overrides(control: Control) -> None:
-    """Raise UsageError for overrides that only GRBL boards have."""
-    for code, name, percent in (
-        ("rapid-override", "traverses", control.rapid_override),
-        ("spindle-override", "the spindle", control.spindle_override),
-    ):
-        if percent != 100:
-            message = f"this board has no override of {name}"
-            raise UsageError(Diagnostic(code, message, hint="leave it out; GRBL boards have it"))
 
 
 def refuse_lines(machine: Machine, options: RunOptions) -> None:

@@ -31,7 +31,6 @@ from cnc.session.board_choices import (
     is_attended,
     reading_policy,
     refuse_lines,
-    refuse_overrides,
 )
 from cnc.session.check_pass import CheckPass
 from cnc.session.context import SessionContext
@@ -158,7 +157,7 @@ class Session:
             # With a board the operator's override changes the times.
             reader.due_times = DueTimes()
         elif not isinstance(board, LineSink):
-            refuse_overrides(context.observer.control)
+            context.observer.control.take_feed_only()
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))

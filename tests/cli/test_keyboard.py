@@ -40,6 +40,19 @@ def test_each_key_makes_its_request(keys: str, held: bool, override: float, stop
     assert (control.held, control.feed_override, control.stopped) == (held, override, stopped)
 
 
+@pytest.mark.parametrize(
+    ("key", "name"), [("r", "traverses"), ("[", "the spindle"), ("]", "the spindle")]
+)
+def test_a_request_that_the_board_does_not_know_is_told(
+    capsys: pytest.CaptureFixture[str], key: str, name: str
+) -> None:
+    control = Control()
+    control.take_feed_only()
+    Keyboard(control).press(key)
+    assert capsys.readouterr().err == f"this board has no override of {name}\n"
+    assert (control.rapid_override, control.spindle_override) == (100, 100)
+
+
 def test_minus_does_not_raise_a_low_override() -> None:
     control = Control(4.0)
     Keyboard(control).press("-")
