@@ -64,8 +64,8 @@ def test_a_chosen_dialect_is_not_recognised(program: Path) -> None:
 
 
 def test_a_foreign_file_has_one_error(tmp_path: Path) -> None:
-    path = tmp_path / "part.h"
-    path.write_text("0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S2000\n2 L X+10 R0 FMAX\n")
+    path = tmp_path / "part.i"
+    path.write_text("%PART G71 *\nN10 G00 G40 G90 Z+100 *\nN20 G01 X+10 Y+10 F100 *\n")
     report = check(path)
     assert [fault.diagnostic.code for fault in report.faults] == ["not-gcode"]
 
