@@ -285,7 +285,8 @@ s-until skip-alarm siemens-lathe
 """
 """Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
-abort-possible expression-too-deep axis-idle code-not-needed code-skipped code-without-effect comment-mended
+abort-possible axis-idle code-not-needed code-skipped code-without-effect comment-mended
+expression-too-deep
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 thread-start tool-word-form turning-plane
