@@ -269,7 +269,7 @@ class Translator:
 
     def _loop(self, begin: int, end: int, *parts: Token | Node) -> Control:
         """WHILE [..] DO m, or DO m, whose condition always holds."""
-        condition: Value = parts[1].value if len(parts) == 4 else _always  # type: ignore[union-attr]
+        condition: Value = cast(Node, parts[1]).value if len(parts) == 4 else _always
         return self._control("while-do", self._written(parts[-1]), (condition,), begin, end)
 
     def _end(self, begin: int, end: int, keyword: Token, label: Node) -> Control:

@@ -9,7 +9,7 @@ distinguish it from 0. Words and assignments receive it as vacant; all else take
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from cnc.gcode.syntax.arithmetic import (
     FUNCTIONS,
@@ -52,7 +52,7 @@ class Instruction(NamedTuple):
     """An operation, its number or name, and its place in the line: column from 1 and length."""
 
     operation: int
-    operand: float | str
+    operand: Any
     column: int
     length: int
 
@@ -79,14 +79,14 @@ class Expression:
         stack: list[float] = []
         for operation, operand, column, length in self.code:
             if operation == NUMBER:
-                stack.append(operand)  # type: ignore[arg-type]
+                stack.append(operand)
             elif operation == LOCAL_PARAMETER:
-                stack.append(p.locals.get(operand, p.unset))  # type: ignore[call-overload]
+                stack.append(p.locals.get(operand, p.unset))
             elif operation == PARAMETER:
-                found = p.values.get(operand)  # type: ignore[call-overload]
-                stack.append(p.number(operand, column) if found is None else found)  # type: ignore[arg-type]
+                found = p.values.get(operand)
+                stack.append(p.number(operand, column) if found is None else found)
             elif operation == NAMED:
-                stack.append(p.name(operand, column))  # type: ignore[arg-type]
+                stack.append(p.name(operand, column))
             elif operation in _TWO:
                 b, a = stack.pop(), stack.pop()
                 if (a != a or b != b) and operation not in _OF_VACANT:
