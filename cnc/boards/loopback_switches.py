@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cnc.boards.loopback import Loopback
-from cnc.machine.kinematics import CoreXY, CoreXZ
+from cnc.kinematics.planar import CoreXY, CoreXZ
 from cnc.machine.models import Homing, Machine, switch_end
 from cnc.model.blocks import Block, SwitchMove
 from cnc.model.streams import PulseChunk

@@ -27,84 +27,102 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
+from pydantic import Field, field_validator
+from pydantic import ValidationInfo as Info
 
-from cnc.kinematics.base import DEGREES, Floats, Kinematics
+from cnc.kinematics.base import DEGREES, Angles, Floats, Length, TableWithFormulas
 from cnc.kinematics.series import Series, atan2, sqrt
 
 
-class LinearDelta(Kinematics):
-    """Three carriages on vertical towers.
+class Delta(TableWithFormulas):
+    """Three carriages on vertical towers hold the tip by rods."""
 
-    Args:
-        radius: distance of the towers from the centre less that of the rods' ends from the tip, mm.
-        rod: length of the rods, mm.
-        angles: of the towers, degrees from X.
-    """
-
+    moved = ("x", "y", "z")
+    movers = ("a", "b", "c")
     turning = (False, False, False)
 
-    def __init__(self, radius: float, rod: float, angles: tuple[float, float, float]) -> None:
-        self._rod = rod
-        self._towers = [
-            (radius * math.cos(angle / DEGREES), radius * math.sin(angle / DEGREES))
-            for angle in angles
-        ]
+    type: Literal["delta"] = Field(description="Joints a, b and c: heights of the carriages, mm.")
+    radius: Length = Field(
+        description=(
+            "Distance of the towers from the centre, less that of the rods' ends from the tip, mm."
+        )
+    )
+    rod: Length = Field(description="Length of the rods, mm.")
+    angles: Angles = Field(
+        default=(210.0, 330.0, 90.0), description="Angles of the towers, degrees from X."
+    )
+
+    @field_validator("rod")
+    @classmethod
+    def _reaches_the_centre(cls, rod: float, info: Info) -> float:
+        """Refuse rods that reach no tip at all: the centre is nearest to all towers."""
+        if rod <= info.data.get("radius", 0.0):
+            raise ValueError("must be longer than radius: the rods do not reach the centre")
+        return rod
 
     def inverse(self, tip: Sequence[Series]) -> list[Series]:
         """Return the heights of the carriages, mm."""
         x, y, z = tip
         return [
-            z + sqrt(self._rod**2 - (x - tower_x).square() - (y - tower_y).square())
-            for tower_x, tower_y in self._towers
+            z + sqrt(self.rod**2 - (x - tower_x).square() - (y - tower_y).square())
+            for tower_x, tower_y in self._towers()
         ]
 
     def forward(self, joints: Sequence[Floats]) -> list[Floats]:
         """Return the tip."""
         centres = [
             np.stack(np.broadcast_arrays(tower_x, tower_y, height), axis=-1)
-            for (tower_x, tower_y), height in zip(self._towers, joints, strict=True)
+            for (tower_x, tower_y), height in zip(self._towers(), joints, strict=True)
         ]
-        return _lower_meeting(centres, self._rod)
+        return _lower_meeting(centres, self.rod)
+
+    def _towers(self) -> list[tuple[float, float]]:
+        """Return the places of the towers, mm."""
+        angles = [angle / DEGREES for angle in self.angles]
+        return [(self.radius * math.cos(angle), self.radius * math.sin(angle)) for angle in angles]
 
 
-class RotaryDelta(Kinematics):
-    """Three upper arms that turn.
+class RotaryDelta(TableWithFormulas):
+    """Three arms that turn hold the tip by rods."""
 
-    Args:
-        base: distance of the arms' axes from the centre, mm.
-        platform: distance of the rods' ends from the tip, mm.
-        arm: length of the upper arms, mm.
-        rod: length of the rods, mm.
-        angles: of the arms, degrees from X.
-    """
-
+    moved = ("x", "y", "z")
+    movers = ("a", "b", "c")
     turning = (True, True, True)
 
-    def __init__(
-        self,
-        base: float,
-        platform: float,
-        arm: float,
-        rod: float,
-        angles: tuple[float, float, float],
-    ) -> None:
-        self._offset = base - platform
-        self._arm, self._rod = arm, rod
-        self._directions = [
-            (math.cos(angle / DEGREES), math.sin(angle / DEGREES)) for angle in angles
-        ]
+    type: Literal["rotary-delta"] = Field(
+        description="Joints a, b and c: angles of the arms below the level, degrees."
+    )
+    base: Length = Field(description="Distance of the arms' axes from the centre, mm.")
+    platform: Length = Field(description="Distance of the rods' ends from the tip, mm.")
+    arm: Length = Field(description="Length of the upper arms, mm.")
+    rod: Length = Field(description="Length of the rods, mm.")
+    angles: Angles = Field(
+        default=(210.0, 330.0, 90.0), description="Angles of the arms, degrees from X."
+    )
+
+    @field_validator("rod")
+    @classmethod
+    def _reaches_the_centre(cls, rod: float, info: Info) -> float:
+        """Refuse rods that no position of the arms brings to the centre."""
+        known = info.data
+        if {"base", "platform", "arm"} <= known.keys():
+            least = abs(known["base"] - known["platform"]) - known["arm"]
+            if rod <= least:
+                raise ValueError(f"must be longer than {least:g}: the rods do not reach the centre")
+        return rod
 
     def inverse(self, tip: Sequence[Series]) -> list[Series]:
         """Return the angles of the arms below the level, degrees."""
         x, y, z = tip
         found = []
-        for cosine, sine in self._directions:
-            along = x * cosine + y * sine - self._offset
+        for cosine, sine in self._directions():
+            along = x * cosine + y * sine - (self.base - self.platform)
             across = y * cosine - x * sine
             squares = along.square() + z.square()
-            k = (squares + across.square() + (self._arm**2 - self._rod**2)) * (0.5 / self._arm)
+            k = (squares + across.square() + (self.arm**2 - self.rod**2)) * (0.5 / self.arm)
             root = sqrt(squares - k.square())
             found.append((atan2(-z, along) - atan2(root, k)) * DEGREES)
         return found
@@ -112,11 +130,15 @@ class RotaryDelta(Kinematics):
     def forward(self, joints: Sequence[Floats]) -> list[Floats]:
         """Return the tip."""
         centres = []
-        for (cosine, sine), angle in zip(self._directions, joints, strict=True):
-            out = self._offset + self._arm * np.cos(angle / DEGREES)
-            down = -self._arm * np.sin(angle / DEGREES)
+        for (cosine, sine), angle in zip(self._directions(), joints, strict=True):
+            out = (self.base - self.platform) + self.arm * np.cos(angle / DEGREES)
+            down = -self.arm * np.sin(angle / DEGREES)
             centres.append(np.stack((out * cosine, out * sine, down), axis=-1))
-        return _lower_meeting(centres, self._rod)
+        return _lower_meeting(centres, self.rod)
+
+    def _directions(self) -> list[tuple[float, float]]:
+        """Return cosine and sine of the arms' angles."""
+        return [(math.cos(angle / DEGREES), math.sin(angle / DEGREES)) for angle in self.angles]
 
 
 def _lower_meeting(centres: Sequence[Floats], radius: float) -> list[Floats]:

@@ -27,14 +27,16 @@ that is given as a vector has one: there C is not defined where A or B is 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from pydantic import BeforeValidator, Field
 
-from cnc.kinematics.base import DEGREES, Floats, Kinematics
+from cnc.kinematics.base import DEGREES, Floats, Kinematics, Point, Table
 from cnc.kinematics.series import Series, sine_cosine
+from cnc.model.blocks import AxisLetter
+from cnc.model.section import as_tuple
 
-Point = tuple[float, float, float]
 Coordinates: TypeAlias = list[Any]
 """Three coordinates: series, or arrays (m,)."""
 
@@ -72,7 +74,7 @@ class Bare(Kinematics):
         return list(joints)
 
 
-class FiveAxis(Kinematics):
+class TipControl(Kinematics):
     """Three linear axes, a tilting axis (A or B) and a turning axis (C).
 
     Args:
@@ -135,3 +137,63 @@ def _turned(point: Coordinates, rotation: Rotation, wave: Any, direction: float)
     found[i] = cosine * a - sine * (b * sign) + rotation.point[i]
     found[j] = sine * (a * sign) + cosine * b + rotation.point[j]
     return found
+
+
+class FiveAxis(Table):
+    """Three linear axes, an axis that tilts (A or B) and one that turns (C)."""
+
+    with_tip_control = True
+
+    type: Literal[
+        "xyzac", "xyzbc", "xyzac-head", "xyzbc-head", "xyzac-head-table", "xyzbc-head-table"
+    ] = Field(
+        description=(
+            "A or B, and C: both on the table (a trunnion), both in the head, or A or B in the "
+            "head and C on the table."
+        )
+    )
+    tilt_point: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description=(
+            "A point of the axis of A or B, mm: machine coordinates on a table, from the gauge "
+            "point of the spindle in a head."
+        ),
+    )
+    turn_point: Point = Field(
+        default=(0.0, 0.0, 0.0),
+        description="A point of the axis of C, mm, as for tilt_point; at zero angles.",
+    )
+    reverse: Annotated[tuple[Literal["a", "b", "c"], ...], BeforeValidator(as_tuple)] = Field(
+        default=(),
+        description="Rotary axes that turn against the direction of ISO 841.",
+    )
+
+    @property
+    def tilting(self) -> AxisLetter:
+        """The axis that tilts."""
+        return "a" if self.type.startswith("xyzac") else "b"
+
+    @property
+    def tip_axes(self) -> tuple[AxisLetter, ...]:
+        """The axes of tool-tip control."""
+        return ("x", "y", "z", self.tilting, "c")
+
+    def formulas(self) -> Kinematics:
+        """Return the relation without tool-tip control: the axes are the joints."""
+        return Bare()
+
+    def with_tool(self, offset: Point) -> Kinematics:
+        """Return the relation under tool-tip control.
+
+        Args:
+            offset: Of the tool along X, Y and Z, mm.
+        """
+        head = self.type.endswith("-head")
+        sign = {letter: -1.0 if letter in self.reverse else 1.0 for letter in self.tip_axes}
+        tilt = Rotation(
+            0 if self.tilting == "a" else 1,
+            self.tilt_point,
+            not head and not self.type.endswith("-head-table"),
+            sign[self.tilting],
+        )
+        return TipControl(tilt, Rotation(2, self.turn_point, not head, sign["c"]), offset)

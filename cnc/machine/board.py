@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, FiniteFloat
 
 from cnc.machine.klipper import KlipperBoard
-from cnc.machine.section import Positive, Section, as_tuple
+from cnc.model.section import Positive, Section, as_tuple
 
 InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
 """Inputs of the stepper board that have a switch; ``limits`` are the switches of all axes."""

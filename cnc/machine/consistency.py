@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cnc.machine.kinematics import FiveAxis
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import Axis, Homing, Machine, switch_end
 from cnc.machine.motors import gantry_inconsistencies
-from cnc.machine.section import Inconsistency
 from cnc.model.blocks import ROTARY_LETTERS, AxisLetter
+from cnc.model.section import Inconsistency
 
 RATE_ROUNDING = 1e-12
 """Relative rounding error that the product of a speed and a resolution may have."""

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
-from cnc.machine.section import Inconsistency, Section, as_tuple
 from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.section import Inconsistency, Section, as_tuple
 
 _PIN = re.compile(r"([\^!]*)([A-Za-z][A-Za-z0-9_.]*)")
 

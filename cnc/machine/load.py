@@ -29,9 +29,9 @@ from cnc.machine.models import (
 from cnc.machine.motors import Motor
 from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
-from cnc.machine.section import Section
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, MachineFileError
+from cnc.model.section import Section
 
 DEFAULT = "default"
 

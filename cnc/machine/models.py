@@ -20,7 +20,9 @@ from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.motors import Motor, Motors
 from cnc.machine.program import Program
-from cnc.machine.section import (
+from cnc.model.blocks import AxisLetter
+from cnc.model.choices import MachineKind, WrapRule
+from cnc.model.section import (
     MotionLimit,
     NonNegative,
     Positive,
@@ -28,8 +30,6 @@ from cnc.machine.section import (
     Span,
     as_tuple,
 )
-from cnc.model.blocks import AxisLetter
-from cnc.model.choices import MachineKind, WrapRule
 
 
 class Header(Section):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
-from cnc.machine.section import Inconsistency, Section, as_tuple
+from cnc.model.section import Inconsistency, Section, as_tuple
 
 MOST_MOTORS = 4
 

@@ -9,8 +9,8 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from cnc.machine.program_codes import Codes, RunFile
-from cnc.machine.section import FilePath, Section, as_tuple
 from cnc.model.choices import DialectName, GcodeSystem
+from cnc.model.section import FilePath, Section, as_tuple
 
 
 class Program(Section):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from cnc.machine.section import FilePath, Section
+from cnc.model.section import FilePath, Section
 
 HIGHEST = 9999
 """Highest number of an M-code."""

@@ -33,12 +33,12 @@ from cnc.kernels.path.joint_records import (
     write_joint_records,
 )
 from cnc.kinematics.interval import Interval
-from cnc.kinematics.joint_map import JointMap
 from cnc.kinematics.series import Series, Term
 from cnc.model.blocks import Block, TipControl
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.planner.corners import CornerBlending
+from cnc.planner.joint_map import JointMap
 from cnc.planner.limits import Limits
 from cnc.planner.tip_series import Parts, tip_series
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.machine.kinematics import FiveAxis
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block
 from cnc.model.diagnostics import Diagnostic, MachineFileError
@@ -20,8 +20,8 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 
 if TYPE_CHECKING:
-    from cnc.kinematics.joint_map import JointMap
     from cnc.kinematics.orientation import Swing
+    from cnc.planner.joint_map import JointMap
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Joints:
         self.tip_axes = machine.axis_names
         self._map: JointMap | None = None
         if machine.tip_columns:
-            from cnc.kinematics.joint_map import JointMap
+            from cnc.planner.joint_map import JointMap
 
             self._map = JointMap.of(machine)
             self._limits = Limits.of_tip(machine)
@@ -176,7 +176,7 @@ class ToolTipOf:
         """Return the positions of a machine; None for one without tool-tip control."""
         if not machine.kinematics.with_tip_control:
             return None
-        from cnc.kinematics.joint_map import JointMap
+        from cnc.planner.joint_map import JointMap
 
         bare = JointMap.of(machine)
         assert bare is not None

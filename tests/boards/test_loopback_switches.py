@@ -12,7 +12,8 @@ from cnc.boards.loopback_switches import SwitchedLoopback
 from cnc.boards.registry import open_board
 from cnc.cli import exit_code
 from cnc.executor.squaring import Squared
-from cnc.machine.kinematics import CoreXY, CoreXZ, Delta
+from cnc.kinematics.delta import Delta
+from cnc.kinematics.planar import CoreXY, CoreXZ
 from cnc.machine.models import Machine
 from cnc.machine.motors import Motor
 from cnc.model.diagnostics import BoardError, UsageError

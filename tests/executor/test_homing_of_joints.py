@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from cnc.api import home
-from cnc.machine.kinematics import CoreXY, Delta
+from cnc.kinematics.delta import Delta
+from cnc.kinematics.planar import CoreXY
 from cnc.machine.models import Machine
 from tests.support.boards.homing_bench import EVERYWHERE, INF, SWITCH_PINS, Bench, axis, rows
 from tests.support.soak import share

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import plan
-from cnc.machine.kinematics import Delta
+from cnc.kinematics.delta import Delta
 from cnc.machine.models import Axis, Machine
 from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cnc.machine.kinematics import FiveAxis
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import Axis, Board, Machine, PathLimits
 
 TYPES = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BSpline
 
-from cnc.machine.kinematics import FiveAxis
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import Axis, Board, Machine, PathLimits
 from cnc.model.blocks import Block, PathMode, Polyline, TipControl
 

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.machine.kinematics import (
-    CoreXY,
-    CoreXZ,
-    Delta,
-    KinematicsTable,
-    Polar,
-    RotaryDelta,
-    Scara,
-)
+from cnc.kinematics.delta import Delta, RotaryDelta
+from cnc.kinematics.planar import CoreXY, CoreXZ, Polar, Scara
+from cnc.machine.kinematics import KinematicsTable
 from cnc.machine.models import Axis, Board, Machine, PathLimits
 
 TABLES: dict[str, KinematicsTable] = {

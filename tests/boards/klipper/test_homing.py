@@ -11,7 +11,7 @@ from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.executor.homing_cycles import homing_sequence
-from cnc.machine.kinematics import FiveAxis
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import HomingOrder, Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.homing_bench import axis, small

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kinematics.base import Kinematics
-from cnc.kinematics.belts import Belts
-from cnc.kinematics.cylinder import Cylinder
-from cnc.kinematics.delta import LinearDelta, RotaryDelta
-from cnc.kinematics.five_axis import Bare, FiveAxis, Point, Rotation
-from cnc.kinematics.polar import Polar
-from cnc.kinematics.scara import Scara
+from cnc.kinematics.base import Kinematics, Point
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.series import Series
-from cnc.machine import kinematics as tables
-from cnc.machine.kinematics import KinematicsTable
 from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS
-from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +48,7 @@ class JointMap:
         self.names = tuple(names)
         self.columns = tuple(f"joint {name}" for name in names)
         self.linear = kinematics.linear
-        self._table: tables.FiveAxis | None = None
+        self._table: FiveAxis | None = None
         self._letters: tuple[str, ...] = ()
         self.turning = np.zeros(len(names), np.bool_)
         self.turning[list(own)] = kinematics.turning
@@ -69,13 +60,13 @@ class JointMap:
     @classmethod
     def of(cls, machine: Machine) -> JointMap | None:
         """Return the joints of a machine; None where they are the axes."""
-        if isinstance(machine.kinematics, tables.FiveAxis):
-            return _of_five(machine.kinematics, machine.axis_names, None)
-        kinematics = _formula(machine.kinematics)
+        table, letters = machine.kinematics, machine.axis_names
+        if isinstance(table, FiveAxis):
+            return _of_five(table, letters, None)
+        kinematics = table.formulas()
         if kinematics is None:
             return None
-        letters, names = machine.axis_names, tuple(machine.joint_tables)
-        moved, joints = machine.kinematics.axes, machine.kinematics.joints
+        names, moved, joints = tuple(machine.joint_tables), table.axes, table.joints
         return cls(
             kinematics,
             [letters.index(letter) for letter in moved],
@@ -135,71 +126,11 @@ class JointMap:
         return tip
 
 
-def _of_five(table: tables.FiveAxis, letters: tuple[str, ...], offset: Point | None) -> JointMap:
+def _of_five(table: FiveAxis, letters: tuple[str, ...], offset: Point | None) -> JointMap:
     """Return the joints of a five-axis machine; without an offset they are the axes."""
-    head = table.type.endswith("-head")
-    sign = {letter: -1.0 if letter in table.reverse else 1.0 for letter in table.tip_axes}
-    tilt = Rotation(
-        0 if table.tilting == "a" else 1,
-        table.tilt_point,
-        not head and not table.type.endswith("-head-table"),
-        sign[table.tilting],
-    )
-    turn = Rotation(2, table.turn_point, not head, sign["c"])
     taken = [letters.index(letter) for letter in table.tip_axes]
-    kinematics = Bare() if offset is None else FiveAxis(tilt, turn, offset)
+    kinematics = table.formulas() if offset is None else table.with_tool(offset)
     others = [k for k in range(len(letters)) if k not in taken]
-    found = JointMap(kinematics, taken, taken, others, letters)
-    found._table, found._letters = table, letters
-    return found
-
-
-def _formula(table: KinematicsTable) -> Kinematics | None:
-    """Return the formulas of a kinematics; None where the axes are the joints."""
-    match table:
-        case tables.CoreXY() | tables.CoreXZ():
-            return Belts()
-        case tables.Polar():
-            return Polar()
-        case tables.Scara():
-            return Scara(table.arms, left=table.elbow == "left")
-        case tables.Delta():
-            return LinearDelta(table.radius, table.rod, table.angles)
-        case tables.RotaryDelta():
-            return RotaryDelta(table.base, table.platform, table.arm, table.rod, table.angles)
-        case tables.Cylinder():
-            return Cylinder(table.radius)
-        case tables.Custom():
-            return _registered(table)
-        case _:
-            return None
-
-
-GROUP = "cnc.kinematics"
-"""Group of the entry points of kinematics."""
-
-
-def _registered(table: tables.Custom) -> Kinematics:
-    """Return the formulas of a class that an installed package registers.
-
-    Raises:
-        MachineFileError: ``kinematics-unknown``, ``kinematics-parameters``.
-    """
-    found = {each.name: each for each in entry_points(group=GROUP)}
-    entry = found.get(table.name)
-    if entry is None:
-        names = ", ".join(sorted(found)) or "none"
-        message = f"no installed package has the kinematics {table.name!r}"
-        hint = f"registered in the entry point group {GROUP}: {names}"
-        raise MachineFileError(Diagnostic("kinematics-unknown", message, hint=hint))
-    try:
-        kinematics = entry.load()(**table.parameters)
-    except Exception as error:  # the code of a user may raise anything
-        message = f"the kinematics {table.name!r} does not take its parameters: {error}"
-        hint = "correct [kinematics] parameters in the machine file, or the class"
-        raise MachineFileError(Diagnostic("kinematics-parameters", message, hint=hint)) from None
-    if not isinstance(kinematics, Kinematics) or len(kinematics.turning) != len(table.of_joints):
-        message = f"{table.name!r} is not a Kinematics with {len(table.of_joints)} joints"
-        hint = "derive the class from cnc.kinematics.base.Kinematics, with its own turning"
-        raise MachineFileError(Diagnostic("kinematics-parameters", message, hint=hint))
-    return kinematics
+    joints = JointMap(kinematics, taken, taken, others, letters)
+    joints._table, joints._letters = table, letters
+    return joints
