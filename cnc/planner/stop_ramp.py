@@ -163,13 +163,13 @@ def ramp_by_clock(
 
 
 def copy_by_clock(
-    plan: Phases, near: Intervals, known: Intervals, machine: LimitArrays, part: float
+    plan: Phases, time: float, known: Intervals, machine: LimitArrays, part: float
 ) -> tuple[int, Phases] | None:
     """Return a ramp to a copy of the plan at a part of its speed, and that copy.
 
     Args:
         plan: the plan so far, from the start of the ramp to rest.
-        near: the intervals behind the start, about as far as a ramp to rest goes.
+        time: about that of a ramp to rest, s.
         known: the intervals behind the start, farther than any ramp goes.
         machine: the limits.
         part: of the speed; the copy may be a little slower.
@@ -177,10 +177,6 @@ def copy_by_clock(
     Returns:
         The number of phases of the ramp, and all phases; None if no ramp is legal.
     """
-    firm = firm_ramp(plan, near)
-    if firm is None:
-        return None
-    time = float(firm["duration"].sum())
     for row in _beginnings(plan, time):
         for steps, use in CLOCKS:
             ramp, phases = slower_copy(plan[row:], known, machine, time / steps, use, part)
