@@ -6,8 +6,8 @@ r(u(t)), with
 
     velocity r' u',   acceleration r'' u'^2 + r' u'',   jerk r''' u'^3 + 3 r'' u' u'' + r' u'''
 
-in each axis. So the clock u is a coordinate along a path with these derivatives, and the plan so
-far is u' = 1:
+in each axis, and likewise along the path with the speed for r'. So the clock u is a coordinate
+along a path with these derivatives, and the plan so far is u' = 1:
 
      u' |----.             wanted: the new feed as a part of the largest speed
         |     `.
@@ -29,12 +29,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import METRIC, METRICS, curve_eval
+from cnc.kernels.path.curve import curve_eval
 from cnc.kernels.planner.corner_hold import Chained, stop_within
 from cnc.kernels.planner.corner_legs import LEG_STEPS, MOST_STEPS
 from cnc.kernels.planner.corner_pieces import steps_size
 from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
+from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.phases import PHASE, Phases, phase_at
+from cnc.kernels.planner.timed import timed_motion
 from cnc.path.chunk import PathChunk
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import ChainLeft
@@ -161,22 +163,23 @@ def under_clock(left: ChainLeft, legs: PathChunk, limits: Limits) -> OtherClock 
 
 
 def _timed_intervals(plan: PlanChunk, first: int) -> tuple[Intervals, Floats]:
-    """Return the phases from one on as intervals of time, and the largest speed of each, mm/s."""
-    path, count = plan.path, len(plan.phase_j) - first
+    """Return the phases from one on as intervals of time, and the largest speed of each, mm/s.
+
+    Behind the axes, a further column has the speed along the path and its derivatives.
+    """
+    path, count, axes = plan.path, len(plan.phase_j) - first, len(plan.path.axes)
     t = plan.phase_t[first:] - plan.phase_t[first]
-    q, samples = np.empty((4, len(path.axes))), np.empty((count, SAMPLES, 3, len(path.axes)))
-    speed = np.zeros(count)
+    q, samples = np.empty((4, axes)), np.empty((count, SAMPLES, 3, axes + 1))
     for m in range(count):
         k, v = first_piece(plan, first + m), float(plan.phase_v[first + m])
         at = int(path.at[k])
-        metric = path.data[at + METRIC :][: int(path.data[at + METRICS])].astype(np.int64)
         for n in range(SAMPLES):
             s = plan.phase_s[first + m] + v * (t[m + 1] - t[m]) * n / (SAMPLES - 1)
             u = min(max(float(s - plan.piece_s[k]), 0.0), float(path.length[k]))
             curve_eval(int(path.kind[k]), path.data, at, u, q)
             for order in range(3):
-                samples[m, n, order] = q[order + 1] * v ** (order + 1)
-            speed[m] = max(speed[m], float(np.linalg.norm(samples[m, n, 0, metric])))
+                samples[m, n, order, :axes] = q[order + 1] * v ** (order + 1)
+            samples[m, n, :, axes] = timed_motion(path.data, at, q, v, 0.0, 0.0)[:3]
     one, free = np.ones(count), np.full((count, LEVELS), inf)
     known = Intervals(
         end=t[1:],
@@ -190,7 +193,19 @@ def _timed_intervals(plan: PlanChunk, first: int) -> tuple[Intervals, Floats]:
         sampled=np.stack((t[:-1], t[1:]), axis=1),
         samples=samples,
     )
-    return known, speed
+    return known, samples[:, :, 0, axes].max(axis=1)
+
+
+def _with_path(limits: Limits) -> LimitArrays:
+    """Return the limits of the columns of :func:`_timed_intervals`."""
+    machine = limits.arrays
+    return machine._replace(
+        tangential_acceleration=inf,
+        tangential_jerk=inf,
+        axis_velocity=np.append(machine.axis_velocity, inf),
+        axis_acceleration=np.append(machine.axis_acceleration, machine.tangential_acceleration),
+        axis_jerk=np.append(machine.axis_jerk, machine.tangential_jerk),
+    )
 
 
 def _slower(known: Intervals, v: float, wanted: float, limits: Limits) -> Phases | None:
@@ -210,9 +225,8 @@ def _slower(known: Intervals, v: float, wanted: float, limits: Limits) -> Phases
     begins = np.concatenate(([0.0], known.end[:-1]))
     plan = np.zeros(len(begins), PHASE)
     plan["duration"], plan["s"], plan["v"] = known.end - begins, begins, 1.0
-    # The audit compares the values along the path.
-    machine = limits.arrays._replace(tangential_acceleration=inf, tangential_jerk=inf)
-    found = copy_by_clock(plan, ramp, known, machine, wanted)
+    # Another beginning is tried with the next slice.
+    found = copy_by_clock(plan, ramp, known, _with_path(limits), wanted, later=())
     if found is None:
         return None
     count, phases = found
@@ -230,11 +244,11 @@ def _faster(known: Intervals, wanted: float, limits: Limits) -> Phases | None:
         limits: of the machine.
     """
     v, a, j = np.abs(known.samples).max(axis=(0, 1))
-    moves = v > 0.0
+    machine, moves = _with_path(limits), v > 0.0
     v, a, j = v[moves], a[moves], j[moves]
     most_v, most_a, most_j = (
         INSIDE * each[moves]
-        for each in (limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk)
+        for each in (machine.axis_velocity, machine.axis_acceleration, machine.axis_jerk)
     )
     with np.errstate(divide="ignore"):
         rates = (most_v / v).min(), np.sqrt(most_a / a).min(), np.cbrt(most_j / j).min()
@@ -244,10 +258,12 @@ def _faster(known: Intervals, wanted: float, limits: Limits) -> Phases | None:
     for _ in range(HALVINGS):
         if rate < GAIN:
             return None
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             spare = most_j - j * rate**3
             change = min(((most_a - a * rate**2) / v).min(), (spare / (6.0 * a * rate)).min())
             sudden = ((spare - 3.0 * a * rate * change) / v).min()
+        if not sudden > 0.0:
+            return None
         gain = rate - 1.0
         if gain >= change**2 / sudden:
             bend, steady = change / sudden, gain / change - change / sudden

@@ -326,10 +326,9 @@ class LookAhead:
             return [Beginning.WINDOW]
         if self._finished:
             left = self._finished.chain_left
-            # Behind a long motion past corners a stop would be late: the next slice may show one.
+            # Behind a long motion past corners it would be late: the next slice may show a place.
             inside = [Beginning.INSIDE_CHAIN] * (left > 0.0)
-            behind = [Beginning.FINISHED] * (factor > 0.0 or left <= self._slice_s)
-            return [*inside, *behind]
+            return [*inside, *[Beginning.FINISHED] * (left <= self._slice_s)]
         held = [Beginning.HELD_BACK] * (self._corners.held_from is not None)
         return [*held, Beginning.WINDOW]
 
