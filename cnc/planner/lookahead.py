@@ -115,6 +115,16 @@ class LookAhead:
         """Time until the motion past corners ends that is under way, s; 0 for none."""
         return self._finished.chain_left
 
+    @property
+    def pending(self) -> float:
+        """Time after which a requested override begins at the latest, s; 0 if it has begun.
+
+        It waits for the end of a motion past corners, or for another slice.
+        """
+        factor = self._requested_factor()
+        waits = bool(self._finished) and factor not in (0.0, self._factor)
+        return max(self.chain_left, self._slice_s) if waits else 0.0
+
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
         """Yield plans for the path, and the blocks that are not motion, in order.
 
