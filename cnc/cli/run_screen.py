@@ -48,7 +48,8 @@ def overrides(sent: Progress, control: Control) -> str:
         control.rapid_override,
         control.spindle_override,
     )
-    return f"feed {feed:g} %  traverses {rapid:g} %  spindle {spindle:g} %"
+    waits = f" (in {sent.pending:.1f} s at most)" if sent.pending > 0.0 else ""
+    return f"feed {feed:g} %{waits}  traverses {rapid:g} %  spindle {spindle:g} %"
 
 
 def rows(

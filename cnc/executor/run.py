@@ -77,6 +77,7 @@ class Progress:
         text: Text of the line.
         feed: Programmed feed of the line, mm/min; None for a traverse, or if it is not known.
         tool: Number of the tool; None before the first tool change.
+        pending: Time until the requested feed override takes effect at the latest, s; 0 if it has.
     """
 
     time: float
@@ -96,6 +97,7 @@ class Progress:
     text: str = ""
     feed: float | None = None
     tool: int | None = None
+    pending: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@
 
 A part is a plan with motions past its corners, in which nothing changes by itself any more. But a
 hold or an override may begin where the next slice does. If a motion past a chain of corners is
-under way there, an override begins at its end.
+under way there, they change it, or begin at its end.
 """
 
 from __future__ import annotations
@@ -26,7 +26,14 @@ from cnc.planner.audit import Audit
 from cnc.planner.corners import path_arrays
 from cnc.planner.phases import INSTANT
 from cnc.planner.plan import PlanChunk
-from cnc.planner.plan_parts import SAME, cut_at_time, first_piece, part, with_own_end
+from cnc.planner.plan_parts import (
+    SAME,
+    cut_at_time,
+    first_piece,
+    joined_plans,
+    part,
+    with_own_end,
+)
 
 BESIDE = 4.0 * INSTANT
 """s; a slice does not end so near to the end of a phase, but at it."""
@@ -56,7 +63,7 @@ class ChainLeft(NamedTuple):
     """The rest of a motion past a chain of corners.
 
     Attributes:
-        plan: the motion from here on; a timed piece for each phase.
+        plan: the motion from here on, over timed pieces.
         legs: the number of legs of the whole chain.
         leg: the leg that is under way.
     """
@@ -196,6 +203,23 @@ class Finished:
             left=left,
         )
         return found, kept
+
+    def with_rest(self, rest: PlanChunk) -> Finished:
+        """Return the parts up to the end of the chain under way, which ends with another motion.
+
+        ``rest``: the motion over the same pieces, from the place that :meth:`back` returned.
+        """
+        first, chain = self._parts[0], self._chain_under_way()
+        plan = joined_plans(_between(first.plan, 0.0, rest.t0 - first.plan.t0), rest)
+        chains = tuple(
+            each._replace(end=plan.duration) if each == chain else each
+            for each in first.chains
+            if chain is None or each.end <= chain.end
+        )
+        kept = Finished()
+        kept._done = self._done
+        kept._parts.append(replace(first, plan=plan, chains=chains))
+        return kept
 
     def _chain_under_way(self) -> PassedChain | None:
         """Return the motion past corners in which the next slice begins."""

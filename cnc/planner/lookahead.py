@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from math import inf
 from typing import NamedTuple
@@ -29,7 +30,7 @@ from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
 from cnc.planner.corner_choice import passed_together
-from cnc.planner.corner_hold import stop_inside
+from cnc.planner.corner_hold import stop_inside, under_clock
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.finished import Finished, FinishedPart
@@ -37,6 +38,7 @@ from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 from cnc.planner.requests import Beginning
 from cnc.planner.rewind import Rewind
+from cnc.planner.section import with_feeds_in_effect
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 
 MOST_CAUTION = 12
@@ -112,6 +114,16 @@ class LookAhead:
     def chain_left(self) -> float:
         """Time until the motion past corners ends that is under way, s; 0 for none."""
         return self._finished.chain_left
+
+    @property
+    def pending(self) -> float:
+        """Time after which a requested override begins at the latest, s; 0 if it has begun.
+
+        It waits for the end of a motion past corners, or for another slice.
+        """
+        factor = self._requested_factor()
+        waits = bool(self._finished) and factor not in (0.0, self._factor)
+        return max(self.chain_left, self._slice_s) if waits else 0.0
 
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
         """Yield plans for the path, and the blocks that are not motion, in order.
@@ -218,7 +230,7 @@ class LookAhead:
             return True
         before = self._state()
         for begin in self._beginnings(factor):
-            if self._gone_back(begin) and self._accepted(factor):
+            if self._gone_back(begin, factor) and self._accepted(factor):
                 self._factor = factor
                 return True
             self._set_state(before)
@@ -324,20 +336,18 @@ class LookAhead:
             return [Beginning.WINDOW]
         if self._finished:
             left = self._finished.chain_left
-            if factor > 0.0 or left == 0.0:
-                return [Beginning.FINISHED]
-            # Behind a long motion past corners a stop would be late: the next slice may show one.
-            ends_soon = [Beginning.FINISHED] * (left <= self._slice_s)
-            return [Beginning.INSIDE_CHAIN, *ends_soon]
+            # Behind a long motion past corners it would be late: the next slice may show a place.
+            inside = [Beginning.INSIDE_CHAIN] * (left > 0.0)
+            return [*inside, *[Beginning.FINISHED] * (left <= self._slice_s)]
         held = [Beginning.HELD_BACK] * (self._corners.held_from is not None)
         return [*held, Beginning.WINDOW]
 
-    def _gone_back(self, begin: Beginning) -> bool:
+    def _gone_back(self, begin: Beginning, factor: float) -> bool:
         """Return to a place at which a request begins; return False if that is not possible."""
         if begin is Beginning.WINDOW:
             return True
         if begin is Beginning.INSIDE_CHAIN:
-            return self._stopped_inside()
+            return self._clock_changed(factor) if factor > 0.0 else self._stopped_inside()
         if begin is Beginning.HELD_BACK:
             window = self._rewind.window_at(self._corners.held_from)
             if window is None:
@@ -366,7 +376,9 @@ class LookAhead:
             return False
         back, kept = found
         legs = window.pieces_from_here(back.left.legs) if back.left else None
-        stop = stop_inside(back.left, legs, self.limits) if back.left and legs else None
+        if back.left is None or legs is None:
+            return False
+        stop = stop_inside(back.left, with_feeds_in_effect(legs, window.limits), self.limits)
         if stop is None:
             return False
         plan = stop.plan
@@ -380,6 +392,31 @@ class LookAhead:
         self._finished = kept
         self.audit.adopt(back.audit)
         self._window, self._rewind = window, Rewind()
+        return True
+
+    def _clock_changed(self, factor: float) -> bool:
+        """Change the clock of a motion past corners; return False if that does not help."""
+        inside, end = self._finished.back(inside=True), self._finished.back(inside=False)
+        if inside is None or end is None or inside[0].left is None:
+            return False
+        back, behind = inside[0], end[0]
+        begin = self._rewind.window_at(back.stops_time)
+        window = self._rewind.window_at(behind.stops_time)
+        legs = begin.pieces_from_here(inside[0].left.legs) if begin else None
+        if window is None or legs is None:
+            return False
+        clocked = under_clock(inside[0].left, legs, replace(self.limits, feed_factor=factor))
+        if clocked is None:
+            return False
+        plan = clocked.plan
+        broken, _ = back.audit.examined(plan)
+        if broken:
+            return False
+        window.follow_slower(clocked.pace)
+        self._finished = self._finished.with_rest(plan)
+        self._go_on(window, plan.t0 + plan.duration, behind.length, shared=behind.shared)
+        self.audit.adopt(back.audit)
+        self._window, self._rewind = window, self._rewind.up_to(behind.stops_time)
         return True
 
     def _go_on(self, window: Window, time: float, length: float, *, shared: bool) -> None:

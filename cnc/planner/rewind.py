@@ -41,6 +41,13 @@ class Rewind:
         """Keep a copy of the window before a slice is taken."""
         self._copies.append((window.clock.seconds, window.copy(), len(self._added)))
 
+    def up_to(self, time: float) -> Rewind:
+        """Return the copies before a time: behind it another plan follows."""
+        other = Rewind()
+        other._copies = [each for each in self._copies if each[0] < time - SAME]
+        other._added = self._added[:]
+        return other
+
     def leave_out(self, time: float | None) -> None:
         """Leave out the copies that a return to ``time`` does not need; None for no return."""
         if time is None:

@@ -234,12 +234,15 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     if not len(here.end):
         return None
     firm = firm_ramp(plan, here)
-    if firm is not None and _time_to_rest(plan) <= AT_REST * _duration((firm, 0.0)):
+    if firm is None:
+        return None
+    time = float(firm["duration"].sum())
+    if _time_to_rest(plan) <= AT_REST * time:
         # It rests about as soon as a ramp that begins a little later would end.
         count = first_rest(plan)
         rest = float(plan[count]["s"]) if count < len(plan) else request.goal
         return SlowerPlan(plan, count, rest, slowing)
-    found = copy_by_clock(plan, here, lowered(near), slowing.arrays, part)
+    found = copy_by_clock(plan, time, lowered(near), slowing.arrays, part)
     if found is None:
         return None
     ramp, phases = found

@@ -14,6 +14,7 @@ clock that slows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
@@ -163,25 +164,27 @@ def ramp_by_clock(
 
 
 def copy_by_clock(
-    plan: Phases, near: Intervals, known: Intervals, machine: LimitArrays, part: float
+    plan: Phases,
+    time: float,
+    known: Intervals,
+    machine: LimitArrays,
+    part: float,
+    later: Sequence[float] = LATER,
 ) -> tuple[int, Phases] | None:
     """Return a ramp to a copy of the plan at a part of its speed, and that copy.
 
     Args:
         plan: the plan so far, from the start of the ramp to rest.
-        near: the intervals behind the start, about as far as a ramp to rest goes.
+        time: about that of a ramp to rest, s.
         known: the intervals behind the start, farther than any ramp goes.
         machine: the limits.
         part: of the speed; the copy may be a little slower.
+        later: see LATER.
 
     Returns:
         The number of phases of the ramp, and all phases; None if no ramp is legal.
     """
-    firm = firm_ramp(plan, near)
-    if firm is None:
-        return None
-    time = float(firm["duration"].sum())
-    for row in _beginnings(plan, time):
+    for row in _beginnings(plan, time, later):
         for steps, use in CLOCKS:
             ramp, phases = slower_copy(plan[row:], known, machine, time / steps, use, part)
             if not ramp:
@@ -199,10 +202,10 @@ def _may_slow(known: Intervals, begin: float, end: float) -> bool:
     return not known.flat[first : last + 1].any()
 
 
-def _beginnings(plan: Phases, time: float) -> list[int]:
+def _beginnings(plan: Phases, time: float, later: Sequence[float] = LATER) -> list[int]:
     """Return the phases of a plan at which a ramp of about ``time`` seconds may begin."""
     begun = np.cumsum(plan["duration"])[:-1]
-    rows = np.unique(np.searchsorted(begun, time * np.array(LATER), side="right") + 1)
+    rows = np.unique(np.searchsorted(begun, time * np.array(later), side="right") + 1)
     return [0, *rows[rows < len(plan)].tolist()]
 
 

@@ -42,7 +42,6 @@ from cnc.planner.phases import (
 )
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
-from cnc.planner.section import with_feeds_in_effect
 from cnc.planner.slowing import (
     Request,
     SlowedPlan,
@@ -242,12 +241,16 @@ class Window:
         return chunks
 
     def pieces_from_here(self, count: int) -> PathChunk | None:
-        """Return so many pieces of path from the one on that is under way; None without them.
+        """Return so many pieces of path from the one on that is under way; None without them."""
+        return self._path.pieces_from(self._at, count) if self._path.sections else None
 
-        They have the feeds in effect.
-        """
-        path = self._path.pieces_from(self._at, count) if self._path.sections else None
-        return None if path is None else with_feeds_in_effect(path, self.limits)
+    def follow_slower(self, pace: float) -> None:
+        """Follow the plan at a part of its speed."""
+        plan = self._plan.phases
+        plan["duration"] /= pace
+        plan["v"] *= pace
+        plan["a"] *= pace**2
+        plan["j"] *= pace**3
 
     def rest_on(self, piece: int, place: float) -> None:
         """Go on from rest at a place on a piece, to which another motion leads.

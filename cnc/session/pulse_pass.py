@@ -86,6 +86,7 @@ class PulsePass:
                 context.observer.warn(_other_algorithm(self._algorithm))
             self._algorithm = SEPARATE
         self._schedule: Schedule | None = None
+        self._planner: LookAhead | None = None
 
     def run(self, kept: PathItems | None, before_motion: Callable[[], None]) -> None:
         """Make all pulses.
@@ -207,6 +208,7 @@ class PulsePass:
         report = self._context.report
 
         # The executor carries out stop requests from here on.
+        self._planner = planner
         self._sent(Progress(0.0, 0, 0))
         try:
             outcome = execute(
@@ -233,6 +235,8 @@ class PulsePass:
         if self._schedule is not None:
             left = self._schedule.left(progress, self._control.feed_override)
             progress = replace(progress, left=left)
+        if self._planner is not None and (pending := self._planner.pending) > 0.0:
+            progress = replace(progress, pending=pending + (progress.ahead or 0.0))
         self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
 
     def _record_position(self, grid: NDArray[np.int64]) -> None:

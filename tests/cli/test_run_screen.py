@@ -82,6 +82,11 @@ def test_what_is_not_known_is_left_out(progress: Progress, expected: dict[str, s
     assert shown["overrides"] == "feed 100 %  traverses 100 %  spindle 100 %"
 
 
+def test_an_override_that_waits_is_shown_as_such() -> None:
+    shown = dict(run_screen.rows(Progress(0.0, 3, 5, pending=0.62), Control(50.0), None))
+    assert shown["overrides"] == "feed 50 % (in 0.6 s at most)  traverses 100 %  spindle 100 %"
+
+
 def test_the_screen_is_drawn_on_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_screen, "DELAY", 0.0)
     console = Console(file=io.StringIO(), force_terminal=True, width=100, record=True)

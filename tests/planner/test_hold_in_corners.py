@@ -130,6 +130,49 @@ def test_a_hold_rests_on_a_leg_within_the_tolerance_and_goes_on_to_the_end(seed)
         assert position(after[0], 0) == pytest.approx(rest, abs=1e-9)
 
 
+def test_an_override_without_room_is_pending_until_the_motion_past_corners_ends(monkeypatch):
+    monkeypatch.setattr("cnc.planner.lookahead.under_clock", lambda *_: None)
+    ahead, plans, control = planning(ZIGZAG)
+    begins = []
+    for item in plans:
+        now = item.t0 + item.duration
+        if ahead.feed_factor == 1.0 and control.feed_override == 50.0:
+            assert ahead.pending >= max(ahead.chain_left, SLICE)
+            begins.append(now + ahead.pending)
+        else:
+            assert ahead.pending == 0.0
+        if past_corners(item):
+            control.override(50.0)
+    assert len(begins) > 5
+    assert begins[:-1] == pytest.approx([begins[0]] * (len(begins) - 1), abs=1e-6)
+    assert ahead.feed_factor == 0.5
+
+
+@pytest.mark.parametrize("percent", [10.0, 30.0, 70.0])
+@pytest.mark.parametrize("seed", range(share(100, 6)))
+def test_a_hold_and_another_override_follow_an_override_inside_the_same_motion(seed, percent):
+    """The hold begins in the ramp of the first override, or behind it."""
+    points, tolerance, _ = random_corners(seed)
+    _, plans, control = planning(points, tolerance)
+    plain = duration(list(planning(points, tolerance)[1]))
+    requests = [lambda: control.override(percent), control.hold, lambda: control.override(100.0)]
+    whole = []
+    for item in plans:
+        if isinstance(item, Held):
+            control.resume()
+            continue
+        whole.append(item)
+        if requests and past_corners(item) and (len(requests) > 1 or not control.held):
+            requests.pop(0)()
+    there, back = distances(sampled(whole, 2e-4), np.concatenate((np.zeros((1, 3)), points)))
+    assert_legal(whole, PER_AXIS, (1e-3, 1e-4))
+    assert there.max() <= tolerance
+    assert back.max() <= tolerance + 0.02
+    assert position(whole[-1], -1) == pytest.approx(points[-1], abs=1e-9)
+    assert (whole[-1].phase_v[-1], whole[-1].phase_a[-1]) == (0.0, 0.0)
+    assert not requests or duration(whole) >= plain
+
+
 def position(plan, phase):
     """Return the position at the start of a phase; -1 for the end of the plan."""
     s, piece = float(plan.phase_s[phase]), int(np.searchsorted(plan.piece_s, plan.phase_s[phase]))

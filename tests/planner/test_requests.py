@@ -1,7 +1,17 @@
 """Requests of the operator at random moments take effect within the promised time.
 
-That is a slice of motion, which the board has, the rest of a motion past corners that is under way,
-and the ramp. On bends the axes leave less for a ramp than on a straight line.
+That is a slice of motion, which the board has, and the ramp; where the axes leave no room inside a
+motion past corners, the rest of that motion comes before.
+
+The ramp by theory. Its unit is the straight ramp to rest along the slowest axis, 2 sqrt(v / J) at
+low speeds. On a bend, an axis may be at its limit of jerk at every instant, against the ramp. Then
+the motion follows its plan under a clock of the rate 1 - e, which lowers that jerk by 3 e J, and
+may use this for a change of its own: v e'' = 3 J e. So e grows by exp(2 sqrt 3) in each ramp. From
+TOUCH, by which a motion may exceed its limits, to 1/2 it takes ln(5000) / (2 sqrt 3) = 2.46 ramps.
+At half the speed 7/8 of the jerk are free, and the rest of the way to rest takes sqrt(4 / 7) =
+0.76. No motion is locked for so long by one axis: with an acceleration against its speed, an axis
+reverses within sqrt 2 ramps. A motion that speeds up on a line needs less: sqrt(1/2) ramps to end
+its acceleration, and at most sqrt 2 from the speed there, together 2.12.
 """
 
 import math
@@ -27,10 +37,10 @@ from tests.support.planner.requests import (
 from tests.support.soak import share
 
 RAMPS = 2.5
-"""A motion slows within this many ramps to rest on a straight line along the slowest axis."""
+"""A motion slows within this many ramps: 2.46, see above."""
 
 RAMPS_TO_REST = 4.0
-"""It rests within this many: between two tight bends it may have to cross one of them before."""
+"""It rests within this many: 2.46 + 0.76, and 0.76 for a bend that it may have to cross before."""
 
 BEHIND = 2.0
 """At the new feed the motion loses no more than so many of these ramps, a slice, and the rest of
@@ -65,6 +75,27 @@ def test_a_request_takes_effect_within_the_promised_time(
         assert answer.delay <= answer.chain + 1.5 * SLICE, message
         assert answer.effect <= answer.chain + late, message
         assert answer.behind <= BEHIND * answer.ramp + answer.chain + SLICE, message
+
+
+INSIDE = 0.95
+"""Part of the requests inside of long motions past corners for which there is room at once."""
+
+
+def test_an_override_takes_effect_inside_a_motion_past_corners(tmp_path: Path) -> None:
+    """Else it would wait for the end of that motion."""
+    late, count = [], 0
+    for number in range(share(400, 40)):
+        rng = np.random.default_rng([11, number])
+        program = random_program("polygons", rng, tmp_path)
+        answer = answered(program, rng, (10.0, 25.0, 50.0, 70.0, 90.0), inside=2.0 * SLICE)
+        if answer is None:
+            continue
+        count += 1
+        assert answer.effect <= answer.chain + SLICE + RAMPS * answer.ramp, (number, answer)
+        if answer.effect > SLICE + RAMPS * answer.ramp:
+            late.append((number, answer))
+    assert count > share(80, 8)
+    assert len(late) <= (1.0 - INSIDE) * count, late
 
 
 def rosette(petals: int, chords: int) -> np.ndarray:

@@ -144,7 +144,7 @@ def raise_maxima(
     kind, data, at = pieces.kind[piece], pieces.data, pieces.at[piece]
     along = largest.along
     if is_timed(kind, data, at):
-        speed, tangential, change, normal = timed_motion(data, at, q, v)
+        speed, tangential, change, normal = timed_motion(data, at, q, v, a, j)
     else:
         squared = 0.0
         for i in range(int(data[at + METRICS])):

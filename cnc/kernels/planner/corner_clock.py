@@ -22,7 +22,7 @@ class Planned(NamedTuple):
     """The rest of a motion past corners, in the directions of its legs.
 
     Attributes:
-        path: timed pieces, one for each phase.
+        path: timed pieces.
         plan: the phases.
         basis: (d, axes): the directions.
         origin: (axes,): the place of the first corner, mm.
@@ -42,7 +42,8 @@ def planned_state(planned: Planned, t: float, r: Floats) -> None:
     here = plan.t[0] + t
     end = plan.t[len(plan.j)]
     k = min(max(int(np.searchsorted(plan.t, here, side="right")) - 1, 0), len(plan.j) - 1)
-    s, rate, _ = state_at(min(here, end), k, plan)
+    s, rate, change = state_at(min(here, end), k, plan)
+    k = min(max(int(np.searchsorted(plan.piece_s, s, side="right")) - 1, 0), len(path.length) - 1)
     q = np.empty((4, n))
     at = path.pieces.at[k]
     u = min(max(s - plan.piece_s[k], 0.0), path.length[k])
@@ -54,7 +55,7 @@ def planned_state(planned: Planned, t: float, r: Floats) -> None:
             i = int(path.pieces.data[at + METRIC + m])
             r[0, o] += planned.basis[o, i] * (q[0, i] - planned.origin[i])
             r[1, o] += planned.basis[o, i] * q[1, i] * rate
-            r[2, o] += planned.basis[o, i] * q[2, i] * rate * rate
+            r[2, o] += planned.basis[o, i] * (q[2, i] * rate * rate + q[1, i] * change)
     if here > end:
         for o in range(d):
             r[0, o] += r[1, o] * (here - end)

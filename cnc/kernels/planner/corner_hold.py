@@ -48,6 +48,7 @@ from cnc.kernels.planner.corner_pieces import (
     write_steps,
 )
 from cnc.kernels.planner.corner_places import MOST_CORNERS, Chain
+from cnc.kernels.planner.corner_places import time_of as time_at
 from cnc.kernels.planner.corner_rows import Rows, new_rows
 from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.kernels.planner.legs import REST, line_bounds
@@ -209,7 +210,7 @@ def _find_stop(chained: Chained, longer: float, rows: Rows) -> Rest:
     enters[first] = 0.0
     last = first
     for leg in range(first + 1, legs):
-        enters[leg] = plan.t[pieces - LEG_STEPS * (legs - leg)] - plan.t[0]
+        enters[leg] = time_at(plan.piece_s[pieces - LEG_STEPS * (legs - leg)], plan) - plan.t[0]
         if enters[leg] < 0.5 * whole:
             last = leg
     state, r = np.empty((3, d)), np.empty((3, d))
@@ -232,7 +233,8 @@ def _find_stop(chained: Chained, longer: float, rows: Rows) -> Rest:
         side = SIDE * (end - begin)
         before = side
         if leg == first:
-            before = min(side, FIRST_STEP * (plan.t[1] - plan.t[0]) * STEPS[0])
+            step = time_at(plan.piece_s[1], plan) - plan.t[0]
+            before = min(side, FIRST_STEP * step * STEPS[0])
         g = GROUPS * (leg - first)
         spans[g] = math.log(before)
         spans[g + 1] = math.log(end - begin - before - side)

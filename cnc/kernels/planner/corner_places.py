@@ -47,7 +47,7 @@ MOST_CORNERS = 8
 
 MOST_TIME, MOST_RAMPS = 0.4, 2.5
 """A chain of stops that takes more seconds, and more times the ramp to its feed, ends. An
-override waits for the end of a chain that has begun. Legs of less than BRIEF do not count.
+override may wait for the end of a chain that has begun. Legs of less than BRIEF do not count.
 """
 
 BRIEF = 5.0

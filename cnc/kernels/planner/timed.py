@@ -11,8 +11,9 @@ and weight 1 whose parameter is proportional to the time.
                     |
 
 Such a record has no table of the arc length: its entry TABLE is 0. The plan's coordinate along the
-piece is its parameter, and one phase without acceleration crosses it. There |dr/du| is not 1, so
-speed, tangential acceleration and jerk follow from the derivatives.
+piece is its parameter, and one phase without acceleration crosses it; under a clock that changes
+(:mod:`cnc.planner.corner_hold`), phases of constant jerk do. There |dr/du| is not 1, so speed,
+tangential acceleration and jerk follow from the derivatives.
 """
 
 from __future__ import annotations
@@ -61,17 +62,21 @@ def is_timed(kind: int, data: Floats, at: int) -> bool:
 
 @njit
 def timed_motion(
-    data: Floats, at: int, q: Floats, rate: float
+    data: Floats, at: int, q: Floats, rate: float, change: float, sudden: float
 ) -> tuple[float, float, float, float]:
     """Return speed, tangential acceleration, tangential jerk and normal acceleration.
 
-    With r the position and v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2) / v.
+    With r the position and v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2) / v. By
+    time, the speed is v u', the acceleration v' u'^2 + v u'' and the jerk v'' u'^3 + 3 v' u' u'' +
+    v u'''.
 
     Args:
         data: the records.
         at: index of the record of the timed piece.
         q: (4, axes): its derivatives by its parameter u.
-        rate: du/dt.
+        rate: u' = du/dt.
+        change: u''.
+        sudden: u'''.
     """
     d11 = 0.0
     d12 = 0.0
@@ -89,8 +94,10 @@ def timed_motion(
     along = d12 / speed
     return (
         speed * rate,
-        along * rate * rate,
-        (d22 + d13 - along * along) / speed * rate**3,
+        along * rate * rate + speed * change,
+        (d22 + d13 - along * along) / speed * rate**3
+        + 3.0 * along * rate * change
+        + speed * sudden,
         math.sqrt(max(d22 - along * along, 0.0)) * rate * rate,
     )
 

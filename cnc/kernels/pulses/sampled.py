@@ -262,7 +262,9 @@ def samples(
             out.jerk[row] = j
             if timed:
                 curve_eval(k, data, where, u, r)
-                out.feed[row], out.accel[row], out.jerk[row], _ = timed_motion(data, where, r, v)
+                out.feed[row], out.accel[row], out.jerk[row], _ = timed_motion(
+                    data, where, r, out.feed[row], out.accel[row], j
+                )
             out.line[row] = source_line[piece]
     now["done"] += rows
     now["phase"] = phase

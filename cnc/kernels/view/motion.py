@@ -153,7 +153,7 @@ def _first_step(
         parts = math.ceil(step * math.sqrt(most / (8.0 * route.tolerance)) - 1e-6)
         return step / max(parts, 1)
     if is_timed(kind, pieces.data, int(pieces.at[piece])):
-        # Parts of the whole piece, which is one phase: points may be asked for in small portions.
+        # Parts of the whole phase: points may be asked for in small portions.
         return (plan.t[phase + 1] - plan.t[phase]) / (2 * MIN_PARTS)
     return step / MIN_PARTS
 
@@ -211,7 +211,7 @@ def _follow_stretch(
         motion = (max(v + done * (a + 0.5 * done * j), 0.0), a + done * j, j)
         if timed:
             curve_eval(kind, pieces.data, at, u, work.q)
-            speed, accel, jerk, _ = timed_motion(pieces.data, at, work.q, motion[0])
+            speed, accel, jerk, _ = timed_motion(pieces.data, at, work.q, *motion)
             motion = (speed, accel, jerk)
             mark |= PHASE
         now = origin.t + began + done

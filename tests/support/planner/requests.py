@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks import corners, optimum_cases
 from benchmarks.holds import state
 from cnc.api import parse
-from cnc.kernels.planner.timed import is_timed
+from cnc.kernels.path.curve import curve_eval
+from cnc.kernels.planner.timed import is_timed, timed_motion
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, PathMode
 from cnc.model.operator_control import Control
@@ -150,12 +151,10 @@ def line_begins(plans: list[PlanChunk]) -> dict[int, float]:
 
 
 def last_above(plan: PlanChunk, feeds: dict[int, float], factor: float) -> float | None:
-    """Return the last time at which a plan is above its feeds times a factor, s; None for never.
-
-    Motions past corners are left out: their feed is that of the audit.
-    """
+    """Return the last time at which a plan is above its feeds times a factor, s; None for never."""
     path, count = plan.path, len(plan.path)
-    t = np.diff(plan.phase_t)[:, None] * np.linspace(0.0, 1.0, 9)
+    # At its ends a phase may touch a piece with another coordinate.
+    t = np.diff(plan.phase_t)[:, None] * np.linspace(0.01, 0.99, 9)
     s0, v0, a0 = (each[:-1, None] for each in (plan.phase_s, plan.phase_v, plan.phase_a))
     j = plan.phase_j[:, None]
     v = v0 + t * (a0 + t * j / 2)
@@ -163,7 +162,12 @@ def last_above(plan: PlanChunk, feeds: dict[int, float], factor: float) -> float
     piece = np.clip(np.searchsorted(plan.piece_s, s, side="right") - 1, 0, count - 1)
     programmed = np.array([feeds.get(line, math.inf) for line in path.line.tolist()])
     timed = [is_timed(k, path.data, at) for k, at in zip(path.kind, path.at, strict=True)]
-    programmed[np.array(timed)] = math.inf
+    q = np.empty((4, len(path.axes)))
+    for place in np.argwhere(np.array(timed)[piece]):
+        k, at = piece[*place], int(path.at[piece[*place]])
+        u = min(max(float(s[*place] - plan.piece_s[k]), 0.0), float(path.length[k]))
+        curve_eval(int(path.kind[k]), path.data, at, u, q)
+        v[*place] = timed_motion(path.data, at, q, v[*place], 0.0, 0.0)[0]
     # At the end of a piece the feed of either side counts.
     before, after = np.maximum(piece - 1, 0), np.minimum(piece + 1, count - 1)
     highest = np.maximum(programmed[piece], np.maximum(programmed[before], programmed[after]))
@@ -174,8 +178,20 @@ def last_above(plan: PlanChunk, feeds: dict[int, float], factor: float) -> float
     return plan.t0 + float(plan.phase_t[phase]) + float(t[phase, point])
 
 
-def answered(program: Program, rng: Random) -> Answer | None:
+REQUESTS = (-1.0, 0.0, 0.0, 1.0, 10.0, 25.0, 50.0, 70.0, 90.0, 120.0, 200.0)
+"""Per cent of the feeds; 0 for a hold, and -1 for a stop."""
+
+
+def answered(
+    program: Program, rng: Random, requests: Sequence[float] = REQUESTS, inside: float = 0.0
+) -> Answer | None:
     """Make a request at a random moment of a run, and return what became of it.
+
+    Args:
+        program: the program.
+        rng: the source of moment and request.
+        requests: those to choose from.
+        inside: the request waits for a motion past corners that lasts so long, s.
 
     Returns:
         None where the program has no motion, or rests at that moment.
@@ -189,7 +205,7 @@ def answered(program: Program, rng: Random) -> Answer | None:
     plain = plans_of(program, Control(first))
     if not plain:
         return None
-    request = float(rng.choice((-1.0, 0.0, 0.0, 1.0, 10.0, 25.0, 50.0, 70.0, 90.0, 120.0, 200.0)))
+    request = float(rng.choice(requests))
     moment = rng.uniform(0.0, plain[-1].t0 + plain[-1].duration)
     control = Control(first)
     ahead = LookAhead(program.machine, control)
@@ -211,7 +227,7 @@ def answered(program: Program, rng: Random) -> Answer | None:
         if requested == requested:
             above = last_above(item, feeds, request / 100.0) if request > 0.0 else None
             effect = effect if above is None else above
-        elif end >= moment:
+        elif end >= moment and ahead.chain_left >= inside:
             v = float(np.abs(item.phase_v).max())
             if item.phase_v[-1] == 0.0:
                 return None
