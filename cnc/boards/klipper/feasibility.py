@@ -32,7 +32,7 @@ LEAST_AHEAD_S = 0.06
 SLACK_S = 0.08
 """Longest delay of bytes on the wire, less than the horizon of the sender."""
 LATE_S = 40e-6
-"""Longest delay of a step by other steps, and the time of one step more."""
+"""Longest delay of a step by steps that were due before it; those due together come on top."""
 COMMAND_BYTES = 9
 """Bytes of an entry: number, object, interval, count, add."""
 TURN_BYTES = 3
@@ -150,7 +150,7 @@ class KlipperFeasibility:
         self._free_at = float(begin[-1] + total[-1])
         worst = float(late.max())
         self.most_late_s = max(self.most_late_s, worst)
-        limit = LATE_S + self._profile.step_s
+        limit = LATE_S + sum(self._motors) * self._profile.step_s
         if worst > limit:
             line = int(chunk.line[int(np.argmax(late > limit))])
             rate = 1.0 / self._profile.step_s

@@ -12,8 +12,6 @@ from cnc.model.diagnostics import Diagnostic, UsageError
 
 USB_BYTES_PER_S = 400_000.0
 """Bytes per second that a full-speed USB device takes for certain."""
-LEAST_FREE = 0.1
-"""Least share of the processor's time for steps, with many inputs."""
 CAREFUL_STEP_S = 10e-6
 """Time of a step on a microcontroller that is not known."""
 
@@ -77,11 +75,11 @@ def _step_s(machine: Machine, firmware: Firmware) -> float:
 
     The samples of the switches and of the e-stop take a share of the processor's time.
     """
-    event_s = firmware.event_ticks / firmware.frequency
     known, inputs = machine.board.klipper, 0
     if known is not None:
         axes = [known.axis(letter) for letter in machine.axes]
         inputs = sum(len(axis.endstop or ()) for axis in axes if axis is not None)
         inputs += known.emergency_stop is not None
     pulse = round(machine.board.step_pulse * firmware.frequency)
-    return firmware.events(pulse) * event_s / max(1.0 - inputs * event_s / REST_S, LEAST_FREE)
+    event = firmware.event_time(pulse, inputs / (REST_S * firmware.frequency))
+    return firmware.events(pulse) * event / firmware.frequency

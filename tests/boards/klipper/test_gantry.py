@@ -16,7 +16,7 @@ from cnc.machine.klipper import KlipperAxis
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.gantry_board import PLACES, SwitchPlaces, gantry
-from tests.support.boards.klipper_rig import end_level, pins, steps_of, with_board
+from tests.support.boards.klipper_rig import end_level, event_ticks, pins, steps_of, with_board
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 
@@ -91,7 +91,7 @@ def test_squared_motors_make_the_same_steps(apart: int, tmp_path: Path) -> None:
         for motor, begin in enumerate(counts)
     )
     np.testing.assert_array_equal(one[1], two[1])
-    assert np.abs(one[0] - two[0]).max() <= 2 * bench.simulator.firmware.event_ticks
+    assert np.abs(one[0] - two[0]).max() <= 2 * event_ticks(bench.simulator)
 
 
 @pytest.mark.soak

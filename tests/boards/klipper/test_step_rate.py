@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,66 +14,111 @@ from cnc.boards.klipper.profile import profile_of
 from cnc.boards.klipper.simulator.steppers import Motor
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MotionLimitError
-from tests.support.boards.klipper_rig import board, machine
+from cnc.model.streams import PulseChunk
+from tests.support.boards.klipper_rig import board, machine, pins
 from tests.support.boards.stepper_rig import chunks, line
 
-ROWS, GAP_NS = 6000, 16_000
-"""A motor at 62 500 steps/s. An AVR has 256 ticks for each of them, and an edge takes 161."""
+ROWS = 6000
+FIRMWARE = [
+    # (steps/s of an axis, axes, pulse us, switches, plays)
+    (10_000, 3, 2.5, 4, True),
+    (11_000, 3, 2.5, 4, True),
+    (16_500, 2, 2.5, 4, True),
+    (33_000, 1, 2.5, 4, True),
+    (14_000, 3, 2.5, 4, False),
+    (25_000, 2, 2.5, 4, False),
+    (22_000, 3, 2.5, 0, True),
+    (4_000, 3, 5.0, 4, True),
+    (6_000, 2, 5.0, 4, True),
+    (5_000, 3, 5.0, 4, False),
+    (8_500, 2, 5.0, 4, False),
+    (8_000, 3, 5.0, 0, True),
+    (8_400, 3, 5.0, 0, False),
+]
+"""Motions that Klipper's firmware played, or shut down in, on a simulated ATmega328P of 16 MHz."""
 
 
-def with_pulse(mcu: str, pulse_s: float) -> Machine:
+def with_pulse(mcu: str, pulse_s: float, switches: int = 4) -> Machine:
     known = machine(mcu)
-    changes = {"step_pulse": pulse_s, "max_step_rate": 200_000.0}
+    changes: dict[str, Any] = {"step_pulse": pulse_s, "max_step_rate": 200_000.0}
+    if not switches:
+        axes: dict[str, Any] = {
+            letter: getattr(pins(known), letter).model_copy(update={"endstop": None})
+            for letter in known.axes
+        }
+        open_board = pins(known).model_copy(update={**axes, "emergency_stop": None})
+        changes["klipper"] = open_board
     return known.model_copy(update={"board": known.board.model_copy(update=changes)})
 
 
-def check(known: Machine, gap_ns: int) -> KlipperFeasibility:
+def motion(rate: float, axes: int) -> Iterator[PulseChunk]:
+    """Yield a motion of some axes in step: slow, then fast, then slow."""
+    speed = np.clip(np.minimum(np.arange(ROWS), np.arange(ROWS)[::-1]) / 1500.0, 0.2, 1.0)
+    time_ns = np.cumsum(np.rint(1e9 / (rate * speed)).astype(np.int64))
+    step = np.zeros((ROWS, 3), np.int8)
+    step[:, :axes] = 1
+    return chunks(time_ns, step, 500)
+
+
+def line_of(gap_ns: int) -> Iterator[PulseChunk]:
+    return chunks(*line(ROWS, gap_ns, (1.0, 0.0, 0.0)), 500)
+
+
+def check(known: Machine, parts: Iterable[PulseChunk]) -> KlipperFeasibility:
     found = KlipperFeasibility(known, profile_of(known))
-    for part in chunks(*line(ROWS, gap_ns, (1.0, 0.0, 0.0)), 500):
+    for part in parts:
         found.add(part)
     return found
 
 
-def play(driver: Klipper) -> None:
+def play(driver: Klipper, parts: Iterable[PulseChunk]) -> None:
     driver.start(np.zeros(3, np.int64))
-    for part in chunks(*line(ROWS, GAP_NS, (1.0, 0.0, 0.0)), 500):
+    for part in parts:
         driver.send(part)
     driver.finish()
 
 
-@pytest.mark.parametrize(("mcu", "pulse_s"), [("atmega328p", 2.5e-6), ("rp2040", 5e-6)])
-def test_steps_that_the_processor_can_make(mcu: str, pulse_s: float) -> None:
-    known = with_pulse(mcu, pulse_s)
-    assert check(known, GAP_NS).entries
+@pytest.mark.parametrize(("rate", "axes", "pulse_us", "switches", "plays"), FIRMWARE)
+def test_step_rates_of_the_firmware(
+    rate: float, axes: int, pulse_us: float, switches: int, plays: bool
+) -> None:
+    """Check and model agree with the firmware: samples of switches take half of an AVR's time."""
+    known = with_pulse("atmega328p", pulse_us * 1e-6, switches)
     with board(known) as (driver, simulator):
-        play(driver)
+        if plays:
+            assert check(known, motion(rate, axes)).entries
+            play(driver, motion(rate, axes))
+            assert simulator.reason == ""
+            return
+        with pytest.raises(MotionLimitError, match="board-step-rate"):
+            check(known, motion(rate, axes))
+        with pytest.raises(BoardError, match="klipper-shutdown") as shut:
+            play(driver, motion(rate, axes))
+    assert "Rescheduled timer in the past" in shut.value.diagnostic.message
+
+
+def test_step_rate_of_a_fast_microcontroller() -> None:
+    known = with_pulse("rp2040", 5e-6)
+    with board(known) as (driver, simulator):
+        assert check(known, motion(62_500, 1)).entries
+        play(driver, motion(62_500, 1))
     assert simulator.reason == ""
 
 
-def test_ends_of_pulses_take_the_processor_as_long_as_their_beginnings() -> None:
-    """Above 40 ticks of a pulse, an AVR needs a second event for each step.
-
-    Four inputs are sampled every 150 us: 4 x 161 of 2400 ticks. The rest is for steps of 322 ticks.
-    """
-    known = with_pulse("atmega328p", 3e-6)
-    with pytest.raises(MotionLimitError) as caught:
-        check(known, GAP_NS)
-    assert caught.value.diagnostic.code == "board-step-rate"
-    assert "the 36356 per second of the board" in caught.value.diagnostic.message
-    with board(known) as (driver, _), pytest.raises(BoardError) as shut:
-        play(driver)
-    assert shut.value.diagnostic.code == "klipper-shutdown"
-    assert "Rescheduled timer in the past" in shut.value.diagnostic.message
+def test_message_names_the_step_rate_of_the_board() -> None:
+    """16 MHz (1 - 0.06 - 4 x 281 / 2400) / (2 x 313): messages, samples, both edges of a pulse."""
+    with pytest.raises(MotionLimitError, match="the 12055 per second of the board"):
+        check(with_pulse("atmega328p", 3e-6), motion(20_000, 1))
 
 
 @pytest.mark.parametrize(("gap_ns", "fits"), [(10_000, True), (9_990, False)])
 def test_pulses_of_an_axis_do_not_overlap(gap_ns: int, fits: bool) -> None:
     known = with_pulse("rp2040", 5e-6)
     if fits:
-        assert check(known, gap_ns).entries
+        assert check(known, line_of(gap_ns)).entries
         return
     with pytest.raises(MotionLimitError) as caught:
-        check(known, gap_ns)
+        check(known, line_of(gap_ns))
     assert caught.value.diagnostic.code == "board-step-rate"
     assert caught.value.diagnostic.line == 2
     assert "5 us and the pause after it take 10 us" in caught.value.diagnostic.message

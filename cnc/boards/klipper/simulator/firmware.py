@@ -1,8 +1,9 @@
 """Firmware profiles: clock, queue, speed and pins of some microcontrollers, and their dictionary.
 
-Clock frequencies, baud rates and names are those of Klipper's documentation. The time of an edge is
-that of a step in its benchmarks with three motors (Klipper documentation, Benchmarks), which make
-one event of a step. A longer pulse needs two.
+Clock frequencies, baud rates and names are those of Klipper's documentation. The time of an event
+is that of a step in its benchmarks with three motors (Klipper documentation, Benchmarks), which
+make one event of a step. A longer pulse needs two. The times of an AVR were measured with the
+firmware itself in a simulated ATmega328P: the benchmarks have no switches.
 """
 
 from __future__ import annotations
@@ -55,6 +56,10 @@ COMMANDS = (
     "spi_send oid=%c data=%*s",
 )
 FORGET = "reset", "config_reset"
+MESSAGES = 0.06
+"""Share of the processor's time for messages: 4 kB/s take an AVR 5.5 %."""
+LEAST_FREE = 0.1
+"""Least share of the processor's time for steps, with many inputs."""
 RESPONSES = (
     "config is_config=%c crc=%u is_shutdown=%c move_count=%hu",
     "clock clock=%u",
@@ -103,12 +108,14 @@ class Firmware:
         frequency: Ticks of its clock per second.
         slots: Entries of its move queue.
         baud: Speed of its serial line, bits/s; 0 for USB.
-        event_ticks: Time that an edge of a step pin takes, ticks.
+        event_ticks: Time that an edge of a step pin takes as an event of its own, ticks.
         ports: First names of the pins, and number of pins of each.
         buses: SPI buses in the order of their numbers, each with its pins MISO, MOSI, SCK.
         window: Bytes that it can receive ahead; 0 for USB.
         pwm_max: Value of a PWM output that is always on.
         short_pulse: Longest step pulse whose end is no event of its own, ticks.
+        short_ticks: Time of a step with such a pulse, ticks.
+        sample_ticks: Time of a sample of a switch, ticks; 0 if it is that of an event.
         forgets_by: Command after which it forgets its configuration: "reset", which most boards
             have, or "config_reset", which does not restart it.
     """
@@ -123,11 +130,24 @@ class Firmware:
     window: int
     pwm_max: int = 255
     short_pulse: int = 0
+    short_ticks: int = 0
+    sample_ticks: int = 0
     forgets_by: str = "reset"
 
     def events(self, pulse: int) -> int:
         """Return the number of events of a step with a pulse, ticks: its edges, or just one."""
         return 1 if pulse <= self.short_pulse else 2
+
+    def event_time(self, pulse: int, samples: float) -> float:
+        """Return the time of an event of a step, ticks, when other work takes its share.
+
+        Args:
+            pulse: The pulse, ticks.
+            samples: Samples of switches in a tick.
+        """
+        own = self.short_ticks if pulse <= self.short_pulse else self.event_ticks
+        free = 1.0 - MESSAGES - samples * (self.sample_ticks or self.event_ticks)
+        return own / max(free, LEAST_FREE)
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -203,28 +223,34 @@ STM32F4_BUSES = (
 """Names and pins of the SPI buses, as the dictionaries of the firmware have them."""
 AVR_PULSE = 40
 """Step pulse up to which an AVR makes both edges in one event, ticks."""
+AVR_SHORT, AVR_EDGE, AVR_SAMPLE = 225, 313, 281
+"""Times on an AVR, ticks: of a step with such a pulse, of an edge of a longer one, of a sample."""
 FIRMWARES = {
     "atmega328p": Firmware(
         "atmega328p",
         16_000_000,
         113,
         250_000,
-        161,
+        AVR_EDGE,
         _ports("ABCD", 8),
         (("spi", "PB4,PB3,PB5"),),
         window=192,
         short_pulse=AVR_PULSE,
+        short_ticks=AVR_SHORT,
+        sample_ticks=AVR_SAMPLE,
     ),
     "atmega2560": Firmware(
         "atmega2560",
         16_000_000,
         666,
         250_000,
-        161,
+        AVR_EDGE,
         _ports("ABCDEFGHIJKL", 8),
         (("spi", "PB3,PB2,PB1"),),
         window=192,
         short_pulse=AVR_PULSE,
+        short_ticks=AVR_SHORT,
+        sample_ticks=AVR_SAMPLE,
     ),
     "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), RP2040_BUSES, window=0),
     "stm32f103": Firmware(

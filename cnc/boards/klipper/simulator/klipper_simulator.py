@@ -197,7 +197,9 @@ class KlipperSimulator:
         self._unsteps = later[later > clock]
         events = np.concatenate((due, later[later <= clock]))
         order = np.argsort(events, kind="stable")
-        cost = self.firmware.event_ticks
+        armed = [switch for switch in self.switches if switch.armed and switch.rest_ticks > 0]
+        samples = sum(1.0 / switch.rest_ticks for switch in armed)
+        cost = round(self.firmware.event_time(motors[0].pulse, samples))
         k = np.arange(len(events), dtype=np.int64) * cost
         made = np.maximum(np.maximum.accumulate(events[order] - k), self._cpu_free) + k
         self._cpu_free = int(made[-1]) + cost
