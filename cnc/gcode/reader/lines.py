@@ -57,6 +57,7 @@ _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 Arrays = TypeVar("Arrays", kernel.Words, kernel.Code, automaton.Events)
 Positions = NDArray[np.int32]
 _AT_START = np.zeros(1, np.int32)
+_LESS, _O, _LOWER = np.uint8(ord("<")), np.uint8(ord("o")), np.uint8(32)
 
 
 class Language(NamedTuple):
@@ -231,9 +232,9 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
         np.empty(count + 1, np.int32),
         *scratch.items,
         scratch.code,
-        _names(data.count(b"<")),
+        _names(np.count_nonzero(chars == _LESS)),
         np.empty(count, np.int32),
-        _names(data.count(b"o") + data.count(b"O")),
+        _names(np.count_nonzero((chars | _LOWER) == _O)),
     )
     kernel.sort_events(
         chars, begins, ends, reading.events, reading.results, _meaning(language), MAX_NUMBER,

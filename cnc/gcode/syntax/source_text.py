@@ -67,11 +67,16 @@ def split(data: bytes, *, whole: bool) -> Splits:
             that ends in a ``\r`` at the end of the bytes: a ``\n`` may follow.
     """
     chars = np.frombuffer(data, np.uint8)
-    marks = np.flatnonzero((chars == _LF) | (chars == _CR))
-    second = (chars[marks] == _LF) & (marks > 0) & (chars[marks - 1] == _CR)
-    ends = marks[~second]
+    ends = np.flatnonzero(chars == _LF)
     after = ends + 1
-    after[np.isin(after, marks[second])] += 1
+    if b"\r" in data:
+        returns = np.flatnonzero(chars == _CR)
+        # A \n behind a \r belongs to it.
+        second = (chars[ends - 1] == _CR) & (ends > 0)
+        joined = ends[second] - 1
+        ends = np.sort(np.concatenate((ends[~second], returns)))
+        after = ends + 1
+        after[np.searchsorted(ends, joined)] += 1
     if not whole and len(ends) and ends[-1] + 1 == len(data) and chars[-1] == _CR:
         ends, after = ends[:-1], after[:-1]
     if whole and (not len(after) or after[-1] < len(data)) and len(data):
