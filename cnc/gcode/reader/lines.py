@@ -57,7 +57,6 @@ _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 Arrays = TypeVar("Arrays", kernel.Words, kernel.Code, automaton.Events)
 Positions = NDArray[np.int32]
 _AT_START = np.zeros(1, np.int32)
-_LESS, _O, _LOWER = np.uint8(ord("<")), np.uint8(ord("o")), np.uint8(32)
 
 
 class Language(NamedTuple):
@@ -169,6 +168,7 @@ class _Scratch(threading.local):
         )
         self.items = np.empty(items, np.uint8), np.empty(items, np.int64), np.empty(items, np.int64)
         self.code = kernel.Code(np.empty(self.size + 1, np.uint8), np.empty(self.size + 1))
+        self.names, self.labels = names_space(items), names_space(items)
 
 
 _scratch = _Scratch()
@@ -232,9 +232,9 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
         np.empty(count + 1, np.int32),
         *scratch.items,
         scratch.code,
-        _names(np.count_nonzero(chars == _LESS)),
+        scratch.names,
         np.empty(count, np.int32),
-        _names(np.count_nonzero((chars | _LOWER) == _O)),
+        scratch.labels,
     )
     kernel.sort_events(
         chars, begins, ends, reading.events, reading.results, _meaning(language), MAX_NUMBER,
@@ -251,6 +251,8 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
             begin=coded.begin[:items].copy(),
             end=coded.end[:items].copy(),
             code=_copied(coded.code, instructions),
+            names=_taken(coded.names),
+            labels=_taken(coded.labels),
         ),
         None
         if known.all()
@@ -265,14 +267,26 @@ def _copied(arrays: Arrays, count: int) -> Arrays:
     )
 
 
-def _names(most: int) -> kernel.Names:
+def names_space(most: int) -> kernel.Names:
     """Return space for so many names."""
-    places = 16
-    while places < 2 * most:
-        places *= 2
+    places = 1 << (2 * most).bit_length()
     return kernel.Names(
-        np.empty(most + 1, np.int32),
-        np.empty(most + 1, np.int32),
+        np.empty(most, np.int32),
+        np.empty(most, np.int32),
         np.full(places, -1, np.int32),
         np.zeros(1, np.int32),
+    )
+
+
+def _taken(names: kernel.Names) -> kernel.Names:
+    """Return a copy of names without their table; the space is empty then."""
+    used = int(names.used[0])
+    if used:
+        names.table.fill(-1)
+        names.used[0] = 0
+    return kernel.Names(
+        names.begin[:used].copy(),
+        names.end[:used].copy(),
+        names.table[:0],
+        np.array([used], np.int32),
     )

@@ -92,6 +92,7 @@ class Window:
     Attributes:
         first: Number of the first line, from 1.
         count: Number of lines.
+        data: The bytes of the lines.
         language: The language in which the lines are read.
         has_expressions: Whether a line may have parameters or expressions.
     """
@@ -113,7 +114,7 @@ class Window:
         """
         self.first, self.count = first, len(lines.begin)
         self.language = NGC
-        self._data, self._begin, self._end = data, lines.begin, lines.end
+        self.data, self._begin, self._end = data, lines.begin, lines.end
         self._texts = texts or {}
         self.has_expressions = b"#" in data or b"[" in data or b"=" in data
 
@@ -127,7 +128,7 @@ class Window:
     @cached_property
     def sorted(self) -> Sorted:
         """The lines as words and items."""
-        return read_lines(self._data, self._begin, self._end, self.language)
+        return read_lines(self.data, self._begin, self._end, self.language)
 
     @property
     def head(self) -> NDArray[np.uint8]:
@@ -165,16 +166,15 @@ class Window:
         self.simple[:] = 0
 
     def names(self, found: Names) -> list[str]:
-        """Return different names in the lines, in small letters."""
-        text, count = self._data.decode("latin-1").lower(), int(found.used[0])
-        begins, ends = found.begin[:count].tolist(), found.end[:count].tolist()
-        return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
+        """Return different names in the lines, in small letters. All are ASCII."""
+        spans = map(slice, found.begin.tolist(), found.end.tolist())
+        return [self.data[span].decode().lower() for span in spans]
 
     def text(self, index: int) -> str:
         """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""
         if index in self._texts:
             return self._texts[index]
-        line = self._data[self._begin[index] : self._end[index]]
+        line = self.data[self._begin[index] : self._end[index]]
         try:
             return line.decode()
         except UnicodeDecodeError:
@@ -185,7 +185,7 @@ class Window:
 
         Returns ``end`` if there is none. The pattern must not match across lines.
         """
-        found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
+        found = pattern.search(self.data, int(self._begin[index]), int(self._end[end - 1]))
         return (
             end
             if found is None

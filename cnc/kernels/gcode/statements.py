@@ -238,6 +238,31 @@ def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
 
 
 @njit
+def add_names(
+    data: Bytes, begins: Counts, ends: Counts, text: Bytes, known: Names, found: Counts
+) -> None:
+    """Find names among known ones. A new one is added.
+
+    Args:
+        data: A text with the names.
+        begins: (names,) position of the first byte of each name.
+        ends: (names,) position after the last byte.
+        text: The known names, with space for the others.
+        known: Their places, with space for the others.
+        found: Takes the index of each name.
+    """
+    for k in range(len(begins)):
+        used = int(known.used[0])
+        at = int(known.end[used - 1]) if used else 0
+        end = at + int(ends[k]) - int(begins[k])
+        text[at:end] = data[begins[k] : ends[k]]
+        for i in range(at, end):
+            if _A <= text[i] <= _Z:
+                text[i] |= _LOWER
+        found[k] = index_of_name(text, at, end, known)
+
+
+@njit
 def _is_idle(data: Bytes, begin: int, end: int) -> bool:
     """Return whether a comment is no command, and has no character of several bytes."""
     i = begin + 1
@@ -256,10 +281,10 @@ def _is_idle(data: Bytes, begin: int, end: int) -> bool:
 
 
 @njit
-def _has_blank(data: Bytes, begin: int, end: int) -> bool:
-    """Return whether a text has a blank or a semicolon."""
+def _is_special(data: Bytes, begin: int, end: int) -> bool:
+    """Return whether a text has a blank, a semicolon or a character that is not ASCII."""
     for i in range(begin, end):
-        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON:
+        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] >= OTHER:
             return True
     return False
 
@@ -379,7 +404,7 @@ def _plain_line(
         letter = int(meaning.text[int(events.value[e])])
         at, end = int(events.begin[e]), int(events.end[e + count - 1])
         # Not for NaN, too.
-        if not abs(value) <= largest or (meaning.joined and _has_blank(data, at, end)):
+        if not abs(value) <= largest or (meaning.joined and _is_special(data, at, end)):
             return False
         bit = 1 << (letter - _A)
         if letter == _N:
@@ -452,7 +477,7 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
         elif role == NAME or role == VARIABLE:
             index = -1
             inner = int(role == NAME)
-            if not _has_blank(data, begin + inner, end - inner):
+            if not _is_special(data, begin + inner, end - inner):
                 index = index_of_name(data, begin + inner, end - inner, coded.names)
             operation[count], number[count] = NAMED, index
             count += 1
@@ -468,7 +493,7 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
                 keyed -= 1
                 before = int(events.begin[e - 2])
                 index = -1
-                if keys[keyed] == _R and not _has_blank(data, before, begin):
+                if keys[keyed] == _R and not _is_special(data, before, begin):
                     index = index_of_name(data, before, int(events.end[e - 1]), coded.names)
                 operation[first], number[first] = NAMED, index
                 if index < 0:
@@ -569,11 +594,11 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
 
 @njit
 def _is_label(data: Bytes, begin: int, end: int) -> bool:
-    """Return whether a text is a label without a blank or a point."""
+    """Return whether a text is a label of ASCII without a blank or a point."""
     for i in range(begin, end):
-        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] == _DOT:
+        if data[i] == _DOT:
             return False
-    return end > begin
+    return end > begin and not _is_special(data, begin, end)
 
 
 @njit
