@@ -20,7 +20,7 @@ from cnc.gcode.syntax.arithmetic import (
 from cnc.gcode.syntax.words import MAX_NUMBER
 from cnc.kernels.gcode import automaton
 from cnc.kernels.gcode import statements as kernel
-from cnc.kernels.gcode.arithmetic import ATAN
+from cnc.kernels.gcode.arithmetic import ATAN, SUBTRACT
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
@@ -49,8 +49,16 @@ _OPERATIONS = {
     "ngc": OPERATORS | FUNCTIONS | {"ATAN": ATAN} | _LETTERS,
     "macro": MACRO_OPERATORS | _LETTERS,
     "sinumerik": SIEMENS_OPERATORS | SIEMENS_FUNCTIONS | _LETTERS | {"CR": ord("R")},
+    "klartext": {"-": SUBTRACT, "R0": ord("R")} | {letter: ord(letter) for letter in "LXYZABCUVW"},
 }
 """Operation or letter of the text of a keyword, by grammar."""
+_KLARTEXT_TERMINALS = {
+    "NUMBER": kernel.DIGITS, "SIGN": kernel.KEY, "COMMENT": kernel.REMARK, "MOVE": kernel.MOVE,
+    "AXIS": kernel.AXIS, "FEED": kernel.FEED, "FMAX": kernel.RAPID, "SIDE": kernel.SIDE,
+}  # fmt: skip
+_KLARTEXT_RULES = {
+    "sign": kernel.SIGN, "valued": kernel.VALUED, "words": kernel.MOVED, "line": kernel.BLOCK,
+}  # fmt: skip
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 """Meanings of rules of the languages whose expressions the interpreter alone computes."""
 
@@ -115,10 +123,13 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
 @cache
 def _meaning(language: Language) -> kernel.Meaning:
     found, operations = grammar(language.grammar), _OPERATIONS.get(language.grammar, {})
-    rules = np.array([_RULES.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
+    is_klartext = language.grammar == "klartext"
+    of_rules = _KLARTEXT_RULES if is_klartext else _RULES
+    of_terminals = _KLARTEXT_TERMINALS if is_klartext else _TERMINALS
+    rules = np.array([of_rules.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
     if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
-    terminals = [_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals]
+    terminals = [of_terminals.get(each, kernel.LEFT_ALONE) for each in found.terminals]
     if language is SINUMERIK:
         terminals[found.terminals.index("NAME")] = kernel.VARIABLE
     return kernel.Meaning(
@@ -130,6 +141,7 @@ def _meaning(language: Language) -> kernel.Meaning:
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
         int(language.single),
+        int(is_klartext),
     )
 
 

@@ -22,7 +22,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.reader.lines import NGC, Language, Positions, Sorted, read_lines
+from cnc.gcode.reader.lines import KLARTEXT, NGC, Language, Positions, Sorted, read_lines
 from cnc.gcode.reader.statements import squeezed
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
 from cnc.gcode.syntax.statement import Statement
@@ -197,7 +197,7 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        if self.plain[index]:
+        if self.plain[index] and self.language != KLARTEXT:
             return self._plain(index, text)
         reading = self.sorted.reading
         if (

@@ -47,15 +47,16 @@ MOST_ITEMS = 64
 (
     LEFT_ALONE, DIGITS, KEY, NAME, REMARK, LETTER_O, EQUALS,
     WORD, BINARY, SIGN, FUNCTION, ARCTANGENT, INDEX, BRACKET, ASSIGN, O_WORD, BLOCK,
-    VARIABLE, PASSED,
-) = range(19)  # fmt: skip
+    VARIABLE, PASSED, MOVE, AXIS, FEED, RAPID, SIDE, VALUED, MOVED,
+) = range(26)  # fmt: skip
 """Meanings of terminals and rules. LEFT_ALONE: only the interpreter knows it. VARIABLE: a name
-without brackets. PASSED: a rule that adds nothing to its part.
+without brackets. PASSED: a rule that adds nothing to its part. MOVE to SIDE: words of Klartext,
+whose rules are VALUED, for a word with its number, and MOVED, for all words of a block.
 """
 
 _TAB, _LF, _CR, _BLANK = 9, 10, 13, 32
 _OPEN, _CLOSE, _SLASH, _DOT, _ZERO, _SEMICOLON = 40, 41, 47, 46, 48, 59
-_A, _G, _M, _N, _O, _R, _Z, _LOWER = 65, 71, 77, 78, 79, 82, 90, 32
+_A, _F, _G, _L, _M, _N, _O, _R, _Z, _LOWER = 65, 70, 71, 76, 77, 78, 79, 82, 90, 32
 _LINE_DIGITS, _HEAD_DIGITS = 9, 18
 _HASH_MASK = (1 << 40) - 1
 _ACTIVE = np.array(
@@ -77,6 +78,7 @@ class Meaning(NamedTuple):
         number: Kind of those of a number.
         joined: 1 if no blank may stand inside a word.
         single: 1 if a line may have one assignment only: they take effect one by one.
+        klartext: 1 if only straight moves of Klartext are plain.
     """
 
     terminal: Bytes
@@ -87,6 +89,7 @@ class Meaning(NamedTuple):
     number: int
     joined: int
     single: int
+    klartext: int
 
 
 class Lines(NamedTuple):
@@ -429,6 +432,85 @@ def _plain_line(
 
 
 @njit
+def _role(events: Events, e: int, meaning: Meaning) -> int:
+    """Return the meaning of an event."""
+    kind = int(events.kind[e])
+    return int(meaning.terminal[kind - 1]) if kind > 0 else int(meaning.rule[-kind - 1])
+
+
+@njit
+def _klartext_line(
+    a: int, b: int, begin: int, found: int, events: Events, meaning: Meaning, largest: float,
+    words: Words, known: Record,
+) -> bool:  # fmt: skip
+    """Fill the words of a straight move of Klartext: G1, or G0 for FMAX, absolute axes, and F.
+
+    R0 adds no word: compiled code does not run under compensation.
+
+    Args:
+        a: The first event of the line.
+        b: The event after its last one.
+        begin: Position of its first byte.
+        found: Number of words before.
+        events: The events.
+        meaning: What the grammar's symbols mean.
+        largest: Largest number.
+        words: Takes the words.
+        known: Takes the head, the label, the number of words and whether the line is simple.
+
+    Returns:
+        Whether it is such a move.
+    """
+    e, seen, moves = a, 0, False
+    if a < b and _role(events, a, meaning) == DIGITS:
+        e += 1
+    if e >= b or _role(events, e, meaning) != MOVE or meaning.text[int(events.value[e])] != _L:
+        return False
+    words.letter[found], words.number[found] = _G, 1.0
+    words.column[found], words.length[found] = int(events.begin[e]) - begin + 1, 1
+    word = found + 1
+    e += 1
+    while e < b and _role(events, e, meaning) != MOVED:
+        role, first = _role(events, e, meaning), e
+        letter = int(meaning.text[int(events.value[e])]) if role == AXIS or role == SIDE else _F
+        bit = 1 << (letter - _A)
+        if letter == 0 or seen & bit:
+            return False
+        seen |= bit
+        e += 1
+        if role == SIDE:
+            continue
+        if role == RAPID:
+            words.number[found] = 0.0
+        elif role == AXIS or role == FEED:
+            signed = _role(events, e, meaning) == KEY
+            minus = signed and meaning.text[int(events.value[e])] == SUBTRACT
+            e += signed
+            value = events.value[e]
+            # Not for NaN, too.
+            if _role(events, e, meaning) != DIGITS or not abs(value) <= largest:
+                return False
+            words.letter[word], words.number[word] = letter, -value if minus else value
+            words.column[word] = int(events.begin[first]) - begin + 1
+            words.length[word] = int(events.end[e]) - int(events.begin[first])
+            word += 1
+            e += 1 + signed
+            moves = moves or role == AXIS
+        else:
+            return False
+        if _role(events, e, meaning) != VALUED:
+            return False
+        e += 1
+    e += 1
+    if e < b and _role(events, e, meaning) == REMARK:
+        e += 1
+    if not moves or e != b - 1 or _role(events, e, meaning) != BLOCK:
+        return False
+    known["head"], known["label"], known["words"], known["simple"] = 0, -1, word, True
+    return True
+
+
+@njit
 def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
     data: Bytes, k: int, a: int, b: int, events: Events, meaning: Meaning, largest: float,
     coded: Coded, stacks: Stacks, now: Record,
@@ -636,7 +718,11 @@ def sort_events(
         begin = int(begins[k])
         a, b = int(results.first[k]), int(results.first[k + 1])
         is_read = results.status[k] == OK
-        if is_read and _plain_line(data, a, b, begin, found, events, meaning, largest, words, now):
+        if is_read and (
+            _klartext_line(a, b, begin, found, events, meaning, largest, words, now)
+            if meaning.klartext
+            else _plain_line(data, a, b, begin, found, events, meaning, largest, words, now)
+        ):
             lines.plain[k], lines.simple[k] = 1, now["simple"]
             lines.head[k], lines.label[k] = now["head"], now["label"]
             coded.kind[k] = SIMPLE if now["simple"] else UNKNOWN
