@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 
 import pytest
 
@@ -90,8 +91,10 @@ def test_a_call_keeps_names_of_other_windows_apart(monkeypatch: pytest.MonkeyPat
     assert moves[-1].points[-1, 1:3].tolist() == [2.0, 7.0]
 
 
-def test_small_and_capital_letters_beyond_ascii_are_equal() -> None:
-    """Small and capital letters are equal in compiled code and the interpreter."""
-    lines = ["G90 G1 F100", "#<\u00e9> = 3", *["X[1 + 1]"] * 700, "Y[#<\u00c9>]", "M2"]
-    moves = [block for block in interpret(Text.of_lines(lines, "t")) if isinstance(block, Polyline)]
-    assert moves[-1].points[-1, 1] == 3.0
+def test_small_and_capital_letters_beyond_ascii_are_equal(tmp_path: Path) -> None:
+    """Compiled code reads bytes, the interpreter reads characters."""
+    file = tmp_path / "t.ngc"
+    moves = "X[1 + 1]\n" * 700
+    file.write_text(f"G90 G1 F100\n#<\u00e9> = 3\n{moves}Y[#<\u00c9>]\nM2\n", encoding="utf-8")
+    found = [block for block in interpret(Text.of_file(file)) if isinstance(block, Polyline)]
+    assert found[-1].points[-1, 1] == 3.0
