@@ -41,8 +41,10 @@ class ParameterMirror:
         # A place that is no parameter.
         self._numbered[0], self._changes.numbered[0] = math.nan, _OF_INTERPRETER
         # All others are 0.
-        for key in (*parameters.known_numbers(LAST_PARAMETER), *parameters.known_names()):
-            self._read(key)
+        for number in parameters.known_numbers(LAST_PARAMETER):
+            self._read(number)
+        for name in parameters.known_names():
+            self._read(name)
         parameters.changed = set()
 
     def slots(
@@ -122,7 +124,8 @@ class ParameterMirror:
 
     def _is_local(self) -> NDArray[np.bool_]:
         """Return for each slot whether its name belongs to its call."""
-        return self._text[self._known.begin[: self._known.used[0]]] != _GLOBAL
+        first: NDArray[np.uint8] = self._text[self._known.begin[: self._known.used[0]]]
+        return np.not_equal(first, _GLOBAL)
 
     def _read(self, key: int | str) -> None:
         """Copy one parameter."""
