@@ -44,6 +44,11 @@ class Session:
         self.jumps: dict[int, BackwardJump] = {}
         flow.parameters.written = lambda name: name[1:].upper()
 
+    @property
+    def has_plain_moves(self) -> bool:
+        """Whether L is G1 with the same numbers: the feed is in effect, and no cycle follows."""
+        return not (self.inches or self.after_moves or self.next_feed is not None)
+
     def value(self, item: Item) -> float:
         """Return the value of a word."""
         assert item.value is not None

@@ -82,6 +82,9 @@ class CompiledProgram:
         for index, step in table.repeats.items():
             rounds[index] = counts.get(step, 0)
         assert self._mirror is not None
+        if table.labels:
+            # A call keeps the names of its window only.
+            flow.parameters.settle()
         values, changes = self._mirror.load(table.slots)
         job = self._machine.begin(self._rows)
         listing = flow.listing
@@ -228,8 +231,9 @@ class CompiledProgram:
         for index, label in enumerate(table.labels):
             found = listing.subs.get(label)
             table.text.control.sub[index] = -1 if found is None else table.index_of(found.first)
-        assert self._mirror is not None
-        table.frames = frames_of(self._mirror.local_slots(table.slots))
+        if table.labels:
+            assert self._mirror is not None
+            table.frames = frames_of(self._mirror.local_slots(table.slots))
 
     def _table(self, window: Window) -> Table:
         """Return the table of a window, which is made when it is first asked for."""
@@ -238,9 +242,8 @@ class CompiledProgram:
         key = self._flow.listing.name, window.first
         table = self._tables.get(key)
         if table is None:
-            coded = window.code()
-            names = self._flow.listing.names(window, coded)
-            table = table_of(window, coded, self._mirror.slots(names))
+            slots = self._mirror.slots(*self._flow.listing.names(window))
+            table = table_of(window, window.code(), slots)
             self._tables[key] = table
             sources = {id(copy.source) for each in self._tables.values() for copy in each.copies}
             others = [name for name, each in self._tables.items() if id(each) not in sources]

@@ -21,7 +21,7 @@ from cnc.gcode.syntax.parser import Syntax, parse_line
 from cnc.gcode.syntax.source_text import Text, Window
 from cnc.gcode.syntax.statement import Control, Statement
 from cnc.gcode.syntax.words import Word, fault
-from cnc.kernels.gcode.statements import Coded
+from cnc.kernels.gcode.statements import Names
 from cnc.model.diagnostics import CncError, GcodeError
 
 _CONTROL_LETTERS = {"ngc": "O", "macro-b": "OWDE", "siemens": "", "klartext": "", "none": ""}
@@ -141,12 +141,19 @@ class LineIndex:
         except GcodeError as error:
             raise self.placed(error, window.first + index) from None
 
-    def names(self, window: Window, coded: Coded) -> list[tuple[str, bool]]:
-        """Return the names of parameters in lines, and whether compiled code may set each."""
-        written = window.names(coded.names)
+    def names(self, window: Window) -> tuple[bytes, Names, list[bool] | None]:
+        """Return a text with the names of parameters, their places, and which are left alone.
+
+        Compiled code must not set the latter; None for none.
+        """
+        found = window.code().names
         if self._syntax.flavour != "siemens":
-            return [(name, True) for name in written]
-        return list(map(self._syntax.names.in_compiled_code, written))
+            return window.data, found, None
+        names = list(map(self._syntax.names.in_compiled_code, window.names(found)))
+        sizes = np.array([len(name) for name, _ in names], np.int32)
+        ends = np.cumsum(sizes, dtype=np.int32)
+        text = "".join(name for name, _ in names).encode("ascii")
+        return text, found._replace(begin=ends - sizes, end=ends), [not free for _, free in names]
 
     def placed(self, error: GcodeError, line: int) -> CncError:
         """Return the error with file, line and text added where it lacks them."""

@@ -104,6 +104,7 @@ class LineMachine:
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
         self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
         self._state = np.zeros(1, kernel.STATE)
+        self._kinds, self._data = np.empty(0, np.uint8), np.empty((0, 5))
 
     def leaves(self, letters: list[int], numbers: list[float]) -> bool:
         """Return whether a line has a letter or an M-code that compiled code never executes.
@@ -141,7 +142,7 @@ class LineMachine:
             self._setup,
             self._state,
             np.array(motion.position),
-            _rows(rows + kernel.MOST_ROWS, len(motion.axes)),
+            self._space(rows + kernel.MOST_ROWS, len(motion.axes)),
             unused,
         )
 
@@ -150,6 +151,18 @@ class LineMachine:
         self._interpreter.motion.position = job.position.tolist()
         self._give_out(job.rows)
         self._store(job.unused)
+
+    def _space(self, count: int, axes: int) -> kernel.Rows:
+        """Return space for rows. Polylines keep the arrays of moves; the others are used again."""
+        if len(self._kinds) < count:
+            self._kinds, self._data = np.empty(count, np.uint8), np.empty((count, 5))
+        return kernel.Rows(
+            np.empty((count, axes)),
+            np.empty(count),
+            np.empty(count, np.int32),
+            self._kinds[:count],
+            self._data[:count],
+        )
 
     # State
 
@@ -340,15 +353,3 @@ class LineMachine:
 def _letters(plane: Plane) -> str:
     """Return the letters of the words of a series: depth, R, P and Q."""
     return f"{_ACROSS[plane]}RPQ"
-
-
-def _rows(count: int, axes: int) -> kernel.Rows:
-    """Return space for rows."""
-    space: Any = np.empty
-    return kernel.Rows(
-        space((count, axes)),
-        space(count),
-        space(count, np.int32),
-        space(count, np.uint8),
-        space((count, 5)),
-    )

@@ -29,6 +29,7 @@ from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.percent import PercentStep
 from cnc.gcode.program.plain_lines import SHORTEST, PlainLines
 from cnc.gcode.program.siemens_repeat import SectionEnd
+from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
@@ -242,7 +243,9 @@ class _Run:
     def run(self, flow: Flow, line: int) -> int:
         """Execute the run in compiled code, or else its first line on its own."""
         window, listing = self._window, flow.listing
-        count = self._runs.run(window, line - window.first)
+        session = flow.klartext
+        is_plain = session.has_plain_moves if session else window.language != KLARTEXT
+        count = self._runs.run(window, line - window.first) if is_plain else 0
         if not count:
             return run_alone(flow, self._maker.single(window, line, line - window.first), line)
         last = line + count - 1

@@ -10,6 +10,7 @@ import re
 
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
+from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode.line import execute_lines
 
@@ -53,6 +54,9 @@ class PlainLines:
         if not self._machine.ready():
             return 0
         end = index + int(window.simple[index])
+        if window.language == KLARTEXT:
+            # The block behind the last move may be its corner, and may need its direction.
+            end -= 1
         if interpreter.points_wanted:
             end = self._without_point(window, index, end)
         job = self._machine.begin(min(MOST_ROWS, ROWS_OF_LINE * (end - index)))

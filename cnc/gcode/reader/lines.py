@@ -20,7 +20,7 @@ from cnc.gcode.syntax.arithmetic import (
 from cnc.gcode.syntax.words import MAX_NUMBER
 from cnc.kernels.gcode import automaton
 from cnc.kernels.gcode import statements as kernel
-from cnc.kernels.gcode.arithmetic import ATAN
+from cnc.kernels.gcode.arithmetic import ATAN, SUBTRACT
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
@@ -49,8 +49,16 @@ _OPERATIONS = {
     "ngc": OPERATORS | FUNCTIONS | {"ATAN": ATAN} | _LETTERS,
     "macro": MACRO_OPERATORS | _LETTERS,
     "sinumerik": SIEMENS_OPERATORS | SIEMENS_FUNCTIONS | _LETTERS | {"CR": ord("R")},
+    "klartext": {"-": SUBTRACT, "R0": ord("R")} | {letter: ord(letter) for letter in "LXYZABCUVW"},
 }
 """Operation or letter of the text of a keyword, by grammar."""
+_KLARTEXT_TERMINALS = {
+    "NUMBER": kernel.DIGITS, "SIGN": kernel.KEY, "COMMENT": kernel.REMARK, "MOVE": kernel.MOVE,
+    "AXIS": kernel.AXIS, "FEED": kernel.FEED, "FMAX": kernel.RAPID, "SIDE": kernel.SIDE,
+}  # fmt: skip
+_KLARTEXT_RULES = {
+    "sign": kernel.SIGN, "valued": kernel.VALUED, "words": kernel.MOVED, "line": kernel.BLOCK,
+}  # fmt: skip
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 """Meanings of rules of the languages whose expressions the interpreter alone computes."""
 
@@ -115,10 +123,13 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
 @cache
 def _meaning(language: Language) -> kernel.Meaning:
     found, operations = grammar(language.grammar), _OPERATIONS.get(language.grammar, {})
-    rules = np.array([_RULES.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
+    is_klartext = language.grammar == "klartext"
+    of_rules = _KLARTEXT_RULES if is_klartext else _RULES
+    of_terminals = _KLARTEXT_TERMINALS if is_klartext else _TERMINALS
+    rules = np.array([of_rules.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
     if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
-    terminals = [_TERMINALS.get(each, kernel.LEFT_ALONE) for each in found.terminals]
+    terminals = [of_terminals.get(each, kernel.LEFT_ALONE) for each in found.terminals]
     if language is SINUMERIK:
         terminals[found.terminals.index("NAME")] = kernel.VARIABLE
     return kernel.Meaning(
@@ -130,6 +141,7 @@ def _meaning(language: Language) -> kernel.Meaning:
         found.terminals.index("NUMBER") + 1,
         int(language.joined),
         int(language.single),
+        int(is_klartext),
     )
 
 
@@ -168,6 +180,7 @@ class _Scratch(threading.local):
         )
         self.items = np.empty(items, np.uint8), np.empty(items, np.int64), np.empty(items, np.int64)
         self.code = kernel.Code(np.empty(self.size + 1, np.uint8), np.empty(self.size + 1))
+        self.names, self.labels = names_space(items), names_space(items)
 
 
 _scratch = _Scratch()
@@ -231,9 +244,9 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
         np.empty(count + 1, np.int32),
         *scratch.items,
         scratch.code,
-        _names(data.count(b"<")),
+        scratch.names,
         np.empty(count, np.int32),
-        _names(data.count(b"o") + data.count(b"O")),
+        scratch.labels,
     )
     kernel.sort_events(
         chars, begins, ends, reading.events, reading.results, _meaning(language), MAX_NUMBER,
@@ -250,6 +263,8 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
             begin=coded.begin[:items].copy(),
             end=coded.end[:items].copy(),
             code=_copied(coded.code, instructions),
+            names=_taken(coded.names),
+            labels=_taken(coded.labels),
         ),
         None
         if known.all()
@@ -264,14 +279,26 @@ def _copied(arrays: Arrays, count: int) -> Arrays:
     )
 
 
-def _names(most: int) -> kernel.Names:
+def names_space(most: int) -> kernel.Names:
     """Return space for so many names."""
-    places = 16
-    while places < 2 * most:
-        places *= 2
+    places = 1 << (2 * most).bit_length()
     return kernel.Names(
-        np.empty(most + 1, np.int32),
-        np.empty(most + 1, np.int32),
+        np.empty(most, np.int32),
+        np.empty(most, np.int32),
         np.full(places, -1, np.int32),
         np.zeros(1, np.int32),
+    )
+
+
+def _taken(names: kernel.Names) -> kernel.Names:
+    """Return a copy of names without their table; the space is empty then."""
+    used = int(names.used[0])
+    if used:
+        names.table.fill(-1)
+        names.used[0] = 0
+    return kernel.Names(
+        names.begin[:used].copy(),
+        names.end[:used].copy(),
+        names.table[:0],
+        np.array([used], np.int32),
     )

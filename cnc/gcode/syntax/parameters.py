@@ -65,6 +65,8 @@ class Parameters:
         locals: Values of the numbers of the current call. Expressions read it first.
         changed: Numbers and names that were set, or shown by a function, since the set was emptied.
             None while nobody asks.
+        unstored: Stores the names that compiled code has set; called before a name is read. None if
+            all are stored.
         calls: Number of calls entered and left.
         kept: Numbers that the file keeps once they were set.
         written: Returns a name as the program writes it.
@@ -78,20 +80,38 @@ class Parameters:
             dict.fromkeys(sorted(SYSTEM), 0.0) | {numbers.CURRENT_SYSTEM: 1.0} | dict(values or {})
         )
         self.locals: dict[int, float] = {}
-        self._names: dict[str, float] = {}
-        self._globals: dict[str, float] = {}
+        self._own_names: dict[str, float] = {}
+        self._global_names: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
         self._rows: list[tuple[range, ReadRow, WriteRow]] = []
         self._first_in_row = LAST_MACRO + 1
         self._row_writes = 0
         self.changed: set[int | str] | None = None
+        self.unstored: Callable[[], None] | None = None
         self.calls = 0
         self.kept: Container[int] = KEPT_MACRO if macro else USER
         self.written: Callable[[str], str] = "#<{}>".format
         self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
         self.unset = VACANT if macro else 0.0
+
+    def settle(self) -> None:
+        """Store the names that compiled code has set."""
+        if self.unstored:
+            self.unstored()
+
+    @property
+    def _names(self) -> dict[str, float]:
+        """The names of the current call."""
+        self.settle()
+        return self._own_names
+
+    @property
+    def _globals(self) -> dict[str, float]:
+        """The names of all calls."""
+        self.settle()
+        return self._global_names
 
     def number(self, index: float, column: int) -> float:
         """Return ``#index``.
@@ -188,16 +208,9 @@ class Parameters:
         else:
             (self.locals if key <= self._last_local else self.values)[key] = value
 
-    def known_among(self, names: list[str]) -> list[str]:
+    def known_names(self) -> list[str]:
         """Return the names that have a value, or that functions show."""
-        bound, of_all, of_call = self._bound, self._globals, self._names
-        return [name for name in names if name in of_call or name in of_all or name in bound]
-
-    def store_names(self, names: list[str], values: list[float]) -> None:
-        """Store the value of each name, as :meth:`store_value`."""
-        of_all, of_call = self._globals, self._names
-        for name, value in zip(names, values, strict=True):
-            (of_all if name[0] == "_" else of_call)[name] = value
+        return [*self._globals, *self._names, *(key for key in self._bound if isinstance(key, str))]
 
     def known_numbers(self, last: int) -> set[int]:
         """Return the numbers up to ``last`` that were set, or that a function shows."""
@@ -264,13 +277,14 @@ class Parameters:
         self.locals = {
             number: value for number, value in enumerate(arguments, start=1) if value == value
         }
-        self._names = {}
+        self._own_names = {}
         self.calls += 1
 
     def pop(self) -> None:
         """Leave a call."""
+        self.settle()
         self.calls += 1
-        self.locals, self._names = self._callers.pop()
+        self.locals, self._own_names = self._callers.pop()
 
     def stored(self) -> dict[int, float]:
         """Return the values for the parameter file, by ascending number.
@@ -322,11 +336,7 @@ class Parameters:
         write(value)
 
     def _undefined(self, name: str, column: int) -> GcodeError:
-        known = [
-            *self._names,
-            *self._globals,
-            *(key for key in self._bound if isinstance(key, str)),
-        ]
+        known = self.known_names()
         shown = self.written(name)
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {self.written(near[0])}?" if near else "set it first"

@@ -22,7 +22,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.reader.lines import NGC, Language, Positions, Sorted, read_lines
+from cnc.gcode.reader.lines import KLARTEXT, NGC, Language, Positions, Sorted, read_lines
 from cnc.gcode.reader.statements import squeezed
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
 from cnc.gcode.syntax.statement import Statement
@@ -67,11 +67,16 @@ def split(data: bytes, *, whole: bool) -> Splits:
             that ends in a ``\r`` at the end of the bytes: a ``\n`` may follow.
     """
     chars = np.frombuffer(data, np.uint8)
-    marks = np.flatnonzero((chars == _LF) | (chars == _CR))
-    second = (chars[marks] == _LF) & (marks > 0) & (chars[marks - 1] == _CR)
-    ends = marks[~second]
+    ends = np.flatnonzero(chars == _LF)
     after = ends + 1
-    after[np.isin(after, marks[second])] += 1
+    if b"\r" in data:
+        returns = np.flatnonzero(chars == _CR)
+        # A \n behind a \r belongs to it.
+        second = (chars[ends - 1] == _CR) & (ends > 0)
+        joined = ends[second] - 1
+        ends = np.sort(np.concatenate((ends[~second], returns)))
+        after = ends + 1
+        after[np.searchsorted(ends, joined)] += 1
     if not whole and len(ends) and ends[-1] + 1 == len(data) and chars[-1] == _CR:
         ends, after = ends[:-1], after[:-1]
     if whole and (not len(after) or after[-1] < len(data)) and len(data):
@@ -87,6 +92,7 @@ class Window:
     Attributes:
         first: Number of the first line, from 1.
         count: Number of lines.
+        data: The bytes of the lines.
         language: The language in which the lines are read.
         has_expressions: Whether a line may have parameters or expressions.
     """
@@ -108,7 +114,7 @@ class Window:
         """
         self.first, self.count = first, len(lines.begin)
         self.language = NGC
-        self._data, self._begin, self._end = data, lines.begin, lines.end
+        self.data, self._begin, self._end = data, lines.begin, lines.end
         self._texts = texts or {}
         self.has_expressions = b"#" in data or b"[" in data or b"=" in data
 
@@ -122,7 +128,7 @@ class Window:
     @cached_property
     def sorted(self) -> Sorted:
         """The lines as words and items."""
-        return read_lines(self._data, self._begin, self._end, self.language)
+        return read_lines(self.data, self._begin, self._end, self.language)
 
     @property
     def head(self) -> NDArray[np.uint8]:
@@ -160,16 +166,15 @@ class Window:
         self.simple[:] = 0
 
     def names(self, found: Names) -> list[str]:
-        """Return different names in the lines, in small letters."""
-        text, count = self._data.decode("latin-1").lower(), int(found.used[0])
-        begins, ends = found.begin[:count].tolist(), found.end[:count].tolist()
-        return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
+        """Return different names in the lines, in small letters. All are ASCII."""
+        spans = map(slice, found.begin.tolist(), found.end.tolist())
+        return [self.data[span].decode().lower() for span in spans]
 
     def text(self, index: int) -> str:
         """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""
         if index in self._texts:
             return self._texts[index]
-        line = self._data[self._begin[index] : self._end[index]]
+        line = self.data[self._begin[index] : self._end[index]]
         try:
             return line.decode()
         except UnicodeDecodeError:
@@ -180,7 +185,7 @@ class Window:
 
         Returns ``end`` if there is none. The pattern must not match across lines.
         """
-        found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
+        found = pattern.search(self.data, int(self._begin[index]), int(self._end[end - 1]))
         return (
             end
             if found is None
@@ -192,7 +197,7 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        if self.plain[index]:
+        if self.plain[index] and self.language != KLARTEXT:
             return self._plain(index, text)
         reading = self.sorted.reading
         if (

@@ -47,15 +47,16 @@ MOST_ITEMS = 64
 (
     LEFT_ALONE, DIGITS, KEY, NAME, REMARK, LETTER_O, EQUALS,
     WORD, BINARY, SIGN, FUNCTION, ARCTANGENT, INDEX, BRACKET, ASSIGN, O_WORD, BLOCK,
-    VARIABLE, PASSED,
-) = range(19)  # fmt: skip
+    VARIABLE, PASSED, MOVE, AXIS, FEED, RAPID, SIDE, VALUED, MOVED,
+) = range(26)  # fmt: skip
 """Meanings of terminals and rules. LEFT_ALONE: only the interpreter knows it. VARIABLE: a name
-without brackets. PASSED: a rule that adds nothing to its part.
+without brackets. PASSED: a rule that adds nothing to its part. MOVE to SIDE: words of Klartext,
+whose rules are VALUED, for a word with its number, and MOVED, for all words of a block.
 """
 
 _TAB, _LF, _CR, _BLANK = 9, 10, 13, 32
 _OPEN, _CLOSE, _SLASH, _DOT, _ZERO, _SEMICOLON = 40, 41, 47, 46, 48, 59
-_A, _G, _M, _N, _O, _R, _Z, _LOWER = 65, 71, 77, 78, 79, 82, 90, 32
+_A, _F, _G, _L, _M, _N, _O, _R, _Z, _LOWER = 65, 70, 71, 76, 77, 78, 79, 82, 90, 32
 _LINE_DIGITS, _HEAD_DIGITS = 9, 18
 _HASH_MASK = (1 << 40) - 1
 _ACTIVE = np.array(
@@ -77,6 +78,7 @@ class Meaning(NamedTuple):
         number: Kind of those of a number.
         joined: 1 if no blank may stand inside a word.
         single: 1 if a line may have one assignment only: they take effect one by one.
+        klartext: 1 if only straight moves of Klartext are plain.
     """
 
     terminal: Bytes
@@ -87,6 +89,7 @@ class Meaning(NamedTuple):
     number: int
     joined: int
     single: int
+    klartext: int
 
 
 class Lines(NamedTuple):
@@ -238,6 +241,31 @@ def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
 
 
 @njit
+def add_names(
+    data: Bytes, begins: Counts, ends: Counts, text: Bytes, known: Names, found: Counts
+) -> None:
+    """Find names among known ones. A new one is added.
+
+    Args:
+        data: A text with the names.
+        begins: (names,) position of the first byte of each name.
+        ends: (names,) position after the last byte.
+        text: The known names, with space for the others.
+        known: Their places, with space for the others.
+        found: Takes the index of each name.
+    """
+    for k in range(len(begins)):
+        used = int(known.used[0])
+        at = int(known.end[used - 1]) if used else 0
+        end = at + int(ends[k]) - int(begins[k])
+        text[at:end] = data[begins[k] : ends[k]]
+        for i in range(at, end):
+            if _A <= text[i] <= _Z:
+                text[i] |= _LOWER
+        found[k] = index_of_name(text, at, end, known)
+
+
+@njit
 def _is_idle(data: Bytes, begin: int, end: int) -> bool:
     """Return whether a comment is no command, and has no character of several bytes."""
     i = begin + 1
@@ -256,10 +284,10 @@ def _is_idle(data: Bytes, begin: int, end: int) -> bool:
 
 
 @njit
-def _has_blank(data: Bytes, begin: int, end: int) -> bool:
-    """Return whether a text has a blank or a semicolon."""
+def _is_special(data: Bytes, begin: int, end: int) -> bool:
+    """Return whether a text has a blank, a semicolon or a character that is not ASCII."""
     for i in range(begin, end):
-        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON:
+        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] >= OTHER:
             return True
     return False
 
@@ -379,7 +407,7 @@ def _plain_line(
         letter = int(meaning.text[int(events.value[e])])
         at, end = int(events.begin[e]), int(events.end[e + count - 1])
         # Not for NaN, too.
-        if not abs(value) <= largest or (meaning.joined and _has_blank(data, at, end)):
+        if not abs(value) <= largest or (meaning.joined and _is_special(data, at, end)):
             return False
         bit = 1 << (letter - _A)
         if letter == _N:
@@ -400,6 +428,85 @@ def _plain_line(
     if b == a or meaning.rule[-int(events.kind[b - 1]) - 1] != BLOCK:
         return False
     known["head"], known["label"], known["words"], known["simple"] = head, label, word, simple
+    return True
+
+
+@njit
+def _role(events: Events, e: int, meaning: Meaning) -> int:
+    """Return the meaning of an event."""
+    kind = int(events.kind[e])
+    return int(meaning.terminal[kind - 1]) if kind > 0 else int(meaning.rule[-kind - 1])
+
+
+@njit
+def _klartext_line(
+    a: int, b: int, begin: int, found: int, events: Events, meaning: Meaning, largest: float,
+    words: Words, known: Record,
+) -> bool:  # fmt: skip
+    """Fill the words of a straight move of Klartext: G1, or G0 for FMAX, absolute axes, and F.
+
+    R0 adds no word: compiled code does not run under compensation.
+
+    Args:
+        a: The first event of the line.
+        b: The event after its last one.
+        begin: Position of its first byte.
+        found: Number of words before.
+        events: The events.
+        meaning: What the grammar's symbols mean.
+        largest: Largest number.
+        words: Takes the words.
+        known: Takes the head, the label, the number of words and whether the line is simple.
+
+    Returns:
+        Whether it is such a move.
+    """
+    e, seen, moves = a, 0, False
+    if a < b and _role(events, a, meaning) == DIGITS:
+        e += 1
+    if e >= b or _role(events, e, meaning) != MOVE or meaning.text[int(events.value[e])] != _L:
+        return False
+    words.letter[found], words.number[found] = _G, 1.0
+    words.column[found], words.length[found] = int(events.begin[e]) - begin + 1, 1
+    word = found + 1
+    e += 1
+    while e < b and _role(events, e, meaning) != MOVED:
+        role, first = _role(events, e, meaning), e
+        letter = int(meaning.text[int(events.value[e])]) if role == AXIS or role == SIDE else _F
+        bit = 1 << (letter - _A)
+        if letter == 0 or seen & bit:
+            return False
+        seen |= bit
+        e += 1
+        if role == SIDE:
+            continue
+        if role == RAPID:
+            words.number[found] = 0.0
+        elif role == AXIS or role == FEED:
+            signed = _role(events, e, meaning) == KEY
+            minus = signed and meaning.text[int(events.value[e])] == SUBTRACT
+            e += signed
+            value = events.value[e]
+            # Not for NaN, too.
+            if _role(events, e, meaning) != DIGITS or not abs(value) <= largest:
+                return False
+            words.letter[word], words.number[word] = letter, -value if minus else value
+            words.column[word] = int(events.begin[first]) - begin + 1
+            words.length[word] = int(events.end[e]) - int(events.begin[first])
+            word += 1
+            e += 1 + signed
+            moves = moves or role == AXIS
+        else:
+            return False
+        if _role(events, e, meaning) != VALUED:
+            return False
+        e += 1
+    e += 1
+    if e < b and _role(events, e, meaning) == REMARK:
+        e += 1
+    if not moves or e != b - 1 or _role(events, e, meaning) != BLOCK:
+        return False
+    known["head"], known["label"], known["words"], known["simple"] = 0, -1, word, True
     return True
 
 
@@ -452,7 +559,7 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
         elif role == NAME or role == VARIABLE:
             index = -1
             inner = int(role == NAME)
-            if not _has_blank(data, begin + inner, end - inner):
+            if not _is_special(data, begin + inner, end - inner):
                 index = index_of_name(data, begin + inner, end - inner, coded.names)
             operation[count], number[count] = NAMED, index
             count += 1
@@ -468,7 +575,7 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
                 keyed -= 1
                 before = int(events.begin[e - 2])
                 index = -1
-                if keys[keyed] == _R and not _has_blank(data, before, begin):
+                if keys[keyed] == _R and not _is_special(data, before, begin):
                     index = index_of_name(data, before, int(events.end[e - 1]), coded.names)
                 operation[first], number[first] = NAMED, index
                 if index < 0:
@@ -569,11 +676,11 @@ def _coded_line(  # noqa: C901, PLR0915 a call is slow: it passes all arrays
 
 @njit
 def _is_label(data: Bytes, begin: int, end: int) -> bool:
-    """Return whether a text is a label without a blank or a point."""
+    """Return whether a text is a label of ASCII without a blank or a point."""
     for i in range(begin, end):
-        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] == _DOT:
+        if data[i] == _DOT:
             return False
-    return end > begin
+    return end > begin and not _is_special(data, begin, end)
 
 
 @njit
@@ -611,7 +718,11 @@ def sort_events(
         begin = int(begins[k])
         a, b = int(results.first[k]), int(results.first[k + 1])
         is_read = results.status[k] == OK
-        if is_read and _plain_line(data, a, b, begin, found, events, meaning, largest, words, now):
+        if is_read and (
+            _klartext_line(a, b, begin, found, events, meaning, largest, words, now)
+            if meaning.klartext
+            else _plain_line(data, a, b, begin, found, events, meaning, largest, words, now)
+        ):
             lines.plain[k], lines.simple[k] = 1, now["simple"]
             lines.head[k], lines.label[k] = now["head"], now["label"]
             coded.kind[k] = SIMPLE if now["simple"] else UNKNOWN

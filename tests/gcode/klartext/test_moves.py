@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import random
 
 import numpy as np
 import pytest
 
 from cnc.model.blocks import ArcFeed, NurbsFeed, Polyline
+from tests.gcode.program.test_compiled_lines_in_programs import agree
 from tests.support.gcode.gcode_cases import assert_blocks, block_summaries, error_of, run, warnings
+from tests.support.soak import share
 
 
 def summaries(source: str) -> list[str]:
@@ -235,3 +238,33 @@ def test_a_file_without_its_end_is_refused() -> None:
     assert (
         error_of("BEGIN PGM A MM\nL X+1 FMAX", dialect="heidenhain").code == "program-end-missing"
     )
+
+
+_MOVES = (
+    "L X{x} Y{y}", "L X{x} Y{y} Z{z} F{f}", "L Z{z} R0 FMAX", "L IX{x} Y{y}", "{n} L Y{y} ; a text",
+    "L X{x} F AUTO", "L X{x} X{y}", "L X+Q1 Y{y}", "L X{x} Y{y} R0 F{f} M3", "L F{f}", "L X0 F0",
+    "CC X{x} Y{y}", "C X{x} Y{y} DR+", "CT X{x} Y{y}", "RND R0.1", "CHF 0.1", "LP PR{f} PA{x}",
+    "CR X{x} Y{y} R+500 DR-", "L X{x} Y{y} RL", "L X-0 A1", "Q1 = {x}", "L X{x} FMAX M91", "",
+    "TOOL CALL 1 Z S{f} F{f}", "CYCL DEF 7.0", "CYCL DEF 7.1 X{x}", "CYCL DEF 8.0",
+    "CYCL DEF 8.1 X", "CYCL DEF 10.0", "CYCL DEF 10.1 ROT{x}", "L X99999999999 Y1", "* - a part",
+    "L X1234567890.123456789", "L X{x} M89", "LBL 1", "CALL LBL 1 REP 1", "L X{x} Y{y} FMAX F{f}",
+)  # fmt: skip
+
+
+def _random_program(rng: random.Random) -> list[str]:
+    lines = [f"0 BEGIN PGM A {rng.choice(['MM', 'MM', 'INCH'])}"]
+    lines += rng.choice([[], ["TOOL CALL 1 Z S100 F300"], ["L X1 Y1 Z1 F100"]])
+    for _ in range(rng.randint(1, 40)):
+        form = _MOVES[rng.choice([0, 1, 0, 1, 2, 4, rng.randrange(len(_MOVES))])]
+        x, y, z = (f"{rng.choice('+-')}{rng.uniform(0, 20):.3f}" for _ in "xyz")
+        lines.append(form.format(x=x, y=y, z=z, f=rng.randint(1, 900), n=len(lines)))
+    return [*lines, "END PGM A MM"]
+
+
+@pytest.mark.timeout(3600)
+def test_moves_of_compiled_code_are_those_of_the_interpreter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for seed in range(share(20_000, 300)):
+        program = _random_program(random.Random(seed))
+        agree(monkeypatch, program, ("x", "y", "z"), "heidenhain", shortest=3)

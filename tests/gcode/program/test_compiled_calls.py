@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 
 import pytest
 
@@ -75,3 +76,25 @@ def test_calls_across_windows_run_in_compiled_code(monkeypatch: pytest.MonkeyPat
     moves = sum(len(block.points) for block in blocks if isinstance(block, Polyline))
     assert moves == 3000 + sum(n % 9 > 5 for n in range(3000))
     assert sum(executed) > 10_000, "calls, moves, conditions and returns"
+
+
+def test_a_call_keeps_names_of_other_windows_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name that was set in an earlier window belongs to the caller, not to the call."""
+    monkeypatch.setattr(source_text, "_MOST_LINES", 512)
+    sub = ["o9 sub", "G4 P0", "X[EXISTS[#<own>]]", "#<own> = 7", "#<_all> = #<own>", "o9 endsub"]
+    before = ["#<own> = 2", *["X1"] * 700]
+    calls = [*["X1 Y[1 + 1]"] * 700, "o9 call", "(debug, asks for a name: #<_all>)", "o9 call"]
+    after = [*["X1"] * 700, "Y[#<own>] Z[#<_all>]", "M2"]
+    lines = ["G90 G1 F100", *sub, *before, *calls, *after]
+    agree(monkeypatch, lines, AXES[0], "linuxcnc")
+    moves = [block for block in interpret(Text.of_lines(lines, "t")) if isinstance(block, Polyline)]
+    assert moves[-1].points[-1, 1:3].tolist() == [2.0, 7.0]
+
+
+def test_small_and_capital_letters_beyond_ascii_are_equal(tmp_path: Path) -> None:
+    """Compiled code reads bytes, the interpreter reads characters."""
+    file = tmp_path / "t.ngc"
+    moves = "X[1 + 1]\n" * 700
+    file.write_text(f"G90 G1 F100\n#<\u00e9> = 3\n{moves}Y[#<\u00c9>]\nM2\n", encoding="utf-8")
+    found = [block for block in interpret(Text.of_file(file)) if isinstance(block, Polyline)]
+    assert found[-1].points[-1, 1] == 3.0
