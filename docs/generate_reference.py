@@ -15,10 +15,8 @@ import mkdocs_gen_files
 
 from cnc.checks.catalogue import markdown
 from cnc.cli.commands import app
-from cnc.gcode import dialects
-from cnc.gcode.dialects.recognition import evidence
 from cnc.machine.schema import machine_schema
-from docs import grammar_diagrams
+from docs import dialect_tables, grammar_diagrams
 
 
 def command_line() -> str:
@@ -42,39 +40,6 @@ def machine_file() -> str:
     for name, table in schema["properties"].items():
         lines += [f"## `[{name}]`", "", str(table.get("description", "")), ""]
         lines += _table(_resolved(table, definitions), definitions)
-    return "\n".join(lines) + "\n"
-
-
-def dialect_codes() -> str:
-    """Return the page of the codes of each dialect, and of the evidence for it."""
-    names = [name for name in dialects.WITH_CODES if name != "paper"]
-    rules = {name: dialects.load(name) for name in names}
-    lines = ["# Codes by dialect", "", "| code | " + " | ".join(names) + " |"]
-    lines.append("| --- |" + " --- |" * len(names))
-    codes = sorted({code for each in rules.values() for code in each.g if code >= 0})
-    rows = [(code.written, [code in rules[name].g for name in names]) for code in codes]
-    numbers = sorted({code for each in rules.values() for code in each.m})
-    rows += [(f"M{code}", [code in rules[name].m for name in names]) for code in numbers]
-    lines += [
-        f"| {code} | " + " | ".join("yes" if found else "" for found in row) + " |"
-        for code, row in rows
-    ]
-    lines += [
-        "",
-        "## Codes without effect",
-        "",
-        "| code | dialects | function |",
-        "| --- | --- | --- |",
-    ]
-    noted = sorted(
-        {(key, note.name) for each in rules.values() for key, note in each.noted.items()}
-    )
-    for key, function in noted:
-        users = [name for name in names if key in rules[name].noted]
-        lines.append(f"| {key[0]}{key[1]:g} | {', '.join(users)} | {function} |")
-    lines += ["", "## Evidence for `auto`", "", "| dialect or language | points | evidence |"]
-    lines.append("| --- | --- | --- |")
-    lines += [f"| {name} | {points} | {what} |" for name, points, what in evidence()]
     return "\n".join(lines) + "\n"
 
 
@@ -120,7 +85,7 @@ for page, content in (
     ("reference/cli.md", command_line()),
     ("reference/machine-file.md", machine_file()),
     ("reference/findings.md", markdown()),
-    ("reference/dialects.md", dialect_codes()),
+    ("reference/dialects.md", dialect_tables.page()),
     ("reference/grammars.md", grammar_diagrams.page()),
 ):
     with mkdocs_gen_files.open(page, "w") as file:

@@ -45,8 +45,10 @@ from cnc.version import __version__
 
 app = Application(
     name="cncrun",
+    usage="Usage: cncrun [run] PROGRAM [OPTIONS]\n       cncrun COMMAND [ARGUMENTS] [OPTIONS]",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
+    help_epilogue="Options of a run: cncrun run --help. Of a command: cncrun COMMAND --help.",
     help_format="plaintext",  # Markdown would double the time of --help.
     version=__version__,
     result_action="return_value",
@@ -67,7 +69,7 @@ COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 TERMINAL = TerminalOptions()
 
 
-@app.default
+@app.command
 def run(
     program: ProgramOption,
     /,
@@ -76,7 +78,7 @@ def run(
     on_board: BoardOptions = BOARD,
     common: CommonOptions = COMMON,
 ) -> int:
-    """Run a program."""
+    """Run a program on a board; run may be left out."""
     if dry_run:
         return check(program, common=common)
     common.prepare(program, on_board.port)
@@ -134,7 +136,10 @@ def check(
     options: CheckOptions = CHECK,
     common: CommonOptions = COMMON,
 ) -> int:
-    """Verify programs without a board: language, travel, limits of the plan, and pulses."""
+    """Verify programs without a board; nothing moves.
+
+    A check covers the language, the travel, the limits of the plan, and the pulses.
+    """
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
     common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
@@ -187,7 +192,10 @@ def diff(
     ] = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Compare the motion of two programs: distance, place, and duration."""
+    """Compare the motion of two programs.
+
+    The result has the largest distance, its place, and both durations.
+    """
     if first == second == "-":
         message, hint = "standard input holds one program", "name a file for the other program"
         raise UsageError(Diagnostic("usage", message, hint=hint))
@@ -227,7 +235,10 @@ def view(
     ] = None,
     common: CommonOptions = COMMON,
 ) -> int:
-    """Draw a program: path, feed, acceleration and jerk over time, and its text."""
+    """Draw a program: its path, and its motion over time.
+
+    The motion is feed, acceleration and jerk. A page has the text of the program, too.
+    """
     common.prepare(program, further=output)
     report = check_one(program, common, CheckOptions(stock=stock), output)
     if common.json is not None:
@@ -248,7 +259,10 @@ def papers(
     *,
     quiet: Annotated[bool, option("Do not print the tables.")] = False,
 ) -> int:
-    """Repeat the experiments of the papers behind the interpolators, as tables and figures."""
+    """Repeat the experiments of the papers, with tables and figures.
+
+    These are the papers behind the interpolators.
+    """
     from cnc.papers import page
     from cnc.papers.contents import sections
 
@@ -273,7 +287,10 @@ app.command(tools)
 
 @app.command
 def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False) -> int:
-    """Compile all kernels now, for an image or a CI job, and print where their code is kept."""
+    """Compile all kernels now, for an image or a CI job.
+
+    The command prints the folder of the compiled code.
+    """
     from cnc.kernels.code_cache import cache_folder
 
     _compile(quiet=quiet)
@@ -358,6 +375,8 @@ def _carry_out(arguments: Sequence[str]) -> int:
     OperatorSignals.moved = False
     asks = not {"--help", "-h"}.isdisjoint(arguments)
     Application.collections = {} if asks else None
+    if not arguments or arguments[0] not in set(app):
+        arguments = ["run", *arguments]
     try:
         result = app(
             [HYPHEN if each == "-" else each for each in arguments],
@@ -368,7 +387,7 @@ def _carry_out(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except CycloptsError as error:
-        hint = "cncrun --help lists the commands and options"
+        hint = "cncrun --help lists the commands, cncrun COMMAND --help the options"
         return fail(UsageError(Diagnostic("usage", usage(error), hint=hint)))
     except CncError as error:
         return fail(error)

@@ -95,7 +95,10 @@ def jog(
     port: PortOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Move axes by a distance, within their travel. Ctrl-C brings the machine to rest."""
+    """Move axes by a distance, within their travel.
+
+    Ctrl-C brings the machine to rest.
+    """
     wanted = _words(distances, "X10")
     with _session(terminal, machine, board, port) as (session, signals):
         mm_s = None if feed is None else feed / MM_PER_MIN
@@ -111,7 +114,10 @@ def unlock(
     port: PortOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Leave an alarm of a GRBL board without homing; nothing moves."""
+    """Leave an alarm of a GRBL board; nothing moves.
+
+    The machine is not homed.
+    """
     with _session(terminal, machine, board, port) as (session, signals):
         locked = session.state.state == "alarm"
         _wait(session, signals, session.unlock(at_switch=False))
@@ -132,7 +138,10 @@ def zero(
     port: PortOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Set the zero of a coordinate system at the present position; nothing moves."""
+    """Set the zero of a coordinate system; nothing moves.
+
+    The zero is at the present position.
+    """
     values = _words(axes, "X", default=0.0)
     with _session(terminal, machine, board, port) as (session, signals):
         offsets = _wait(session, signals, session.zero(values, system.upper(), half=half))
@@ -150,7 +159,10 @@ def mdi(
     port: PortOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Run single lines, each checked as a program is, with the modes of the lines before it."""
+    """Run single lines, each checked as a program is.
+
+    A line has the modes of the lines before it.
+    """
     with _session(terminal, machine, board, port) as (session, signals):
         for line in lines or (each.rstrip("\n") for each in sys.stdin):
             if not line.strip():
@@ -176,7 +188,10 @@ def height_map(
     port: PortOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Probe a surface on a grid, and write its height map for --height-map."""
+    """Probe a surface on a grid, and write its height map.
+
+    A run with --height-map follows the surface.
+    """
     from cnc.machine.height_map import save_height_map
 
     check_files((output, terminal.log), (machine,))

@@ -38,7 +38,7 @@ def serve(
     machine: MachineOption = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Serve the operator's console to browsers: jog, zero, check, run.
+    """Serve the operator's console: jog, zero, check, run.
 
     It needs the extra: pip install 'cncrun[serve]'. It ends with Ctrl-C; the machine comes to rest.
     """

@@ -19,7 +19,7 @@ def tools(
         Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
     ] = None,
 ) -> int:
-    """Write a skeleton of the tool table: the tools of a program, without lengths.
+    """Write a skeleton of the tool table of a program.
 
     The tools come from T, H and D words and from the comments of CAM systems. Measure each tool,
     add its length, and name the file in the machine file: tool_table under [program].

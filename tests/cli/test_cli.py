@@ -11,6 +11,7 @@ import pytest
 
 from cnc import api
 from cnc.boards.loopback import Loopback
+from cnc.cli.commands import app
 from cnc.cli.exit_status import EXIT_PIPE
 from cnc.cli.options import NEW_OBJECTS, library
 from cnc.machine.load import load_machine, shipped_machines
@@ -323,10 +324,34 @@ def test_the_collector_looks_at_new_objects_less_often_than_by_default():
         gc.set_threshold(*before)
 
 
-def test_help_lists_the_options(cncrun):
-    _, out, _ = cncrun("--help")
+def test_help_fits_a_screen_and_has_one_line_for_each_command(cncrun):
+    code, out, _ = cncrun("--help")
+    assert code == 0
+    assert len(out.splitlines()) <= 35
+    rows = [line.strip("│ \n") for line in out.splitlines() if line.startswith("│")]
+    commands = sorted(name for name in app if not name.startswith("-"))
+    assert [row.split()[0] for row in rows] == [*commands, "--help", "--version"]
+    assert not {"--board", "--trace", "--dialect"} & set(out.replace(",", " ").split())
+    assert "cncrun run --help" in out
+
+
+@pytest.mark.parametrize("arguments", [(), ("run",)])
+def test_run_may_be_left_out(cncrun, program, arguments):
+    name = program("G21 G90 G1 X5 F600\nM2\n")
+    assert cncrun(*arguments, name, "--quiet") == (0, "", "")
+    assert cncrun(*arguments, "--quiet", "--dry-run", name) == (0, "", "")
+    code, _, err = cncrun(*arguments, program("G21 G1 X5\nM2\n"), "--dry-run")
+    assert code == 1
+    assert last_message(err, "feed-missing")
+    code, _, err = cncrun(*arguments, name, "second.nc")
+    assert code == 2
+    assert "cncrun runs one program" in err
+
+
+@pytest.mark.parametrize("arguments", [("run",), ("part.nc",), ("--yes",)])
+def test_help_of_a_run_lists_the_options(cncrun, arguments):
+    _, out, _ = cncrun(*arguments, "--help")
     for word in (
-        "check",
         "--machine",
         "--dialect",
         "--interpolator",

@@ -37,7 +37,7 @@ def no_names() -> frozenset[str]:
 
 def not_supported(what: str, begin: int, end: int, hint: str = "") -> GcodeError:
     """Return the error of something that is not supported."""
-    hint = hint or "this looks like SINUMERIK; docs/reference/language.md lists what is read"
+    hint = hint or "this looks like SINUMERIK; docs/reference/sinumerik.md lists what is read"
     return fault(
         "code-not-supported", f"{what} is not supported", column=begin + 1,
         length=max(end - begin, 1), hint=hint,

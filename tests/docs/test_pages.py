@@ -1,0 +1,94 @@
+"""The pages for people: links that a code host can follow, the navigation, and the tables."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from docs import dialect_tables
+from tests.support.paths import ROOT
+
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+PAGES = sorted(
+    page.relative_to(ROOT).as_posix()
+    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("firmware/**/*.md"))
+)
+
+
+def _text(page: Path) -> str:
+    """Return a page without its blocks of code, whose brackets are no links."""
+    return re.sub(r"^```.*?^```|^    .*?$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+
+
+def _anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as code hosts and the site make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    words = (re.sub(r"[^\w\- ]", "", heading.lower()).strip() for heading in headings)
+    return {re.sub(r"[ ]", "-", heading) for heading in words}
+
+
+def dead_links(page: Path) -> list[str]:
+    """Return the relative links of a page that lead to no file, or to no heading of it."""
+    dead = []
+    for link in LINK.findall(_text(page)):
+        if "://" in link or link.startswith("mailto:"):
+            continue
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        if not target.exists() or (anchor and anchor not in _anchors(target)):
+            dead.append(link)
+    return dead
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_relative_links_lead_to_files_of_the_repository(page: str) -> None:
+    assert dead_links(ROOT / page) == []
+
+
+def test_a_dead_link_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "a.md"
+    page.write_text("# A b\n[x](#a-b) [y](a.md#c) [z](b.md) [w](https://example.org/b.md)\n")
+    assert dead_links(page) == ["a.md#c", "b.md"]
+
+
+def test_the_navigation_names_every_page_once() -> None:
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    named = re.findall(r": (\S+\.md)$", text[text.index("\nnav:") :], flags=re.MULTILINE)
+    made = re.findall(r'\("(\S+\.md)", ', (ROOT / "docs/generate_reference.py").read_text())
+    written = [page.removeprefix("docs/") for page in PAGES if page.startswith("docs/")]
+    assert sorted(named) == sorted([*made, *written])
+    assert yaml.safe_load(text[text.index("\nnav:") :])
+
+
+def test_generated_pages_are_not_in_the_repository() -> None:
+    made = re.findall(r'\("(\S+\.md)", ', (ROOT / "docs/generate_reference.py").read_text())
+    tracked = subprocess.run(
+        ["git", "ls-files", *(f"docs/{page}" for page in made)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert tracked.stdout == ""
+
+
+def test_every_code_of_a_dialect_has_a_topic() -> None:
+    assert "other" not in dialect_tables.by_topic()
+
+
+def test_the_tables_tell_what_the_dialects_mean() -> None:
+    rows = {
+        cells[1].strip(): dict(zip(dialect_tables.NAMES, map(str.strip, cells[2:]), strict=False))
+        for line in dialect_tables.page().splitlines()
+        if (cells := line.split("|"))[2:]
+    }
+    assert rows["G43.4"]["fanuc"] == "yes"
+    assert rows["G43.4"]["grbl"] == ""
+    assert rows["time of G4"]["fanuc"] == "P (ms), X (s)"
+    assert rows["time of G4"]["siemens"] == "F (s), S (turns)"
+    assert rows["motion after G80"]["linuxcnc"] == ""
+    assert "| M42 | haas | high gear |" in dialect_tables.page()
