@@ -12,19 +12,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.gcode.program.call_stack import NOTHING, Flow, Listing, Loop, Step
-from cnc.gcode.program.control_flow import (
-    BackwardJump,
-    Do,
-    DoWhile,
-    EndWhile,
-    If,
-    Jump,
-    While,
-)
+from cnc.gcode.program.call_stack import Flow, Listing, Loop, Step
+from cnc.gcode.program.control_flow import BackwardJump, enter_branch, enter_loop
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control, Value
+from cnc.kernels.gcode import rules
 from cnc.model.diagnostics import CncError
 
 _END_OF = {
@@ -196,7 +188,7 @@ def _block_at(flow: Flow, line: int, control: Control) -> Step:
         if found.keyword in _END_OF:
             blocks.append(_Block(at, found))
         elif found.keyword in _ENDS:
-            _end(listing, flow.parameters, blocks, at, found)
+            _end(listing, blocks, at, found)
         if not blocks:
             return listing.steps[line]
     name = blocks[-1].control.keyword[2:].upper()
@@ -220,9 +212,7 @@ def _control_lines(listing: Listing, line: int) -> Iterator[tuple[int, Control]]
         line = window.first + window.count
 
 
-def _end(
-    listing: Listing, parameters: Parameters, blocks: list[_Block], line: int, control: Control
-) -> None:
+def _end(listing: Listing, blocks: list[_Block], line: int, control: Control) -> None:
     """Take an ELSE or the end of a block."""
     block = blocks[-1]
     opener = block.control.keyword
@@ -232,26 +222,23 @@ def _end(
     if _END_OF[opener] != control.keyword:
         raise _crossed(listing, line, control, block)
     blocks.pop()
-    steps, first, values = listing.steps, block.line, block.control.values
+    first, values = block.line, block.control.values
+    if opener == "s-if":
+        enter_branch(listing, [(first, values[0])], block.otherwise, line)
+        return
     at = Place(first, block.control.column, block.control.length)
     loop = Loop(opener[2:].upper(), at, first, line)
-    match opener:
-        case "s-if":
-            steps[first] = If(parameters, values[0], [], (block.otherwise or line) + 1)
-            if block.otherwise:
-                steps[block.otherwise] = Jump(line + 1)
-            steps[line] = NOTHING
-            return
-        case "s-while" | "s-loop":
-            begin = While(parameters, values[0] if values else _always, loop)
-            steps[first], steps[line] = begin, EndWhile(begin)
-        case "s-for":
-            count = _For(block.control, loop)
-            steps[first], steps[line] = count, _EndFor(count)
-        case _:
-            steps[first] = Do(loop)
-            steps[line] = DoWhile(parameters, _not(control.values[0]), loop)
-    listing.loops.append(loop)
+    if opener == "s-while":
+        enter_loop(listing, loop, (rules.WHILE, rules.END_WHILE), values[0], None)
+    elif opener == "s-loop":
+        enter_loop(listing, loop, (rules.DO, rules.JUMP), None, None)
+    elif opener == "s-repeat":
+        until = _not(control.values[0])
+        enter_loop(listing, loop, (rules.DO, rules.DO_WHILE), None, until)
+    else:
+        count = _For(block.control, loop)
+        listing.steps[first], listing.steps[line] = count, _EndFor(count)
+        listing.loops.append(loop)
 
 
 def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> CncError:
@@ -259,10 +246,6 @@ def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> Cn
     message = f"{name} inside the {other} of line {block.line}, which is still open"
     hint = "close the innermost block first"
     return listing.control_fault(line, control, "block-crossed", message, hint)
-
-
-def _always(_: Parameters) -> float:
-    return 1.0
 
 
 def _not(value: Value) -> Value:

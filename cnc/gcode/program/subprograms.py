@@ -13,13 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
-from cnc.gcode.program.control_flow import Jump, shown
+from cnc.gcode.program.control_flow import ControlLine, shown
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.gcode.syntax.words import fault
+from cnc.kernels.gcode.rules import JUMP
 from cnc.model.diagnostics import CncError, UsageError
 
 MAX_LABEL = 999_999_999
@@ -137,7 +138,7 @@ def define(listing: Listing, line: int, control: Control) -> Subroutine:
         message = f"{subroutine.name} is defined in line {other.first} already"
         raise listing.control_fault(line, control, "sub-repeated", message, "use another label")
     # The definition itself is passed.
-    listing.steps[line] = Jump(subroutine.last + 1)
+    listing.steps[line] = ControlLine(line, JUMP, subroutine.last + 1)
     return subroutine
 
 

@@ -13,18 +13,8 @@ from cnc.kernels.gcode.arithmetic import NAMED, PARAMETER
 from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
 from cnc.kernels.gcode.line import execute_line
 from cnc.kernels.gcode.program_text import (
-    DO,
-    DO_WHILE,
-    END_REPEAT,
-    END_WHILE,
-    IF,
-    JUMP,
     LAST_LOCAL,
-    LEFT_OUT,
     NOWHERE,
-    REPEAT,
-    RETURN,
-    WHILE,
     Changes,
     Control,
     Frames,
@@ -32,7 +22,18 @@ from cnc.kernels.gcode.program_text import (
     Text,
 )
 from cnc.kernels.gcode.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
-from cnc.kernels.gcode.rules import rounds_of
+from cnc.kernels.gcode.rules import (
+    DO,
+    END_REPEAT,
+    END_WHILE,
+    IF,
+    LEFT_OUT,
+    REPEAT,
+    RETURN,
+    WHILE,
+    asks_value,
+    line_after,
+)
 from cnc.kernels.gcode.statements import (
     CONTROL,
     MOST_ITEMS,
@@ -163,46 +164,36 @@ def _mark(rows: Rows, state: Record, line: int, inside: bool) -> None:
 
 
 @njit
+def _value(k: int, coded: Coded, parameters: Parameters, stack: Floats) -> float:
+    """Return the value of a control line that has one."""
+    item = coded.first[k]
+    return evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+
+
+@njit
 def _next_line(
     k: int, executed: int, coded: Coded, control: Control, parameters: Parameters, stack: Floats
 ) -> int:
     """Return the index of the line after a control line; NOWHERE for the interpreter."""
-    action = control.action[k]
+    action = int(control.action[k])
     target, other = int(control.target[k]), int(control.other[k])
-    if action == JUMP:
-        return target
-    if action == LEFT_OUT:
+    if action == LEFT_OUT or (action == END_REPEAT and control.rounds[other] <= 0):
         return NOWHERE
-    if action == DO:
-        control.since[k] = executed
-        return k + 1
-    if action == END_REPEAT:
-        if control.rounds[other] <= 0:
-            return NOWHERE
-        control.rounds[other] -= 1
-        return target if control.rounds[other] > 0 else k + 1
-    at = other if action == END_WHILE else k
-    item = coded.first[at]
-    value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
-    while action == IF and value == 0.0 and other >= 0:
-        item = coded.first[other]
-        k = other
-        value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
-        other = int(control.other[other])
-    if value != value:
+    asked = other if action == END_WHILE else k
+    counted = other if action == END_REPEAT else k
+    value = _value(asked, coded, parameters, stack) if asks_value(action) else 0.0
+    after, rounds = line_after(action, value, float(control.rounds[counted]), k, target)
+    while action == IF and after == target and value == value and control.other[asked] >= 0:
+        asked = int(control.other[asked])
+        value = _value(asked, coded, parameters, stack)
+        after, _ = line_after(IF, value, 0.0, asked, target)
+    if value != value or rounds > _MOST_ROUNDS:
         return NOWHERE
-    if action == WHILE or action == REPEAT:
+    if action == WHILE or action == DO or action == REPEAT:
         control.since[k] = executed
-    if action == REPEAT:
-        rounds = rounds_of(value)
-        if rounds > _MOST_ROUNDS:
-            return NOWHERE
-        if rounds >= 1.0:
-            control.rounds[k] = int(rounds)
-        return k + 1 if rounds >= 1.0 else target
-    if action == END_WHILE or action == DO_WHILE:
-        return target if value != 0.0 else k + 1
-    return k + 1 if value != 0.0 else target
+    if action == REPEAT or action == END_REPEAT:
+        control.rounds[counted] = int(rounds)
+    return after
 
 
 @njit

@@ -109,6 +109,7 @@ SETUP = np.dtype(
         ("g_action", np.uint8, (1000,)),
         ("g_group", np.uint8, (1000,)),
         ("m_action", np.uint8, (100,)),
+        ("m_group", np.uint8, (100,)),
     ],
     align=True,
 )
@@ -128,7 +129,7 @@ follow GRBL's rules; G96 is in effect; F and S words without effect are reported
 dwell needs P; the words of a cycle stay in effect for another one; K is the number of repeats of a
 cycle, as L is; G89 retracts at feed to R only; G64 is in effect.
 
-By tenths of a G-code: its action and its modal group. By M-code: its action.
+By tenths of a G-code, and by M-code: its action and its modal group (0 to 62).
 """
 
 Setup = Any

@@ -14,8 +14,16 @@ MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 LONG_DWELL = 100.0
 """s. A dwell from here on without a decimal point may be meant in milliseconds."""
+MAX_DWELL = 1e6
+"""s. A longer dwell is a typing error: this is more than eleven days."""
+DWELL_OK, DWELL_LONG, DWELL_TOO_LONG, DWELL_NEGATIVE, DWELL_WITHOUT_UNIT = range(5)
+"""What is to say about a dwell. The time of a negative one, and of none (NaN), is not known."""
 
 SPINDLE_OFF, SPINDLE_CW, SPINDLE_CCW = 0, 1, 2
+
+LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
+RETURN = 9
+"""Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
 
 
 @njit
@@ -74,6 +82,24 @@ def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> flo
 
 
 @njit
+def dwell_of(number: float, unit: float) -> tuple[float, int]:
+    """Return the seconds of a dwell, and what is to say about it.
+
+    Args:
+        number: The word.
+        unit: s of a unit; 0 for a word that has none.
+    """
+    seconds = number * unit
+    if unit == 0.0:
+        return seconds, DWELL_WITHOUT_UNIT
+    if not number >= 0.0:
+        return seconds, DWELL_NEGATIVE
+    if seconds > MAX_DWELL:
+        return seconds, DWELL_TOO_LONG
+    return seconds, DWELL_LONG if seconds >= LONG_DWELL else DWELL_OK
+
+
+@njit
 def spindle_after(direction: int, m: int) -> int:
     """Return the direction of the spindle after M3, M4 or M5; ``m`` is -1 for none of them."""
     if m < 0:
@@ -117,6 +143,35 @@ def motion_after_cancel(resting: int, restored: int) -> int:
 
 
 @njit
-def rounds_of(count: float) -> float:
-    """Return the rounds of a REPEAT: the nearest whole number, halves to the even one."""
-    return max(np.rint(count), 0.0)
+def asks_value(action: int) -> bool:
+    """Return whether a control line evaluates a condition or a count."""
+    return action != JUMP and action != DO and action != END_REPEAT
+
+
+@njit
+def line_after(
+    action: int, value: float, rounds: float, line: int, target: int
+) -> tuple[int, float]:
+    """Return the line to continue at after a control line, and the rounds left of its loop.
+
+    Args:
+        action: What the line does.
+        value: Its condition or count. A condition that is 0 or NaN does not hold.
+        rounds: The rounds left of a loop that counts.
+        line: The line.
+        target: The line to which it leads: of JUMP, at the else of an IF, after a WHILE or REPEAT
+            that is left, at the beginning of a loop that is repeated.
+    """
+    if action == JUMP:
+        return target, rounds
+    if action == DO:
+        return line + 1, rounds
+    if action == REPEAT:
+        # The nearest whole number, halves to the even one.
+        rounds = max(np.rint(value), 0.0)
+    elif action == END_REPEAT:
+        rounds -= 1
+    counts = action == REPEAT or action == END_REPEAT
+    holds = rounds >= 1 if counts else value == value and value != 0.0
+    leads_back = action == END_WHILE or action == DO_WHILE or action == END_REPEAT
+    return (target if holds == leads_back else line + 1), rounds
