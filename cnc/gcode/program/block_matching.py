@@ -7,12 +7,12 @@ target.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cnc.gcode.program.call_stack import Flow, Listing, Loop, Step
+from cnc.gcode.program.call_stack import Flow, Listing, Loop, Maker, Step
 from cnc.gcode.program.control_flow import (
     Border,
+    Conditional,
     ControlLine,
     Goto,
     enter_branch,
@@ -86,19 +86,6 @@ def block_at(flow: Flow, line: int, control: Control) -> Step:
         raise _not_open(listing, line, control)
     _Reader(listing, flow.frame.scope).read(line)
     return listing.steps[line]
-
-
-def goto_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of ``GOTO n`` or ``IF [..] GOTO n``."""
-    condition = control.values[0] if control.keyword == "if-goto" else None
-    return Goto(
-        flow.parameters, condition, control.values[-1], Place(line, control.column, control.length)
-    )
-
-
-def border_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of O and a number alone: the beginning of a program."""
-    return Border(Place(line, control.column, control.length), shown(control))
 
 
 class _Reader:
@@ -267,10 +254,11 @@ def _not_open(
     )
 
 
-MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
+MAKERS: dict[str, Maker] = {
     **dict.fromkeys((*_OPENERS, *_OPENER_OF, "break", "continue"), block_at),
-    "goto": goto_at,
-    "if-goto": goto_at,
-    "program": border_at,
+    "goto": Goto,
+    "if-goto": Goto,
+    "if-then": Conditional,
+    "program": Border,
 }
 """Functions that make the step of a control line, by keyword."""

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
-from cnc.gcode.program.repeated_sections import Sections
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text, Window
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.statement import Control, Statement
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
 if TYPE_CHECKING:
     from cnc.gcode.klartext.state import Session
     from cnc.gcode.program.subroutine_profiles import OpenProfile
+    from cnc.gcode.sinumerik.flow import Section
 
 KEPT_PAGES = 4
 """Pages of a text whose steps are kept."""
@@ -35,6 +35,25 @@ class Step(Protocol):
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the step that stands at ``line``; return the number of the next line."""
+
+
+Maker = Callable[["Flow", int, Control], Step]
+"""Makes the step of a control line, whose number is given."""
+
+
+class ControlStep:
+    """The step of a control line.
+
+    Attributes:
+        at: Its place.
+        control: Its control part.
+    """
+
+    __slots__ = ("at", "control")
+
+    def __init__(self, _: Flow, line: int, control: Control) -> None:
+        self.at = Place(line, control.column, control.length)
+        self.control = control
 
 
 @dataclass(slots=True, eq=False)
@@ -221,7 +240,7 @@ class Flow:
         missing: Names of programs that a check has skipped.
         entered: Lines of the O numbers of the programs in the main text that were called.
         program_frame: SINUMERIK's programmable frame.
-        sections: SINUMERIK's repeated sections.
+        sections: SINUMERIK's repeated sections that are being executed, outermost first.
         profile: LinuxCNC's cycle whose profile is being executed; None for none.
         klartext: State of a program of Klartext; None for another one.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
@@ -253,7 +272,7 @@ class Flow:
         self.missing: set[str] = set()
         self.entered: set[int] = set()
         self.program_frame = ProgramFrame()
-        self.sections = Sections()
+        self.sections: list[Section] = []
         self.profile: OpenProfile | None = None
         self.klartext: Session | None = None
         self.has_modal = False

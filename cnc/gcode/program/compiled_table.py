@@ -182,7 +182,7 @@ def frames_of(local_slots: NDArray[np.int32]) -> kernel.Frames:
     """Return space for calls; none if there are too many names."""
     names = len(local_slots)
     depth = MOST_CALLS if names <= MOST_NAMES else 0
-    numbers = kernel.LAST_LOCAL + 1
+    numbers = rules.LOCAL + 1
     return kernel.Frames(
         np.zeros(depth, np.int64),
         np.zeros(depth, np.int64),

@@ -10,11 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from cnc.gcode.program.call_stack import Flow, Listing, Loop
+from cnc.gcode.program.call_stack import ControlStep, Flow, Listing, Loop
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import Control, Statement, Value
-from cnc.gcode.syntax.words import fault
+from cnc.gcode.syntax.statement import Control, Value
 from cnc.kernels.gcode.rules import (
     END_REPEAT,
     END_WHILE,
@@ -146,29 +144,26 @@ class BackwardJump:
         self.loop.first = min(self.loop.first, to)
 
 
-class Goto:
+class Goto(ControlStep):
     """``GOTO n``, with or without a condition.
 
     The target is the first line with ``N n`` after this one in the same program, or else from the
     beginning of the program.
     """
 
-    __slots__ = ("at", "back", "condition", "found", "parameters", "target")
+    __slots__ = ("back", "found")
 
-    def __init__(
-        self, parameters: Parameters, condition: Value | None, target: Value, at: Place
-    ) -> None:
-        self.parameters, self.condition, self.target, self.at = parameters, condition, target, at
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
         self.found: dict[float, int] = {}
-        self.back = BackwardJump("this GOTO", at)
+        self.back = BackwardJump("this GOTO", self.at)
 
     def run(self, flow: Flow, line: int) -> int:
         """Jump if there is no condition or it holds."""
-        if self.condition is not None:
-            value = self.condition(self.parameters)
-            if not value or value != value:
-                return line + 1
-        number = self.target(self.parameters)
+        *condition, target = self.control.values
+        if condition and not _holds(condition[0], flow):
+            return line + 1
+        number = target(flow.parameters)
         to = self.found.get(number)
         if to is None:
             listing = flow.listing
@@ -224,29 +219,29 @@ def jump_target(
     return to
 
 
-class Conditional:
+def _holds(condition: Value, flow: Flow) -> bool:
+    """Return whether a condition holds: its value is not 0, and not vacant."""
+    value = condition(flow.parameters)
+    return value == value and value != 0.0
+
+
+class Conditional(ControlStep):
     """``IF [..] THEN`` with its assignments."""
 
-    __slots__ = ("condition", "parameters", "then")
-
-    def __init__(self, parameters: Parameters, condition: Value, then: Statement) -> None:
-        self.parameters, self.condition, self.then = parameters, condition, then
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the assignments if the condition holds."""
-        value = self.condition(self.parameters)
-        if value and value == value:
-            flow.interpreter.execute(self.then, line)
+        if _holds(self.control.values[0], flow):
+            assert self.control.then is not None
+            flow.interpreter.execute(self.control.then, line)
         return line + 1
 
 
-class Border:
+class Border(ControlStep):
     """The first line of a program: O and a number alone."""
 
-    __slots__ = ("at", "name")
-
-    def __init__(self, at: Place, name: str) -> None:
-        self.at, self.name = at, name
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Continue if the main program begins here.
@@ -254,18 +249,13 @@ class Border:
         Raises:
             CncError: ``subprogram-not-ended``, ``program-end-missing``.
         """
+        name = shown(self.control)
         if flow.frame.kind != "main":
-            raise not_ended(flow, f"before {self.name} begins in line {line}")
+            raise not_ended(flow, f"before {name} begins in line {line}")
         if flow.interpreter.begun or flow.main_border:
-            message = f"{self.name} begins before the program above it has ended"
+            message = f"{name} begins before the program above it has ended"
             hint = "end the main program with M30 or M2, a subprogram with M99"
-            raise fault(
-                "program-end-missing",
-                message,
-                column=self.at.column,
-                length=self.at.length,
-                hint=hint,
-            )
+            raise flow.listing.fault(self.at, "program-end-missing", message, hint)
         flow.main_border = line
         return line + 1
 

@@ -97,6 +97,7 @@ class LineMachine:
                 setup["m_action"][m] = action
         if dialect.stops_after_move:
             setup["m_action"][M.M5] = kernel.STOP
+        setup["most_line_number"] = dialect.most_line_number or math.inf
         cycles, dwell = dialect.cycles, dialect.dwell
         # The unit of a P with a decimal point is another one.
         if "P" not in dialect.dwell_point:

@@ -54,7 +54,7 @@ class RepeatedStates:
             id(flow.listing),
             calls,
             flow.value,
-            flow.sections.state(),
+            [(section.first, section.repeats_left) for section in flow.sections],
             flow.parameters.state(),
             replace(interpreter.modal),
             position,

@@ -192,12 +192,13 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        if self.plain[index]:
+        is_siemens = syntax.flavour == "siemens"
+        if self.plain[index] and not (is_siemens and self.head[index] in _SIEMENS_CONTROL):
             return self._plain(index, text)
         reading = self.sorted.reading
         if (
             reading is not None
-            and syntax.flavour == "siemens"
+            and is_siemens
             and text.isascii()
             and not reading.results.status[index]
         ):
@@ -230,6 +231,8 @@ class Window:
         return found
 
 
+_SIEMENS_CONTROL = frozenset(b"LMOP")
+"""First letters of plain lines that may be a call, an end, or the number of a program."""
 _memo: dict[str, Statement] = {}
 """Plain lines by their text."""
 

@@ -14,7 +14,6 @@ from cnc.kernels.gcode.rows import (
     IDLE,
     INCREMENTAL,
     INITIAL_LEVEL,
-    MOST_LINE_NUMBER,
     MOVE,
     NO_MOTION,
     PLANE,
@@ -150,7 +149,7 @@ def read_words(
             cj = value if char == _J else cj
             ck = value if char == _K else ck
         elif char == _N:
-            known = known and value <= MOST_LINE_NUMBER
+            known = known and value <= setup["most_line_number"]
         else:
             known = known and place == TAKEN_WORD
     return known, LineWords(

@@ -13,7 +13,6 @@ from cnc.kernels.gcode.arithmetic import NAMED, PARAMETER
 from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
 from cnc.kernels.gcode.line import execute_line
 from cnc.kernels.gcode.program_text import (
-    LAST_LOCAL,
     NOWHERE,
     Changes,
     Control,
@@ -28,6 +27,8 @@ from cnc.kernels.gcode.rules import (
     END_WHILE,
     IF,
     LEFT_OUT,
+    LOCAL,
+    MAX_NUMBER,
     REPEAT,
     RETURN,
     WHILE,
@@ -49,8 +50,6 @@ from cnc.kernels.jit import njit
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-MAX_NUMBER = 1e9
-"""As :data:`cnc.gcode.syntax.words.MAX_NUMBER`."""
 _MOST_ROUNDS = 1e15
 
 
@@ -105,7 +104,7 @@ def _call(
         # A subroutine that calls itself has the rounds of its loops once for each call.
         known = known and frames.sub[outer] != sub
     a, b = int(coded.first[k]), int(coded.first[k + 1])
-    known = known and b - a <= LAST_LOCAL
+    known = known and b - a <= LOCAL
     for item in range(a, b):
         value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
         known = known and value == value
@@ -113,7 +112,7 @@ def _call(
     if not known:
         return NOWHERE
     frames.back[depth], frames.sub[depth] = k + 1, sub
-    for number in range(1, LAST_LOCAL + 1):
+    for number in range(1, LOCAL + 1):
         frames.numbered[depth, number] = parameters.numbered[number]
         frames.numbered_changes[depth, number] = changes.numbered[number]
         given = number <= b - a
@@ -144,7 +143,7 @@ def _leave(
         result = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
         if result != result:
             return NOWHERE
-    for number in range(1, LAST_LOCAL + 1):
+    for number in range(1, LOCAL + 1):
         parameters.numbered[number] = frames.numbered[depth, number]
         changes.numbered[number] = frames.numbered_changes[depth, number]
     for m in range(len(frames.slot)):

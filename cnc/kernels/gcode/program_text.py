@@ -17,9 +17,6 @@ Flags = NDArray[np.uint8]
 
 Progress = Any
 
-LAST_LOCAL = 30
-"""Highest number of a parameter that belongs to its call."""
-
 NOWHERE = -(1 << 40)
 """No line."""
 
@@ -97,8 +94,8 @@ class Frames(NamedTuple):
     Attributes:
         back: (n,) index of the line after the call.
         sub: (n,) index of the first line of the subroutine.
-        numbered: (n, LAST_LOCAL + 1) local parameters of the caller.
-        numbered_changes: (n, LAST_LOCAL + 1) their flags.
+        numbered: (n, LOCAL + 1) local parameters of the caller.
+        numbered_changes: (n, LOCAL + 1) their flags.
         slot: (m,) slots of the names that are not global.
         named: (n, m) the caller's values of these names.
         named_changes: (n, m) their flags.

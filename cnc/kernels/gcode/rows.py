@@ -76,10 +76,6 @@ those that are no straight moves.
 DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""
 
-
-MOST_LINE_NUMBER = 10_000_000
-"""Largest line number of GRBL. A larger one is left to the interpreter."""
-
 SETUP = np.dtype(
     [
         ("column", np.int64, (26,)),
@@ -95,6 +91,7 @@ SETUP = np.dtype(
         ("dwell", np.float64),
         ("cycle_dwell", np.float64),
         ("clearance", np.float64),
+        ("most_line_number", np.float64),
         ("restored", np.int64),
         ("arc_absolute", np.bool_),
         ("idle_center", np.bool_),
@@ -121,8 +118,8 @@ axes and of the axis across it, -1 for one that is missing.
 
 mm a program unit; the tolerances of arcs (mm, see :class:`cnc.kernels.gcode.arcs.Tolerance`); s of
 P1 in G4, 0 if P is not its word; s of P1 in a cycle, 0 if compiled code does not know it;
-retraction of G73 and distance of G83 from the bottom (mm); the highest of G0 to G3 to which G80
-returns, -1 for none.
+retraction of G73 and distance of G83 from the bottom (mm); the largest N number; the highest of G0
+to G3 to which G80 returns, -1 for none.
 
 Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; arcs
 follow GRBL's rules; G96 is in effect; F and S words without effect are reported; a cycle with a

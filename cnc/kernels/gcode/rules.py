@@ -10,6 +10,12 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 
+MAX_NUMBER = 1e9
+"""Largest magnitude of a word's number: a thousand kilometres. A larger one is a mistake."""
+NEAR_WHOLE = 1e-4
+"""Tolerance of a computed number that must be whole. Source: LinuxCNC."""
+LOCAL = 30
+"""#1 to #30 belong to the call; FANUC's to #33."""
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 LONG_DWELL = 100.0

@@ -1,9 +1,9 @@
-"""Steps of SINUMERIK's jumps, branches and loops.
+"""Steps of SINUMERIK's jumps, branches, loops and repeated sections.
 
 A block is read to its end when its first line is executed for the first time. A label is searched
 in the direction of the jump: to the end of the program (GOTOF), to its beginning (GOTOB) or both.
 Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Program jumps to jump
-markers" and "Check structures".
+markers", "Check structures" and "Program section repetition".
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.gcode.program.call_stack import Flow, Listing, Loop, Step
+from cnc.gcode.program.call_stack import ControlStep, Flow, Listing, Loop, Maker, Step
 from cnc.gcode.program.control_flow import BackwardJump, enter_branch, enter_loop
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.kernels.gcode import rules
-from cnc.model.diagnostics import CncError
+from cnc.model.diagnostics import CncError, GcodeError
 
 _END_OF = {
     "s-if": "s-endif",
@@ -27,17 +27,18 @@ _END_OF = {
     "s-repeat": "s-until",
 }
 _ENDS = frozenset((*_END_OF.values(), "s-else"))
+_END = "ENDLABEL"
+MOST_REPEATS = 9999
 
 
-class LabelJump:
+class LabelJump(ControlStep):
     """``GOTOF name`` and its like, with or without a condition."""
 
-    __slots__ = ("at", "back", "condition", "direction", "found", "target")
+    __slots__ = ("back", "condition", "direction", "found", "target")
 
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.direction, self.target = control.label[0], control.label[1:]
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
+        self.direction, self.target = str(control.names[0]), str(control.label)
         self.condition = control.values[0] if control.values else None
         self.found = 0
         self.back = BackwardJump("this jump", self.at)
@@ -52,7 +53,7 @@ class LabelJump:
             self.found = self._find(flow.listing, line)
         if self.found <= line:
             self.back.record(flow, flow.listing, self.found)
-        flow.sections.leave(len(flow.frames), self.found)
+        _leave_sections(flow, self.found)
         return self.found
 
     def _find(self, listing: Listing, line: int) -> int:
@@ -126,15 +127,10 @@ class _For:
         return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
 
 
-class _Definition:
+class _Definition(ControlStep):
     """``DEF REAL NAME=1.5, OTHER``: variables of the main program, or of a call."""
 
-    __slots__ = ("at", "names", "values")
-
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.names, self.values = control.label.split(), control.values
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Set the variables.
@@ -143,14 +139,15 @@ class _Definition:
             CncError: ``code-not-supported``: a subprogram so far down in the text that its
                 variables would belong to all programs.
         """
-        if flow.frame.kind != "main" and any(name.startswith("_") for name in self.names):
+        names, values = self.control.names, self.control.values
+        if flow.frame.kind != "main" and any(str(name).startswith("_") for name in names):
             hint = "move the subprogram to a file of its own, or use R parameters"
             message = "DEF in a subprogram this far from the beginning is not supported"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         flow.interpreter.begun = True
-        for name, value in zip(self.names, self.values, strict=True):
-            if name.startswith("#"):
-                flow.parameters.set_number(int(name[1:]), value(flow.parameters), 1)
+        for name, value in zip(names, values, strict=True):
+            if isinstance(name, int):
+                flow.parameters.set_number(name, value(flow.parameters), 1)
             else:
                 flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
@@ -252,17 +249,154 @@ def _not(value: Value) -> Value:
     return lambda parameters: float(not value(parameters))
 
 
-def _jump_at(_: Flow, line: int, control: Control) -> LabelJump:
-    return LabelJump(line, control)
+@dataclass(slots=True, eq=False)
+class Section:
+    """Lines that REPEAT executes again.
+
+    Attributes:
+        listing: Their text.
+        depth: Number of calls around them.
+        first: The first of them.
+        last: The last of them.
+        after: The line after REPEAT.
+        repeats_left: Number of executions to come after this one.
+    """
+
+    listing: Listing
+    depth: int
+    first: int
+    last: int
+    after: int
+    repeats_left: int
 
 
-def _define(_: Flow, line: int, control: Control) -> Step:
-    return _Definition(line, control)
+class _Repeat(ControlStep):
+    """``REPEAT FIRST LAST P=3`` or ``REPEATB FIRST P=3``.
+
+    ``REPEAT FIRST`` repeats from the label to ENDLABEL, or to the line before REPEAT. P is the
+    number of repetitions, 1 if it is left out.
+    """
+
+    __slots__ = ("loop",)
+
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
+        self.loop: Loop | None = None
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Go to the first line of the section; its end leads back."""
+        if self.loop is None:
+            self.loop = self._find(flow, line)
+            flow.listing.loops.append(self.loop)
+        self.loop.since = flow.executed
+        count = self.control.values[0](flow.parameters) if self.control.values else 1.0
+        count = 1.0 if count != count else count
+        if not 1.0 <= count <= MOST_REPEATS or count != int(count):
+            message = f"P={count:g}: the number of repetitions is 1 to {MOST_REPEATS}"
+            raise flow.listing.fault(self.at, "call-repeats", message)
+        first, last = self.loop.first, self.loop.last
+        flow.sections.append(
+            Section(flow.listing, len(flow.frames), first, last, line + 1, int(count) - 1)
+        )
+        if last + 1 not in flow.listing.section_ends:
+            flow.listing.section_ends.add(last + 1)
+            flow.listing.forget_steps()
+        return first
+
+    def _find(self, flow: Flow, line: int) -> Loop:
+        """Return the first and the last line of the section.
+
+        Raises:
+            CncError: ``jump-target-missing``, ``code-not-supported``.
+        """
+        first, *last = map(str, self.control.names)
+        begin = self._line_of(flow, first, line)
+        if self.control.label == "REPEATB":
+            end = begin
+        elif last:
+            end = self._line_of(flow, last[0], line)
+        else:
+            end = next(labelled(flow.listing, _END, begin), 0)
+            if begin < line and (not end or end > line):
+                end = line - 1
+        if not end or end < begin or begin <= line <= end:
+            message = f"the section from {first} on has no end outside of this line"
+            hint = f"write {_END}: first in its last line, or a second label here"
+            raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
+        if at := next((at for at in range(begin, end + 1) if _is_end(flow.listing, at)), 0):
+            message = f"line {at} ends the program inside the repeated section"
+            hint = "let the section end before it"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if flow.listing.page(end + 1) is None:
+            message = "the repeated section is the end of the text"
+            raise flow.listing.fault(
+                self.at, "program-end-missing", message, "write M17 or M30 after it"
+            )
+        return Loop("this REPEAT", self.at, begin, end)
+
+    def _line_of(self, flow: Flow, label: str, line: int) -> int:
+        """Return the nearest line before this one with a label, or else the first one after it."""
+        before = list(labelled(flow.listing, label, 1, line))
+        found = before[-1] if before else next(labelled(flow.listing, label, line + 1), 0)
+        if not found:
+            hint = "write the label and a colon first in the target line"
+            message = f"there is no {label}:"
+            raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
+        return found
 
 
-MAKERS = {
-    "s-goto": _jump_at,
-    "s-def": _define,
+def _is_end(listing: Listing, line: int) -> bool:
+    """Return whether a line ends a program or a subprogram. A faulty line does not."""
+    window = listing.window(line)
+    if window is None:
+        return False
+    try:
+        statement = listing.statement(window, line - window.first)
+    except GcodeError:
+        return False
+    control = statement.control if statement is not None else None
+    return control is not None and control.keyword == "s-end"
+
+
+class SectionEnd:
+    """The line after a repeated section."""
+
+    __slots__ = ("step",)
+
+    def __init__(self, step: Step) -> None:
+        self.step = step
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Repeat the section that ends here, or return to the line after its REPEAT."""
+        section = flow.sections[-1] if flow.sections else None
+        if (
+            section is None
+            or section.last + 1 != line
+            or section.listing is not flow.listing
+            or section.depth != len(flow.frames)
+        ):
+            return self.step.run(flow, line)
+        if section.repeats_left:
+            section.repeats_left -= 1
+            return section.first
+        flow.sections.pop()
+        return section.after
+
+
+def _leave_sections(flow: Flow, target: int) -> None:
+    """End the sections of this call that a jump to a line leaves."""
+    depth = len(flow.frames)
+    while flow.sections:
+        section = flow.sections[-1]
+        if section.depth != depth or section.first <= target <= section.last + 1:
+            return
+        flow.sections.pop()
+
+
+MAKERS: dict[str, Maker] = {
+    "s-again": _Repeat,
+    "s-def": _Definition,
+    "s-goto": LabelJump,
     **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
 }
 """Functions that make the step of a control line, by keyword."""
