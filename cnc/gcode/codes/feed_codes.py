@@ -8,14 +8,13 @@ from __future__ import annotations
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.turning import THREADS
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, feed_of
+from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, check_feed, feed_of
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import LineWords, Word, fault
-from cnc.kernels.gcode.rules import MIN_FEED
 from cnc.model.units import MM_PER_INCH
 
 _NO_FEED = (None, G.G0)
@@ -112,12 +111,8 @@ class FeedCodes:
             state.feed = None
             self._unused_words.mark_used("F")
             return
-        if word.number <= 0:
-            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale, per_turn=state.feed_mode == "per-revolution")
-        if feed.rotary < MIN_FEED:
-            message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
-            raise fault("feed-too-slow", message, word)
+        check_feed(word, feed.rotary)
         state.feed = feed
         self._unused_words.note(word)
 

@@ -16,7 +16,7 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.kernels.gcode import rules
 from cnc.kernels.jit import interpreted
 from cnc.model.blocks import (
@@ -248,9 +248,8 @@ class MachineCodes:
         if angle and not 0.0 <= degrees <= 360.0:
             message = f"{angle.written}: the angle must be from 0 to 360 degrees"
             raise fault("value-out-of-range", message, angle)
-        if timeout and timeout.number <= 0.0:
-            message = f"{timeout.written}: the time-out must be more than 0"
-            raise fault("value-out-of-range", message, timeout)
+        if timeout:
+            positive(timeout, "the time-out")
         direction: Any = (
             _DIRECTIONS[whole(direction_word, "the direction", 0, 2)]
             if direction_word

@@ -32,7 +32,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive, whole
 from cnc.kernels.gcode import holes as kernel
 from cnc.kernels.gcode.holes import Hole, HoleSettings
 from cnc.kernels.jit import interpreted
@@ -263,12 +263,8 @@ class DrillingCycles:
             peck, less, least = self._shrinking_pecks(words, series, name, at)
         elif cycle in PECKING or cycle == FINE_BORING:
             word = self._word(words, series, "Q", name, at)
-            peck = word.number * state.scale
             what = "the shift" if cycle == FINE_BORING else "a peck"
-            if peck <= 0.0:
-                raise fault(
-                    "value-out-of-range", f"{word.written}: {what} must be more than 0", word
-                )
+            peck = positive(word, what) * state.scale
         pauses = (cycle in PECKING and rules.peck_dwell) or (
             rules.plane_and_depth and cycle != G.G85
         )

@@ -13,7 +13,7 @@ from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.drilling import MOST_REPEATS, DrillingCycles
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive, whole
 
 _LETTERS = {G.G70: "IJL", G.G71: "IJKL"}
 
@@ -60,9 +60,7 @@ class HolePatterns:
                 raise fault("cycle-word-missing", message, code.word, f"give {letter}")
             found[letter] = word
         count = whole(found["L"], "the holes", 1, MOST_REPEATS)
-        if found["I"].number <= 0.0:
-            message = f"{found['I'].written}: the radius must be more than 0"
-            raise fault("value-out-of-range", message, found["I"])
+        positive(found["I"], "the radius")
         numbers = {letter: word.number for letter, word in found.items()}
         here = motion.coordinates.to_program(motion.position)
         x, y = motion.column["X"], motion.column["Y"]

@@ -13,7 +13,7 @@ from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, follow, p
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 
 FOLLOW, TAP, THREAD = G.G33, G.G33_1, G.G76
 LARGEST_SLIDE = 80.0
@@ -76,11 +76,7 @@ class ThreadingCycles:
                 at,
                 f"give {letter} and the length of the move in one revolution",
             )
-        if word.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{word.written}: the pitch must be more than 0", word
-            )
-        return word.number * self._state.scale
+        return positive(word, "the pitch") * self._state.scale
 
     def _faster(self, words: LineWords) -> float:
         word = words.take("I", "G33.1")
@@ -206,10 +202,7 @@ class ThreadingCycles:
                 peak,
                 "negative for an external thread, positive for an internal one",
             )
-        if first.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{first.written}: the first cut must be more than 0", first
-            )
+        positive(first, "the first cut")
         if full.number < first.number:
             raise fault(
                 "value-out-of-range",

@@ -23,7 +23,7 @@ from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.kernels.gcode.holes import ROUNDING
 
 RETRACT = 0.5
@@ -133,9 +133,7 @@ class TurningCycles:
 
     def positive(self, word: Word, what: str) -> float:
         """Return the length of a word in mm, which must be more than 0."""
-        if word.number <= 0.0:
-            raise fault("value-out-of-range", f"{word.written}: {what} must be more than 0", word)
-        return word.number * self._state.scale
+        return positive(word, what) * self._state.scale
 
     # Single cycles
 

@@ -11,7 +11,7 @@ from cnc.gcode.cycles.cycle_runner import refuse_modes
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive
 from cnc.model.blocks import PathMode, SpindleSync
 
 
@@ -67,13 +67,9 @@ class TurningMoves:
         Raises:
             GcodeError: ``value-out-of-range``, ``decimal-point-needed``.
         """
-        if word.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{word.written}: the length must be more than 0", word
-            )
-        scale = self.state.scale
+        number, scale = positive(word, "the length"), self.state.scale
         if "." in word.written:
-            return word.number * scale
+            return number * scale
         if not unit:
             message = f"{word.written} has no decimal point: controllers differ on its unit"
             hint = f"write {word.written}. if that is meant"

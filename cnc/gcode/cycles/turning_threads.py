@@ -20,7 +20,7 @@ from cnc.gcode.cycles.turning_moves import TurningMoves
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, Feed
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.model.blocks import Overrides
 
 WIDEST = 120.0
@@ -156,9 +156,7 @@ class TurningThreads:
             if self._lead is None:
                 raise fault("pitch-missing", f"{at.written} needs F", at, "give F and the lead")
             return self._lead
-        if word.number <= 0.0:
-            raise fault("value-out-of-range", f"{word.written}: the lead must be more than 0", word)
-        self._lead = word.number * state.scale
+        self._lead = positive(word, "the lead") * state.scale
         if state.feed_mode == "per-revolution":
             state.feed = Feed(self._lead, word.number)
         return self._lead

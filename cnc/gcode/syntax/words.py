@@ -239,5 +239,16 @@ def not_negative(word: Word, meaning: str) -> float:
     return word.number
 
 
+def positive(word: Word, meaning: str) -> float:
+    """Return the number of a word, which must be more than 0.
+
+    Raises:
+        GcodeError: ``value-out-of-range``.
+    """
+    if word.number <= 0.0:
+        _refuse(word, f"{meaning} must be more than 0")
+    return word.number
+
+
 def _refuse(word: Word, message: str) -> NoReturn:
     raise fault("value-out-of-range", f"{word.written}: {message}", word)

@@ -28,9 +28,10 @@ from cnc.kernels.gcode.rows import (
 )
 from cnc.kernels.gcode.rules import (
     DWELL_OK,
-    MIN_FEED,
+    FEED_OK,
     SPINDLE_OFF,
     dwell_of,
+    feed_status,
     feeds_of_word,
     motion_after_cancel,
     speed_waits,
@@ -130,7 +131,7 @@ def read_words(
         elif char == _F:
             feed = value
             linear, rotary = feeds_of_word(value, setup["unit"], False)
-            known = known and value > 0.0 and rotary >= MIN_FEED
+            known = known and feed_status(value, rotary) == FEED_OK
         elif char == _S:
             speed = value
             known = known and not value < 0.0

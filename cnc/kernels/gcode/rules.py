@@ -18,6 +18,8 @@ LOCAL = 30
 """#1 to #30 belong to the call; FANUC's to #33."""
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
+FEED_OK, FEED_NOT_POSITIVE, FEED_TOO_SLOW = range(3)
+"""What is to say about an F word."""
 LONG_DWELL = 100.0
 """s. A dwell from here on without a decimal point may be meant in milliseconds."""
 MAX_DWELL = 1e6
@@ -72,6 +74,14 @@ def feeds_of_word(number: float, unit: float, per_turn: bool) -> tuple[float, fl
     if per_turn:
         return number * unit, number
     return number * unit / 60.0, number / 60.0
+
+
+@njit
+def feed_status(number: float, rotary: float) -> int:
+    """Return what is to say about an F word: its number, and the feed of rotary axes it gives."""
+    if not number > 0.0:
+        return FEED_NOT_POSITIVE
+    return FEED_OK if rotary >= MIN_FEED else FEED_TOO_SLOW
 
 
 @njit
