@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.context import Context, Executor
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative
 from cnc.kernels.gcode import rules
 from cnc.kernels.jit import interpreted
@@ -18,16 +16,11 @@ _HUNDREDTH = 0.01
 _dwell_of = interpreted(rules.dwell_of)
 
 
-class Dwells:
+class Dwells(Executor):
     """Times of dwells: those of G4, and of cycles."""
 
-    def __init__(
-        self, dialect: Dialect, here: SourceLocation, state: ModalState, out: BlockBuffer
-    ) -> None:
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._out = out
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self._hundredths_reported = False
 
     def execute(self, words: LineWords, code: Code) -> None:

@@ -8,9 +8,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import refuse_modes
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import ModalState
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import LineWords, Word, fault, positive
 from cnc.model.blocks import PathMode, SpindleSync
 
@@ -22,13 +19,10 @@ class TurningMoves:
         compensation: Nose compensation, which some cycles suspend; None if none does.
     """
 
-    def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
-    ) -> None:
-        self.motion = motion
-        self.state = state
-        self.here = here
-        self.out = out
+    def __init__(self, motion: Motion) -> None:
+        context = motion.context
+        self.motion, self.dialect = motion, context.dialect
+        self.state, self.here, self.out = context.state, context.here, context.out
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
         self._follows = False

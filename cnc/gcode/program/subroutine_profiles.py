@@ -108,9 +108,4 @@ class SubroutineCycle(ProfileCycle):
 
     @staticmethod
     def _cycles(flow: Flow) -> SubroutineProfiles:
-        interpreter = flow.interpreter
-        moves = TurningMoves(
-            interpreter.motion, interpreter.modal, interpreter.here, interpreter.out
-        )
-        dialect = interpreter.dialect
-        return SubroutineProfiles(dialect, TurningCycles(dialect, moves))
+        return SubroutineProfiles(TurningCycles(TurningMoves(flow.interpreter.motion)))
