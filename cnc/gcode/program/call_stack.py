@@ -192,7 +192,7 @@ class Frame:
         caller: The text of the call.
         at: The place of the call.
         return_line: The line of the caller to continue at.
-        repeats_left: Number of repeats to come.
+        rounds: Number of executions from this one on.
         is_repeated: Whether the call asked for more than one execution.
         since: Number of executed lines when the call was made.
         counts: Rounds left, by repeat loop.
@@ -206,11 +206,14 @@ class Frame:
     caller: Listing
     at: Place
     return_line: int
-    repeats_left: int = 0
-    is_repeated: bool = False
+    rounds: int = 1
     since: int = 0
     counts: dict[object, int] = field(default_factory=dict)
     ends_with_file: bool = False
+    is_repeated: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.is_repeated = self.rounds > 1
 
     @property
     def first(self) -> int:
@@ -345,6 +348,15 @@ class Flow:
     def marks_calls(self) -> bool:
         """Whether a call made here is marked among the blocks."""
         return self._mark_calls and not self.frames
+
+    def finish(self) -> int:
+        """End an execution of a call; return the line to continue at: its first for the next."""
+        frame = self.frame
+        if frame.rounds > 1:
+            frame.rounds -= 1
+            frame.counts.clear()
+            return frame.first
+        return self.leave()
 
     def leave(self) -> int:
         """Return to the caller; return the line to continue at."""

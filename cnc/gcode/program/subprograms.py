@@ -194,15 +194,8 @@ class Call(ControlStep):
             else:
                 subroutine = self._look_up(flow, self._computed_label(label, parameters))
         flow.value = None
-        frame = Frame(
-            "sub",
-            subroutine.name,
-            subroutine.listing,
-            subroutine.first,
-            flow.listing,
-            self.at,
-            line + 1,
-        )
+        found, first = subroutine.listing, subroutine.first
+        frame = Frame("sub", subroutine.name, found, first, flow.listing, self.at, line + 1)
         return flow.enter(frame, arguments)
 
     def _computed_label(self, label: Value, parameters: Parameters) -> str:

@@ -35,19 +35,8 @@ class Call(ControlStep):
             return line + 1
         listing, scope = found
         given = self._values(flow, listing, scope, name)
-        first = flow.enter(
-            Frame(
-                "program",
-                name,
-                listing,
-                scope,
-                flow.listing,
-                self.at,
-                line + 1,
-                repeats_left=count - 1,
-                is_repeated=count > 1,
-            )
-        )
+        caller = flow.listing
+        first = flow.enter(Frame("program", name, listing, scope, caller, self.at, line + 1, count))
         for parameter, value in given.items():
             flow.parameters.set_name(parameter, value, 1)
         return first
@@ -146,10 +135,7 @@ class End(ControlStep):
             message = f"M{code} in the subprogram {frame.name}"
             hint = "a subprogram ends with M17 or RET"
             raise flow.listing.fault(self.at, "call-style-mixed", message, hint)
-        if frame.repeats_left:
-            frame.repeats_left -= 1
-            return frame.first
-        return flow.leave()
+        return flow.finish()
 
 
 class Head(ControlStep):
