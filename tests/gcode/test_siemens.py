@@ -235,7 +235,7 @@ def test_p_is_the_number_of_calls(call: str, x: int) -> None:
 
 @pytest.mark.parametrize("call", ["L10 P2.5", "L10 P-1", "L10 P10000", "POCKET_A P1.5"])
 def test_a_number_of_calls_that_is_not_whole_is_no_call(call: str) -> None:
-    """"Subprogram technique", program repetition: P is a whole number from 1 to 9999."""
+    """ "Subprogram technique", program repetition: P is a whole number from 1 to 9999."""
     program = SUBPROGRAMS.replace("L10 P2\n", f"{call}\n")
     found = error_of(program, dialect="siemens")
     assert (found.code, found.line) == ("code-not-supported", 4)
