@@ -108,7 +108,8 @@ def stop() -> None:
     plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
     shortest_ramp(plan, end, end, FAR, known, limits.arrays)
     ramp_by_clock(plan, known, known, limits.arrays)
-    copy_by_clock(plan, known, known, limits.arrays, 0.5 * pace_wanted(plan, known))
+    time = float(plan["duration"].sum())
+    copy_by_clock(plan, time, known, limits.arrays, 0.5 * pace_wanted(plan, known))
 
 
 def audit() -> None:

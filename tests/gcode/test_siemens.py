@@ -228,6 +228,19 @@ def test_subprograms_are_called_by_number_and_name() -> None:
     assert points(SUBPROGRAMS) == [(0, 0, 0), (5, 0, 0), (10, 0, 0), (10, 6, 0)]
 
 
+@pytest.mark.parametrize(("call", "x"), [("L10 P2", 10), ("P3 L10", 15), ("L10 P2.0", 10)])
+def test_p_is_the_number_of_calls(call: str, x: int) -> None:
+    assert points(SUBPROGRAMS.replace("L10 P2\n", f"{call}\n"))[-1] == (x, 6, 0)
+
+
+@pytest.mark.parametrize("call", ["L10 P2.5", "L10 P-1", "L10 P10000", "POCKET_A P1.5"])
+def test_a_number_of_calls_that_is_not_whole_is_no_call(call: str) -> None:
+    """ "Subprogram technique", program repetition: P is a whole number from 1 to 9999."""
+    program = SUBPROGRAMS.replace("L10 P2\n", f"{call}\n")
+    found = error_of(program, dialect="siemens")
+    assert (found.code, found.line) == ("code-not-supported", 4)
+
+
 def test_a_subprogram_may_be_a_file(tmp_path: Path) -> None:
     (tmp_path / "l20.spf").write_text("G0 X7\nM17\n", encoding="utf-8")
     (tmp_path / "DRILL.SPF").write_text("%_N_DRILL_SPF\nG0 Y7\nRET\n", encoding="utf-8")

@@ -10,12 +10,9 @@ from collections.abc import Iterable
 
 from cnc.gcode.codes import polar
 from cnc.gcode.codes.polar_mode import PolarMode
-from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.context import Context, Executor
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.state.rotary_axes import RotaryAxes
-from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
 from cnc.kernels.gcode.rules import end_of_word
 from cnc.kernels.jit import interpreted
@@ -34,7 +31,7 @@ A cycle under G91 would need a new increment for each repeat.
 """
 
 
-class AxisWords:
+class AxisWords(Executor):
     """Conversion of axis words.
 
     Attributes:
@@ -52,20 +49,17 @@ class AxisWords:
 
     def __init__(
         self,
+        context: Context,
         axes: tuple[str, ...],
-        dialect: Dialect,
-        state: ModalState,
         position: list[float],
         coordinates: Coordinates,
-        here: SourceLocation,
-        unused_words: UnusedWords,
     ) -> None:
+        super().__init__(context)
         self.position = position
-        self._here = here
         self._idle: set[str] = set()
         self.polar = PolarMode()
         self._polar_end: tuple[float, float] | None = None
-        self.rotary = RotaryAxes(axes, {}, dialect.wrap)
+        self.rotary = RotaryAxes(axes, {}, context.dialect.wrap)
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -74,9 +68,6 @@ class AxisWords:
         self.length_change: tuple[float, int] | None = None
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
-        self._dialect = dialect
-        self._state = state
-        self._unused_words = unused_words
         self._machine_words = False
         self.units_changed()
 

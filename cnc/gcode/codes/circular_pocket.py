@@ -16,12 +16,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.blocks import ArcFeed
@@ -32,22 +30,12 @@ _ROUNDING = 1e-9
 """mm. A last step that is shorter makes no circle of its own."""
 
 
-class CircularPocket:
+class CircularPocket(MotionCodes):
     """Execution of G12 and G13."""
 
-    def __init__(
-        self,
-        motion: Motion,
-        state: ModalState,
-        here: SourceLocation,
-        tools: ToolCodes,
-        *,
-        straight: bool,
-    ) -> None:
-        self._straight = straight
-        self._motion = motion
-        self._state = state
-        self._here = here
+    def __init__(self, motion: Motion, tools: ToolCodes) -> None:
+        super().__init__(motion)
+        self._straight = self._dialect.figures == "mach3"
         self._tools = tools
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -184,9 +172,7 @@ def _arcs(radii: list[float]) -> Iterator[tuple[float, float, float]]:
     yield 0.0, 0.5, at / 2.0
 
 
-def register(
-    motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation, tools: ToolCodes
-) -> None:
+def register(motion: Motion, tools: ToolCodes) -> None:
     """Register the handlers."""
-    pocket = CircularPocket(motion, state, here, tools, straight=dialect.figures == "mach3")
+    pocket = CircularPocket(motion, tools)
     motion.handlers |= {G.G12: pocket.make, G.G13: pocket.make}

@@ -14,14 +14,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Side
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import PLANES, Code, Codes
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import (
@@ -43,24 +40,12 @@ orientation.
 """
 
 
-class CompensationCodes:
+class CompensationCodes(MotionCodes):
     """Execution of the codes of cutter compensation."""
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
-        motion: Motion,
-        tools: ToolCodes,
-        out: BlockBuffer,
-    ) -> None:
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._motion = motion
+    def __init__(self, motion: Motion, tools: ToolCodes) -> None:
+        super().__init__(motion)
         self._tools = tools
-        self._out = out
         self._offset = 0
         self._active: tuple[Side, float, Plane, tuple[float, float]] | None = None
 

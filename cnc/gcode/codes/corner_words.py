@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import CncError, GcodeError
 
@@ -79,8 +79,8 @@ def take(words: LineWords, user: str) -> Word | None:
     if len(given) > 1:
         raise fault("word-wanted-twice", "a corner takes one of ,C and ,R", given[1])
     word = given[0] if given else None
-    if word is not None and word.number <= 0.0:
-        raise fault("value-out-of-range", f"{word.written}: the size must be more than 0", word)
+    if word is not None:
+        positive(word, "the size")
     return word
 
 

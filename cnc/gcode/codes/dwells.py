@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.context import Context, Executor
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative
-from cnc.kernels.gcode.rules import LONG_DWELL
+from cnc.kernels.gcode import rules
+from cnc.kernels.jit import interpreted
 from cnc.model.blocks import Dwell
 
 _SHORT = 0.1
 """s. A shorter dwell in milliseconds may be meant in seconds."""
 _MILLISECOND = 0.001
 _HUNDREDTH = 0.01
-MAX_DWELL = 1e6
-"""s. A longer dwell is a typing error: this is more than eleven days."""
+_dwell_of = interpreted(rules.dwell_of)
 
 
-class Dwells:
+class Dwells(Executor):
     """Times of dwells: those of G4, and of cycles."""
 
-    def __init__(
-        self, dialect: Dialect, here: SourceLocation, state: ModalState, out: BlockBuffer
-    ) -> None:
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._out = out
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self._hundredths_reported = False
 
     def execute(self, words: LineWords, code: Code) -> None:
@@ -60,13 +53,14 @@ class Dwells:
         unit = self._dialect.dwell.get(time.letter, 1.0)
         if "." in time.written:
             unit = self._unit_with_point(time, self._dialect.dwell_point.get(time.letter, unit))
-        if unit == 0.0:
+        seconds, status = _dwell_of(time.number, unit)
+        if status == rules.DWELL_WITHOUT_UNIT:
             message = (
                 f"{time.written} without a decimal point is {time.number / 1000:g} s for FANUC"
             )
             raise fault("decimal-point-needed", message, time, f"write {time.written}. for seconds")
-        seconds = not_negative(time, "the time") * unit
-        if seconds > MAX_DWELL:
+        not_negative(time, "the time")
+        if status == rules.DWELL_TOO_LONG:
             raise fault(
                 "value-out-of-range",
                 f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
@@ -82,7 +76,7 @@ class Dwells:
             )
             hint = f"write {time.letter}{time.number / unit:g} if seconds are meant"
             self._here.report_warning("dwell-short", message, time, hint)
-        if seconds >= LONG_DWELL and unit == 1.0 and "." not in time.written:
+        if status == rules.DWELL_LONG and unit == 1.0 and "." not in time.written:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count milliseconds "
                 f"take {seconds / 1000.0:g} s"

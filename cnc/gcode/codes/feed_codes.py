@@ -5,46 +5,28 @@ Source: LinuxCNC, "Other codes", F; "G-codes", G20 G21 and G7 G8.
 
 from __future__ import annotations
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.turning import THREADS
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, ModalState, feed_of
-from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.state.unused_words import UnusedWords
+from cnc.gcode.state.modal_groups import FEED_MODES, Code, Codes, check_feed, feed_of
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import LineWords, Word, fault
-from cnc.kernels.gcode.rules import MIN_FEED
 from cnc.model.units import MM_PER_INCH
 
 _NO_FEED = (None, G.G0)
 
 
-class FeedCodes:
+class FeedCodes(MotionCodes):
     """Execution of these words.
 
     Attributes:
         moving: Motion code of the line that is executed; None for a line without a move.
     """
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
-        motion: Motion,
-        parameters: Parameters,
-        unused_words: UnusedWords,
-    ) -> None:
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion)
         self.moving: G | None = None
         self._feed_units_reported = False
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._motion = motion
-        self._parameters = parameters
-        self._unused_words = unused_words
 
     def mode(self, codes: Codes) -> None:
         """Execute G93, G94 or G95. Another mode than before needs a new F."""
@@ -112,12 +94,8 @@ class FeedCodes:
             state.feed = None
             self._unused_words.mark_used("F")
             return
-        if word.number <= 0:
-            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale, per_turn=state.feed_mode == "per-revolution")
-        if feed.rotary < MIN_FEED:
-            message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
-            raise fault("feed-too-slow", message, word)
+        check_feed(word, feed.rotary)
         state.feed = feed
         self._unused_words.note(word)
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cnc.gcode.codes.motion import Motion
-from cnc.gcode.dialects import Dialect
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.geometry.figure import Figure
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation
 from cnc.model.blocks import PLANE_AXES
@@ -30,14 +29,11 @@ def check_rotary_axes_at_zero(motion: Motion, at: Word) -> None:
         raise fault("code-not-supported", message, at, "turn the rotary axes to 0 before")
 
 
-class FigureCodes:
+class FigureCodes(MotionCodes):
     """Execution of these codes."""
 
-    def __init__(self, dialect: Dialect, state: ModalState, motion: Motion) -> None:
-        self._dialect = dialect
-        self._state = state
-        self._motion = motion
-        self._coordinates = motion.coordinates
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion)
 
     def execute(self, words: LineWords, codes: Codes) -> None:
         """Execute the codes of a line, before its move."""

@@ -5,11 +5,9 @@ Source: LinuxCNC, "M-codes".
 
 from __future__ import annotations
 
-from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.context import Context, Executor
 from cnc.gcode.state.modal_groups import Code, Codes
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import M
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault, not_negative, whole
 from cnc.model.blocks import AnalogOutput, DigitalOutput, WaitInput, WaitMode
 from cnc.model.parameter_numbers import INPUT_VALUE
@@ -21,7 +19,7 @@ KINEMATICS_CHANNEL = 3
 _WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
 
 
-class InputOutputCodes:
+class InputOutputCodes(Executor):
     """Execution of the codes of inputs and outputs.
 
     Args:
@@ -31,13 +29,9 @@ class InputOutputCodes:
         tilting: whether the machine has tool-tip control, which an output would select.
     """
 
-    def __init__(
-        self, here: SourceLocation, out: BlockBuffer, parameters: Parameters, *, tilting: bool
-    ) -> None:
+    def __init__(self, context: Context, *, tilting: bool) -> None:
+        super().__init__(context)
         self._tilting = tilting
-        self._here = here
-        self._out = out
-        self._parameters = parameters
 
     def execute(self, words: LineWords, codes: Codes) -> None:
         """Execute M62 to M68."""

@@ -9,14 +9,11 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.context import Context, Executor
 from cnc.gcode.state.modal_groups import SPINDLE_STATES, Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL
-from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.kernels.gcode import rules
 from cnc.kernels.jit import interpreted
 from cnc.model.blocks import (
@@ -50,39 +47,23 @@ _SAVED = (
 """Modal state that M70 and M73 save. They also save the coordinate system in use."""
 
 
-class MachineCodes:
+class MachineCodes(Executor):
     """Execution of codes without motion.
 
     The methods are called in the standard order of execution.
     """
 
     def __init__(
-        self,
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
-        out: BlockBuffer,
-        unused_words: UnusedWords,
-        *,
-        laser: bool = False,
-        optional_stop: bool = False,
+        self, context: Context, *, laser: bool = False, optional_stop: bool = False
     ) -> None:
         """Create the executor.
 
         Args:
-            dialect: the dialect of the program.
-            here: the place in the program.
-            state: the modal state.
-            out: receives the blocks.
-            unused_words: collects words without effect.
+            context: What the modules share.
             laser: S is the power of a laser, which changes in motion.
             optional_stop: M1 stops like M0.
         """
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._out = out
-        self._unused_words = unused_words
+        super().__init__(context)
         self._laser = laser
         self._optional_stop = optional_stop
         self._passed_over = False
@@ -248,9 +229,8 @@ class MachineCodes:
         if angle and not 0.0 <= degrees <= 360.0:
             message = f"{angle.written}: the angle must be from 0 to 360 degrees"
             raise fault("value-out-of-range", message, angle)
-        if timeout and timeout.number <= 0.0:
-            message = f"{timeout.written}: the time-out must be more than 0"
-            raise fault("value-out-of-range", message, timeout)
+        if timeout:
+            positive(timeout, "the time-out")
         direction: Any = (
             _DIRECTIONS[whole(direction_word, "the direction", 0, 2)]
             if direction_word

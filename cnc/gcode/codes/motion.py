@@ -14,13 +14,10 @@ from cnc.gcode.codes.assumed_motion import AssumedMotion
 from cnc.gcode.codes.collector import Collector, VectorMove, VectorTurn
 from cnc.gcode.codes.corner_moves import CornerMoves
 from cnc.gcode.codes.move_feeds import MoveFeeds
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
-from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.context import Context, Executor
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.state.unused_words import UnusedWords
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation
 from cnc.model.blocks import ArcFeed, NurbsFeed
@@ -61,18 +58,15 @@ class Motion(MoveFeeds):
 
     def __init__(
         self,
+        context: Context,
         axes: tuple[str, ...],
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
         position: list[float],
         coordinates: Coordinates,
-        out: BlockBuffer,
-        unused_words: UnusedWords,
     ) -> None:
-        super().__init__(axes, dialect, state, position, coordinates, here, unused_words)
+        super().__init__(context, axes, position, coordinates)
+        dialect, here, state = context.dialect, context.here, context.state
         self.collector: Collector | None = None
-        self.compensation = Compensation(out, here)
+        self.compensation = Compensation(context.out, here)
         self.handlers: dict[G, Handler] = {}
         self.motion_before: G | None = None
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
@@ -80,7 +74,6 @@ class Motion(MoveFeeds):
         self.move_with_vector: VectorMove | None = None
         self.turn_with_vector: VectorTurn | None = None
         self.vector_letters: tuple[str, ...] = ()
-        self._out = out
         self.assumed = AssumedMotion(dialect, here, state)
         self.arcs = ArcMoves(self, dialect, here, state)
         self.corners = CornerMoves(self, state, here, corners=dialect.corners)
@@ -345,3 +338,12 @@ class Motion(MoveFeeds):
         """Go on where the board stands after homing."""
         if position:
             self.position = list(position)
+
+
+class MotionCodes(Executor):
+    """A module of codes that use or make moves."""
+
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion.context)
+        self._motion = motion
+        self._coordinates = motion.coordinates

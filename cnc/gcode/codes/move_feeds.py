@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.axis_words import AxisWords
-from cnc.gcode.state.modal_groups import Feed, feed_of
+from cnc.gcode.state.modal_groups import Feed, check_feed, feed_of
 from cnc.gcode.syntax.words import LineWords, Word, fault
 from cnc.kernels.gcode.rules import MIN_FEED, feed_of_move
 from cnc.kernels.jit import interpreted
@@ -119,14 +119,9 @@ class MoveFeeds(AxisWords):
                 at,
                 "give F, one over the minutes of the move",
             )
-        if word.number <= 0:
-            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-        # A move of length 0 takes no time at any feed.
         rate = per_second(word.number * (length or 1.0))
-        if length and rate < MIN_FEED:
-            raise fault(
-                "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
-            )
+        # A move of length 0 takes no time at any feed.
+        check_feed(word, rate if length else math.inf)
         return rate
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:

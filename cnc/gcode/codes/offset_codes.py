@@ -7,14 +7,12 @@ FANUC, "Programmable data input", "Reference position return" and "Local coordin
 from __future__ import annotations
 
 from cnc.gcode.codes.figure_codes import check_rotary_axes_at_zero
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.turret_offsets import set_turret_offset
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import PLAIN_MOTIONS, Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES
+from cnc.gcode.state.modal_groups import PLAIN_MOTIONS, Code
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, under_compensation, whole
 
@@ -30,22 +28,11 @@ _WITHOUT_P = frozenset(
 """Codes that may stand beside G54 P: they have no P word."""
 
 
-class OffsetCodes:
+class OffsetCodes(MotionCodes):
     """Execution of the codes of offsets. Most are an error under cutter compensation."""
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
-        motion: Motion,
-        tools: ToolCodes,
-    ) -> None:
-        self._dialect = dialect
-        self._here = here
-        self._state = state
-        self._motion = motion
-        self._coordinates: Coordinates = motion.coordinates
+    def __init__(self, motion: Motion, tools: ToolCodes) -> None:
+        super().__init__(motion)
         self._tools = tools
 
     def system(self, words: LineWords, code: Code) -> None:

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from cnc.gcode.codes.motion import MotionCodes
 from cnc.gcode.codes.tool_codes import ToolCodes
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import ToolEntry
 from cnc.gcode.syntax.parameters import KEPT_MACRO, MORE_MACRO
 from cnc.gcode.syntax.words import Word
@@ -30,7 +28,7 @@ _Value = Callable[[ToolEntry], float]
 _Change = Callable[[ToolEntry, float], ToolEntry]
 
 
-class OffsetVariables:
+class OffsetVariables(MotionCodes):
     """Binds the variables of a dialect to the parameters of a program.
 
     Args:
@@ -40,17 +38,9 @@ class OffsetVariables:
         coordinates: The coordinate systems, with the parameters.
     """
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        here: SourceLocation,
-        tools: ToolCodes,
-        coordinates: Coordinates,
-    ) -> None:
-        self._here = here
-        self._tools = tools
-        self._coordinates = coordinates
-        self._parameters = coordinates.parameters
+    def __init__(self, tools: ToolCodes) -> None:
+        super().__init__(tools.motion)
+        self._tools, dialect = tools, self._dialect
         self._wear_reported = False
         variables = dialect.variables
         unsure = [range(first, last + 1) for first, last in variables.wear_is_length]

@@ -14,14 +14,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, Probe
 from cnc.model.parameter_numbers import PROBE_CONTACT, PROBE_POSITION
@@ -37,25 +33,13 @@ PROBES = {
 LINEAR = "XYZUVW"
 
 
-class Probing:
+class Probing(MotionCodes):
     """Execution of probing moves: the handlers of G38.2 to G38.5 and G31, and their alarms."""
 
-    def __init__(
-        self,
-        motion: Motion,
-        dialect: Dialect,
-        state: ModalState,
-        here: SourceLocation,
-        out: BlockBuffer,
-        parameters: Parameters,
-    ) -> None:
-        self._motion = motion
-        self._copies = dialect.skip_parameters
-        self._stays = dialect.flavour == "macro-b"
-        self._state = state
-        self._here = here
-        self._out = out
-        self._parameters = parameters
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion)
+        self._copies = self._dialect.skip_parameters
+        self._stays = self._dialect.flavour == "macro-b"
         self._alarm: Callable[[], None] | None = None
         motion.handlers |= dict.fromkeys(PROBES, self.probe)
 

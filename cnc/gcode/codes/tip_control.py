@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.gcode.codes.motion import Motion
-from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.state.modal_groups import Code
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_tip import Floats, Offset, ToolTip
 from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.words import LineWords, Word, fault, under_compensation
@@ -29,7 +27,7 @@ POLE = 1e-4
 """Degrees from the axis of C within which a great circle is refused."""
 
 
-class TipControlCodes:
+class TipControlCodes(MotionCodes):
     """Switches tool-tip control.
 
     Args:
@@ -39,10 +37,9 @@ class TipControlCodes:
         machine: the positions of the machine; None without tool-tip control.
     """
 
-    def __init__(
-        self, motion: Motion, out: BlockBuffer, here: SourceLocation, machine: ToolTip | None
-    ) -> None:
-        self._motion, self._out, self._here, self._machine = motion, out, here, machine
+    def __init__(self, motion: Motion, machine: ToolTip | None) -> None:
+        super().__init__(motion)
+        self._machine = machine
         self._points_missing = machine.points_missing if machine is not None else ()
 
     @property

@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.tip_control import TipControlCodes
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import (
@@ -29,7 +27,7 @@ from cnc.gcode.syntax.words import (
 _HOMES = (28.0, 30.0, 53.0)
 
 
-class ToolCodes:
+class ToolCodes(MotionCodes):
     """Execution of the codes of tools.
 
     Attributes:
@@ -42,32 +40,28 @@ class ToolCodes:
 
     def __init__(
         self,
-        dialect: Dialect,
-        here: SourceLocation,
-        state: ModalState,
         motion: Motion,
         table: ToolTable,
         tip: TipControlCodes,
         *,
         zero_without_table: bool,
     ) -> None:
-        self._dialect, self._tip = dialect, tip
-        self.here = here
+        super().__init__(motion)
+        self._tip = tip
+        self.here, self.state = motion.context.here, motion.context.state
         self._zero_without_table = zero_without_table
         self._zero_reported = False
         self._spindle_reported = False
         self.turret_offset = 0
         self._last_h = 0
         self._length_code: G | None = None
-        self.state = state
         self.motion = motion
-        self._coordinates = motion.coordinates
         self.table = table
-        table.bind(self._coordinates.parameters, lambda: state.loaded)
+        table.bind(self._coordinates.parameters, lambda: self.state.loaded)
         parameters = self._coordinates.parameters
         parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
-        parameters.bind("_current_pocket", lambda: self._pocket(state.loaded))
-        parameters.bind("_selected_pocket", lambda: self._pocket(state.tool))
+        parameters.bind("_current_pocket", lambda: self._pocket(self.state.loaded))
+        parameters.bind("_selected_pocket", lambda: self._pocket(self.state.tool))
 
     def _pocket(self, tool: int | None) -> float:
         """Pocket of a tool; 0 without one."""

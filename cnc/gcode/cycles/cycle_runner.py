@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.codes.tip_control import refuse_under_tip_control
 from cnc.gcode.cycles.steps import (
     Cut,
@@ -21,9 +21,7 @@ from cnc.gcode.cycles.steps import (
     Synchronise,
     TurnSpindle,
 )
-from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.modal_groups import ModalState
-from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.kernels.gcode.holes import machine_coordinate
 from cnc.kernels.jit import interpreted
@@ -151,16 +149,8 @@ class CyclePlane:
         return place
 
 
-class CycleRunner:
+class CycleRunner(MotionCodes):
     """Execution of steps: moves go to ``motion``, other blocks to ``out``."""
-
-    def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
-    ) -> None:
-        self._motion = motion
-        self._state = state
-        self._here = here
-        self._out = out
 
     def start_spindle(self) -> None:
         """Start the spindle as the modal state says."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cnc.gcode.codes.dwells import Dwells
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.fagor_words import with_own_words
@@ -28,11 +28,9 @@ from cnc.gcode.cycles.hole_places import (
     holes_on_line,
 )
 from cnc.gcode.cycles.steps import Turning
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive, whole
 from cnc.kernels.gcode import holes as kernel
 from cnc.kernels.gcode.holes import Hole, HoleSettings
 from cnc.kernels.jit import interpreted
@@ -69,21 +67,18 @@ class Series:
     absolute: dict[str, bool] = field(default_factory=dict)
 
 
-def register(
-    motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner, dwells: Dwells,
-    here: SourceLocation,
-) -> DrillingCycles:  # fmt: skip
+def register(motion: Motion, performer: CycleRunner, dwells: Dwells) -> DrillingCycles:
     """Register the canned cycles of the dialect as handlers, and return them."""
-    cycles = DrillingCycles(motion, dialect, state, performer, dwells, here)
+    cycles, dialect = DrillingCycles(motion, performer, dwells), motion.context.dialect
     own = dialect.cycles.plane_and_depth
-    make = with_own_words(cycles.make, state) if own else cycles.make
+    make = with_own_words(cycles.make, motion.context.state) if own else cycles.make
     motion.handlers |= dict.fromkeys(cycles.cycles, make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
     return cycles
 
 
-class DrillingCycles:
+class DrillingCycles(MotionCodes):
     """Execution of the canned cycles for holes.
 
     Attributes:
@@ -91,26 +86,16 @@ class DrillingCycles:
         series: The last series; None before the first.
     """
 
-    def __init__(
-        self,
-        motion: Motion,
-        dialect: Dialect,
-        state: ModalState,
-        performer: CycleRunner,
-        dwells: Dwells,
-        here: SourceLocation,
-    ) -> None:
+    def __init__(self, motion: Motion, performer: CycleRunner, dwells: Dwells) -> None:
+        super().__init__(motion)
+        dialect = self._dialect
         self.cycles = frozenset(DRILLING) | (
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
         )
-        self._motion = motion
-        self._dialect = dialect
         self._rules = dialect.cycles
         self._turns = dialect.cycles.turns and not dialect.lathe
-        self._state = state
         self._performer = performer
         self._dwells = dwells
-        self._here = here
         self.series: Series | None = None
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -263,12 +248,8 @@ class DrillingCycles:
             peck, less, least = self._shrinking_pecks(words, series, name, at)
         elif cycle in PECKING or cycle == FINE_BORING:
             word = self._word(words, series, "Q", name, at)
-            peck = word.number * state.scale
             what = "the shift" if cycle == FINE_BORING else "a peck"
-            if peck <= 0.0:
-                raise fault(
-                    "value-out-of-range", f"{word.written}: {what} must be more than 0", word
-                )
+            peck = positive(word, what) * state.scale
         pauses = (cycle in PECKING and rules.peck_dwell) or (
             rules.plane_and_depth and cycle != G.G85
         )

@@ -9,27 +9,26 @@ from __future__ import annotations
 import cmath
 import math
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.cycles.drilling import MOST_REPEATS, DrillingCycles
-from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive, whole
 
 _LETTERS = {G.G70: "IJL", G.G71: "IJKL"}
 
 
-def register(motion: Motion, state: ModalState, cycles: DrillingCycles) -> None:
+def register(motion: Motion, cycles: DrillingCycles) -> None:
     """Register the handlers of G70 and G71."""
-    made = HolePatterns(motion, state, cycles)
+    made = HolePatterns(motion, cycles)
     motion.handlers |= dict.fromkeys(_LETTERS, made.make)
 
 
-class HolePatterns:
+class HolePatterns(MotionCodes):
     """Execution of patterns of holes."""
 
-    def __init__(self, motion: Motion, state: ModalState, cycles: DrillingCycles) -> None:
-        self._motion = motion
-        self._state = state
+    def __init__(self, motion: Motion, cycles: DrillingCycles) -> None:
+        super().__init__(motion)
         self._cycles = cycles
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -60,9 +59,7 @@ class HolePatterns:
                 raise fault("cycle-word-missing", message, code.word, f"give {letter}")
             found[letter] = word
         count = whole(found["L"], "the holes", 1, MOST_REPEATS)
-        if found["I"].number <= 0.0:
-            message = f"{found['I'].written}: the radius must be more than 0"
-            raise fault("value-out-of-range", message, found["I"])
+        positive(found["I"], "the radius")
         numbers = {letter: word.number for letter, word in found.items()}
         here = motion.coordinates.to_program(motion.position)
         x, y = motion.column["X"], motion.column["Y"]

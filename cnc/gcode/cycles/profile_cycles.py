@@ -22,7 +22,6 @@ from cnc.gcode.cycles.roughing import (
     rough,
 )
 from cnc.gcode.cycles.turning_cycles import TurningCycles
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.turning_profile import (
     SLACK,
     TINY,
@@ -40,8 +39,8 @@ from cnc.model.blocks import Block, Polyline
 class ProfileCycles:
     """Execution of G71, G72 and G73 with the blocks of a profile."""
 
-    def __init__(self, dialect: Dialect, cycles: TurningCycles) -> None:
-        self._dialect = dialect
+    def __init__(self, cycles: TurningCycles) -> None:
+        self._dialect = cycles.moves.dialect
         self._cycles = cycles
         self._moves = cycles.moves
 

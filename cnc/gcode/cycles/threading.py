@@ -6,14 +6,13 @@ the spindle; F has no effect. Source: LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
 
 from __future__ import annotations
 
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, follow, passes, tap_rigidly
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 
 FOLLOW, TAP, THREAD = G.G33, G.G33_1, G.G76
 LARGEST_SLIDE = 80.0
@@ -23,20 +22,19 @@ FASTEST = 100.0
 """Highest speed of the return of G33.1, as a multiple."""
 
 
-def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
+def register(motion: Motion, performer: CycleRunner) -> None:
     """Register the handlers of G33, G33.1 and, where the dialect has it as a thread, G76."""
-    cycles = ThreadingCycles(motion, state, performer)
+    cycles = ThreadingCycles(motion, performer)
     motion.handlers[FOLLOW] = motion.handlers[TAP] = cycles.move
-    if not dialect.cycles.fine_boring:
+    if not motion.context.dialect.cycles.fine_boring:
         motion.handlers[THREAD] = cycles.thread
 
 
-class ThreadingCycles:
+class ThreadingCycles(MotionCodes):
     """Execution of G33, G33.1 and G76."""
 
-    def __init__(self, motion: Motion, state: ModalState, performer: CycleRunner) -> None:
-        self._motion = motion
-        self._state = state
+    def __init__(self, motion: Motion, performer: CycleRunner) -> None:
+        super().__init__(motion)
         self._performer = performer
 
     def move(self, words: LineWords, code: Code | None) -> None:
@@ -76,11 +74,7 @@ class ThreadingCycles:
                 at,
                 f"give {letter} and the length of the move in one revolution",
             )
-        if word.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{word.written}: the pitch must be more than 0", word
-            )
-        return word.number * self._state.scale
+        return positive(word, "the pitch") * self._state.scale
 
     def _faster(self, words: LineWords) -> float:
         word = words.take("I", "G33.1")
@@ -206,10 +200,7 @@ class ThreadingCycles:
                 peak,
                 "negative for an external thread, positive for an internal one",
             )
-        if first.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{first.written}: the first cut must be more than 0", first
-            )
+        positive(first, "the first cut")
         if full.number < first.number:
             raise fault(
                 "value-out-of-range",

@@ -18,12 +18,9 @@ from cnc.gcode.codes.motion import Handler, Motion
 from cnc.gcode.cycles import turning_holes, turning_threads
 from cnc.gcode.cycles.roughing import MOST_PASSES
 from cnc.gcode.cycles.turning_moves import TurningMoves
-from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.kernels.gcode.holes import ROUNDING
 
 RETRACT = 0.5
@@ -55,14 +52,11 @@ class _Staying:
     words: dict[str, float] = field(default_factory=dict)
 
 
-def register(
-    motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation, out: BlockBuffer,
-    compensation: CompensationCodes,
-) -> TurningCycles:  # fmt: skip
+def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     """Register the handlers of the cycles of a lathe, and return their settings."""
-    moves = TurningMoves(motion, state, here, out)
+    moves = TurningMoves(motion)
     moves.compensation = compensation
-    cycles = TurningCycles(dialect, moves)
+    cycles = TurningCycles(moves)
     motion.handlers |= {
         G.G71: cycles.once(cycles.roughing_settings),
         G.G72: cycles.once(cycles.roughing_settings),
@@ -72,18 +66,18 @@ def register(
         G.G77: cycles.turn_once,
         G.G79: cycles.turn_once,
     }
-    turning_threads.register(dialect, moves, cycles.once)
-    turning_holes.register(dialect, moves)
+    turning_threads.register(moves, cycles.once)
+    turning_holes.register(moves)
     return cycles
 
 
 class TurningCycles:
     """Execution of single cycles and pecking; ``settings`` are those of the other cycles."""
 
-    def __init__(self, dialect: Dialect, moves: TurningMoves) -> None:
+    def __init__(self, moves: TurningMoves) -> None:
         self.settings = CycleSettings()
         self.moves = moves
-        self._dialect = dialect
+        self._dialect = moves.dialect
         self._state = moves.state
         self._motion = moves.motion
         self._staying = _Staying()
@@ -133,9 +127,7 @@ class TurningCycles:
 
     def positive(self, word: Word, what: str) -> float:
         """Return the length of a word in mm, which must be more than 0."""
-        if word.number <= 0.0:
-            raise fault("value-out-of-range", f"{word.written}: {what} must be more than 0", word)
-        return word.number * self._state.scale
+        return positive(word, what) * self._state.scale
 
     # Single cycles
 

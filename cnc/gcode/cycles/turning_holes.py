@@ -14,7 +14,6 @@ from cnc.gcode.cycles.drilling import MOST_PECKS
 from cnc.gcode.cycles.drilling_steps import steps
 from cnc.gcode.cycles.steps import Point, Turning
 from cnc.gcode.cycles.turning_moves import TurningMoves
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
@@ -28,22 +27,22 @@ _NEEDS_SPINDLE = (G.G84, G.G86)
 _peck_count = interpreted(peck_count)
 
 
-def register(dialect: Dialect, moves: TurningMoves) -> None:
+def register(moves: TurningMoves) -> None:
     """Register the handlers of the drilling cycles of the dialect."""
-    holes = TurningHoles(dialect, moves)
-    known = [code for code in _CODES if code in dialect.g]
+    holes = TurningHoles(moves)
+    known = [code for code in _CODES if code in moves.dialect.g]
     moves.motion.handlers |= dict.fromkeys(known, holes.make)
 
 
 class TurningHoles:
     """Execution of the drilling cycles."""
 
-    def __init__(self, dialect: Dialect, moves: TurningMoves) -> None:
-        self._dialect = dialect
+    def __init__(self, moves: TurningMoves) -> None:
+        self._dialect = moves.dialect
         self._moves = moves
         self._state = moves.state
-        self._dwells = Dwells(dialect, moves.here, moves.state, moves.out)
-        self._runner = CycleRunner(moves.motion, moves.state, moves.here, moves.out)
+        self._dwells = Dwells(moves.motion.context)
+        self._runner = CycleRunner(moves.motion)
         self._words: dict[str, Word] = {}
         self._bottom = 0.0
         self._level = 0.0

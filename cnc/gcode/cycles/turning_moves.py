@@ -8,10 +8,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import refuse_modes
-from cnc.gcode.state.block_buffer import BlockBuffer
-from cnc.gcode.state.modal_groups import ModalState
-from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.syntax.words import LineWords, Word, fault, positive
 from cnc.model.blocks import PathMode, SpindleSync
 
 
@@ -22,13 +19,10 @@ class TurningMoves:
         compensation: Nose compensation, which some cycles suspend; None if none does.
     """
 
-    def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
-    ) -> None:
-        self.motion = motion
-        self.state = state
-        self.here = here
-        self.out = out
+    def __init__(self, motion: Motion) -> None:
+        context = motion.context
+        self.motion, self.dialect = motion, context.dialect
+        self.state, self.here, self.out = context.state, context.here, context.out
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
         self._follows = False
@@ -67,13 +61,9 @@ class TurningMoves:
         Raises:
             GcodeError: ``value-out-of-range``, ``decimal-point-needed``.
         """
-        if word.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{word.written}: the length must be more than 0", word
-            )
-        scale = self.state.scale
+        number, scale = positive(word, "the length"), self.state.scale
         if "." in word.written:
-            return word.number * scale
+            return number * scale
         if not unit:
             message = f"{word.written} has no decimal point: controllers differ on its unit"
             hint = f"write {word.written}. if that is meant"

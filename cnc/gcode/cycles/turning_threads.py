@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from cnc.gcode.codes.motion import Handler
 from cnc.gcode.cycles.roughing import MOST_PASSES
 from cnc.gcode.cycles.turning_moves import TurningMoves
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, Feed
 from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, positive, whole
 from cnc.model.blocks import Overrides
 
 WIDEST = 120.0
@@ -72,9 +71,9 @@ class Thread:
         return math.copysign(1.0, self.end[1] - self.start[1])
 
 
-def register(dialect: Dialect, moves: TurningMoves, once: Callable[[Handler], Handler]) -> None:
+def register(moves: TurningMoves, once: Callable[[Handler], Handler]) -> None:
     """Register the handlers of the threads."""
-    threads = TurningThreads(dialect, moves)
+    threads = TurningThreads(moves)
     moves.motion.handlers |= {
         G.G33: threads.move,
         G.G76: once(threads.cycle),
@@ -85,8 +84,8 @@ def register(dialect: Dialect, moves: TurningMoves, once: Callable[[Handler], Ha
 class TurningThreads:
     """Execution of the threads."""
 
-    def __init__(self, dialect: Dialect, moves: TurningMoves) -> None:
-        self._dialect = dialect
+    def __init__(self, moves: TurningMoves) -> None:
+        self._dialect = moves.dialect
         self._moves = moves
         self._state = moves.state
         self._lead: float | None = None
@@ -156,9 +155,7 @@ class TurningThreads:
             if self._lead is None:
                 raise fault("pitch-missing", f"{at.written} needs F", at, "give F and the lead")
             return self._lead
-        if word.number <= 0.0:
-            raise fault("value-out-of-range", f"{word.written}: the lead must be more than 0", word)
-        self._lead = word.number * state.scale
+        self._lead = positive(word, "the lead") * state.scale
         if state.feed_mode == "per-revolution":
             state.feed = Feed(self._lead, word.number)
         return self._lead

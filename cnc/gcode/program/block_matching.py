@@ -7,26 +7,21 @@ target.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cnc.gcode.program.call_stack import NOTHING, Flow, Listing, Loop, Step
+from cnc.gcode.program.call_stack import Flow, Listing, Loop, Maker, Step
 from cnc.gcode.program.control_flow import (
     Border,
-    Do,
-    DoWhile,
-    EndRepeat,
-    EndWhile,
+    Conditional,
+    ControlLine,
     Goto,
-    If,
-    Jump,
-    Repeat,
-    While,
+    enter_branch,
+    enter_loop,
     shown,
 )
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control
+from cnc.kernels.gcode import rules
 from cnc.model.diagnostics import CncError
 
 MACRO_LOOPS = ("1", "2", "3")
@@ -44,6 +39,13 @@ _OPENER_OF = {
 """The keyword that opens the block of a line. ``while`` may also end a ``do``."""
 _ENDS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
 """The keyword that ends a block, by the one that opens it."""
+_ACTIONS = {
+    "while": (rules.WHILE, rules.END_WHILE),
+    "while-do": (rules.WHILE, rules.END_WHILE),
+    "do": (rules.DO, rules.DO_WHILE),
+    "repeat": (rules.REPEAT, rules.END_REPEAT),
+}
+"""Actions of the first and the last line of a loop."""
 
 
 @dataclass(slots=True)
@@ -82,30 +84,16 @@ def block_at(flow: Flow, line: int, control: Control) -> Step:
     listing = flow.listing
     if control.keyword not in _OPENERS:
         raise _not_open(listing, line, control)
-    _Reader(listing, flow.frame.scope, flow.parameters).read(line)
+    _Reader(listing, flow.frame.scope).read(line)
     return listing.steps[line]
-
-
-def goto_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of ``GOTO n`` or ``IF [..] GOTO n``."""
-    condition = control.values[0] if control.keyword == "if-goto" else None
-    return Goto(
-        flow.parameters, condition, control.values[-1], Place(line, control.column, control.length)
-    )
-
-
-def border_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of O and a number alone: the beginning of a program."""
-    return Border(Place(line, control.column, control.length), shown(control))
 
 
 class _Reader:
     """Reads the control lines of a block to its end."""
 
-    def __init__(self, listing: Listing, scope: int, parameters: Parameters) -> None:
+    def __init__(self, listing: Listing, scope: int) -> None:
         self.listing = listing
         self.scope = scope
-        self.parameters = parameters
         self.open: list[_Block] = []
 
     def read(self, line: int) -> None:
@@ -200,34 +188,21 @@ class _Reader:
 
     def _close(self, block: _Block, line: int, control: Control) -> None:
         """Make the steps of a block that ends at ``line``."""
-        listing, parameters, first = self.listing, self.parameters, block.line
-        steps = listing.steps
-        values = block.control.values
-        at = Place(first, block.control.column, block.control.length)
-        loop = Loop(block.name, at, first, line)
-        match block.control.keyword:
-            case "if":
-                branches = [
-                    (branch, branch_control.values[0]) for branch, branch_control in block.branches
-                ]
-                steps[first] = If(parameters, values[0], branches, (block.otherwise or line) + 1)
-                for branch, _ in block.branches:
-                    steps[branch] = Jump(line + 1)
-                if block.otherwise:
-                    steps[block.otherwise] = Jump(line + 1)
-                steps[line] = NOTHING
-                return
-            case "while" | "while-do":
-                while_loop = While(parameters, values[0], loop)
-                steps[first], steps[line] = while_loop, EndWhile(while_loop)
-            case "do":
-                steps[first], steps[line] = Do(loop), DoWhile(parameters, control.values[0], loop)
-            case _:
-                repeat = Repeat(parameters, values[0], loop)
-                steps[first], steps[line] = repeat, EndRepeat(repeat)
-        listing.loops.append(loop)
+        listing, first, values = self.listing, block.line, block.control.values
+        opener = block.control.keyword
+        if opener == "if":
+            chain = [(first, values[0]), *((at, each.values[0]) for at, each in block.branches)]
+            enter_branch(listing, chain, block.otherwise, line)
+            return
+        loop = Loop(
+            block.name, Place(first, block.control.column, block.control.length), first, line
+        )
+        # The last line of do .. while has the condition.
+        first_value, last_value = (None, control.values[0]) if opener == "do" else (values[0], None)
+        enter_loop(listing, loop, _ACTIONS[opener], first_value, last_value)
         for leave, leave_control in block.leaves:
-            steps[leave] = Jump(line + 1 if leave_control.keyword == "break" else line)
+            to = line + 1 if leave_control.keyword == "break" else line
+            listing.steps[leave] = ControlLine(leave, rules.JUMP, to)
 
     def _last(self) -> str:
         block = self.open[-1]
@@ -279,10 +254,11 @@ def _not_open(
     )
 
 
-MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
+MAKERS: dict[str, Maker] = {
     **dict.fromkeys((*_OPENERS, *_OPENER_OF, "break", "continue"), block_at),
-    "goto": goto_at,
-    "if-goto": goto_at,
-    "program": border_at,
+    "goto": Goto,
+    "if-goto": Goto,
+    "if-then": Conditional,
+    "program": Border,
 }
 """Functions that make the step of a control line, by keyword."""

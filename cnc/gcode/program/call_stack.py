@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from cnc.gcode.geometry.program_frame import ProgramFrame
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.line_index import LineIndex, Place
-from cnc.gcode.program.repeated_sections import Sections
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text, Window
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.syntax.statement import Control, Statement
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
 if TYPE_CHECKING:
     from cnc.gcode.klartext.state import Session
     from cnc.gcode.program.subroutine_profiles import OpenProfile
+    from cnc.gcode.sinumerik.flow import Section
 
 KEPT_PAGES = 4
 """Pages of a text whose steps are kept."""
@@ -35,6 +35,25 @@ class Step(Protocol):
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the step that stands at ``line``; return the number of the next line."""
+
+
+Maker = Callable[["Flow", int, Control], Step]
+"""Makes the step of a control line, whose number is given."""
+
+
+class ControlStep:
+    """The step of a control line.
+
+    Attributes:
+        at: Its place.
+        control: Its control part.
+    """
+
+    __slots__ = ("at", "control")
+
+    def __init__(self, _: Flow, line: int, control: Control) -> None:
+        self.at = Place(line, control.column, control.length)
+        self.control = control
 
 
 @dataclass(slots=True, eq=False)
@@ -173,7 +192,7 @@ class Frame:
         caller: The text of the call.
         at: The place of the call.
         return_line: The line of the caller to continue at.
-        repeats_left: Number of repeats to come.
+        rounds: Number of executions from this one on.
         is_repeated: Whether the call asked for more than one execution.
         since: Number of executed lines when the call was made.
         counts: Rounds left, by repeat loop.
@@ -187,11 +206,14 @@ class Frame:
     caller: Listing
     at: Place
     return_line: int
-    repeats_left: int = 0
-    is_repeated: bool = False
+    rounds: int = 1
     since: int = 0
     counts: dict[object, int] = field(default_factory=dict)
     ends_with_file: bool = False
+    is_repeated: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.is_repeated = self.rounds > 1
 
     @property
     def first(self) -> int:
@@ -221,7 +243,7 @@ class Flow:
         missing: Names of programs that a check has skipped.
         entered: Lines of the O numbers of the programs in the main text that were called.
         program_frame: SINUMERIK's programmable frame.
-        sections: SINUMERIK's repeated sections.
+        sections: SINUMERIK's repeated sections that are being executed, outermost first.
         profile: LinuxCNC's cycle whose profile is being executed; None for none.
         klartext: State of a program of Klartext; None for another one.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
@@ -253,7 +275,7 @@ class Flow:
         self.missing: set[str] = set()
         self.entered: set[int] = set()
         self.program_frame = ProgramFrame()
-        self.sections = Sections()
+        self.sections: list[Section] = []
         self.profile: OpenProfile | None = None
         self.klartext: Session | None = None
         self.has_modal = False
@@ -326,6 +348,15 @@ class Flow:
     def marks_calls(self) -> bool:
         """Whether a call made here is marked among the blocks."""
         return self._mark_calls and not self.frames
+
+    def finish(self) -> int:
+        """End an execution of a call; return the line to continue at: its first for the next."""
+        frame = self.frame
+        if frame.rounds > 1:
+            frame.rounds -= 1
+            frame.counts.clear()
+            return frame.first
+        return self.leave()
 
     def leave(self) -> int:
         """Return to the caller; return the line to continue at."""

@@ -8,23 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from cnc.gcode.program.call_stack import Flow, Frame, Nothing, Step
+from cnc.gcode.program.call_stack import Flow, Frame, Step
 from cnc.gcode.program.compiled_table import MOST_COPIED, Copy, Table, frames_of, table_of
-from cnc.gcode.program.control_flow import (
-    Do,
-    DoWhile,
-    EndRepeat,
-    EndWhile,
-    If,
-    Jump,
-    Repeat,
-    While,
-)
+from cnc.gcode.program.control_flow import ControlLine
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.program.parameter_mirror import ParameterMirror
@@ -33,7 +22,7 @@ from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Window
 from cnc.kernels.gcode import program_text as kernel
 from cnc.kernels.gcode.program import run
 from cnc.kernels.gcode.rows import MOST_ROWS as MOST_LINE_ROWS
-from cnc.kernels.gcode.statements import CONTROL, UNKNOWN
+from cnc.kernels.gcode.statements import UNKNOWN
 
 MOST_LINES = 100_000
 """Lines that are executed at once. Ctrl-C takes effect between."""
@@ -170,37 +159,16 @@ class CompiledProgram:
     def register(self, window: Window, index: int, step: Step) -> None:
         """Enter the step of a control line into the table of its window."""
         table = self._table(window)
-        coded, control = table.text.coded, table.text.control
-        if coded.kind[index] != CONTROL:
-            return
-        entry = (
-            _loop_entry(table, index, step)
-            or _branch_entry(table, index, step)
-            or self._return_entry(table, index, step)
-        )
-        if entry is None:
-            return
-        # A line that leads out of the window is left to the interpreter.
-        inside = 0 <= entry.target <= table.window.count
-        if inside and int(coded.first[index + 1] - coded.first[index]) == entry.values:
-            table.version += 1
-            control.target[index], control.action[index] = entry.target, entry.action
-            # That of an elseif is the next one, whatever the line does when it is reached.
-            if entry.action != kernel.JUMP:
-                control.other[index] = entry.other
-
-    def _return_entry(self, table: Table, index: int, step: Step) -> _Entry | None:
-        """Return the entry of a return; None if it is left to the interpreter."""
-        first, subs = table.window.first, self._flow.listing.subs
-        if not isinstance(step, Return):
-            return None
-        label, values = step.control.label, len(step.control.values)
-        if step.control.keyword == "return":
-            return _Entry(kernel.RETURN, 0, -1, values)
-        subroutine = subs.get(label) if isinstance(label, str) else None
-        if subroutine is None or subroutine.first < first:
-            return None
-        return _Entry(kernel.RETURN, 0, subroutine.first - first, values)
+        if isinstance(step, ControlLine):
+            table.enter(step)
+        elif isinstance(step, Return):
+            label, sub = step.control.label, 0
+            if step.control.keyword != "return":
+                found = self._flow.listing.subs.get(label) if isinstance(label, str) else None
+                if found is None or found.first < window.first:
+                    return
+                sub = found.first
+            table.enter_return(index, sub, len(step.control.values))
 
     def _find_subs(self, table: Table) -> None:
         """Enter the subroutines that are known by now; those of other windows are copied."""
@@ -256,63 +224,3 @@ class CompiledProgram:
         for table in self._tables.values():
             for index, loop in table.loops.items():
                 loop.since = max(loop.since, int(table.text.control.since[index]))
-
-
-class _Entry(NamedTuple):
-    """An entry of the table: action, target, other line, and number of values of the line."""
-
-    action: int
-    target: int
-    other: int = -1
-    values: int = 0
-
-
-def _branch_entry(table: Table, index: int, step: Step) -> _Entry | None:
-    """Return the entry of a line that is no loop; None if it is left to the interpreter."""
-    first, control = table.window.first, table.text.control
-    match step:
-        case Nothing():
-            return _Entry(kernel.JUMP, index + 1)
-        case Jump(to=to):
-            return _Entry(kernel.JUMP, to - first)
-        case If(branches=branches, otherwise=otherwise):
-            chain = [index, *(branch - first for branch, _ in branches)]
-            if not all(_has_one_value(table, each) for each in chain):
-                return None
-            for before, after in pairwise(chain):
-                control.other[before] = after
-            control.other[chain[-1]] = -1
-            return _Entry(kernel.IF, otherwise - first, int(control.other[index]), 1)
-    return None
-
-
-def _loop_entry(table: Table, index: int, step: Step) -> _Entry | None:
-    """Return the entry of the first or last line of a loop; None if the line is another one."""
-    first = table.window.first
-    match step:
-        case While(loop=loop):
-            table.loops[index] = loop
-            return _Entry(kernel.WHILE, loop.last + 1 - first, values=1)
-        case EndWhile(first=begin) if _has_one_value(table, begin - first):
-            return _Entry(kernel.END_WHILE, begin + 1 - first, begin - first)
-        case Do(loop=loop):
-            table.loops[index] = loop
-            return _Entry(kernel.DO, 0)
-        case DoWhile(begin=begin):
-            return _Entry(kernel.DO_WHILE, begin - first, values=1)
-        case Repeat(loop=loop):
-            table.loops[index], table.repeats[index] = loop, step
-            return _Entry(kernel.REPEAT, loop.last + 1 - first, values=1)
-        case EndRepeat(begin=begin) if begin - 1 - first in table.repeats:
-            return _Entry(kernel.END_REPEAT, begin - first, begin - 1 - first)
-    return None
-
-
-def _has_one_value(table: Table, index: int) -> bool:
-    """Return whether a line is a control line with one value."""
-    coded = table.text.coded
-    return (
-        0 <= index < table.window.count
-        and coded.kind[index] == CONTROL
-        and int(coded.first[index + 1] - coded.first[index]) == 1
-    )

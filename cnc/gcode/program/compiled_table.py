@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.program.call_stack import Loop, Step
+from cnc.gcode.program.control_flow import ControlLine
 from cnc.gcode.syntax.source_text import Window
 from cnc.kernels.gcode import program_text as kernel
+from cnc.kernels.gcode import rules
 from cnc.kernels.gcode.arithmetic import NAMED
-from cnc.kernels.gcode.statements import UNKNOWN, Code, Coded, Words
+from cnc.kernels.gcode.statements import CONTROL, UNKNOWN, Code, Coded, Words
 
 MOST_CALLS = 8
 """Calls within each other in compiled code."""
@@ -20,8 +23,6 @@ MOST_NAMES = 256
 """Names of a window with calls in compiled code, since each call has all of them."""
 MOST_COPIED = 8192
 """Lines of other windows that a window takes."""
-_EXITS = (kernel.DO, kernel.RETURN)
-"""Actions without a target."""
 
 Array = NDArray[Any]
 
@@ -82,6 +83,43 @@ class Table:
             return line - first
         return self.places.get(line, -1)
 
+    def enter(self, entry: ControlLine) -> None:
+        """Enter a line of a branch or loop, unless it leads or asks out of the window."""
+        control, first, index = self.text.control, self.window.first, entry.line - self.window.first
+        chain = [entry]
+        # A jump asks no other line, even if it is an elseif, which its if asks.
+        while entry.action != rules.JUMP and (other := chain[-1].other) is not None:
+            chain.append(other)
+        is_known = entry.action != rules.END_REPEAT or chain[-1].line - first in self.repeats
+        if not is_known or not 0 <= entry.target - first <= self.window.count:
+            return
+        if not all(self._has_values(each.line - first, each.value is not None) for each in chain):
+            return
+        for before, after in pairwise(chain):
+            control.other[before.line - first] = after.line - first
+        if entry.action == rules.REPEAT:
+            self.repeats[index] = entry
+        if entry.loop is not None:
+            self.loops[index] = entry.loop
+        control.target[index], control.action[index] = entry.target - first, entry.action
+        self.version += 1
+
+    def enter_return(self, index: int, sub: int, values: int) -> None:
+        """Enter the return of the subroutine that begins at the line ``sub``; 0 for any."""
+        if self._has_values(index, values):
+            self.text.control.action[index] = rules.RETURN
+            self.text.control.other[index] = sub - self.window.first if sub else -1
+            self.version += 1
+
+    def _has_values(self, index: int, values: int) -> bool:
+        """Return whether a line of the window is a control line with a number of values."""
+        coded = self.text.coded
+        return (
+            0 <= index < self.window.count
+            and coded.kind[index] == CONTROL
+            and int(coded.first[index + 1] - coded.first[index]) == values
+        )
+
     def add_copies(self, new: list[Copy]) -> None:
         """Append copies of subroutines; their places are set."""
         place = len(self.text.line)
@@ -105,10 +143,10 @@ class Table:
             here = slice(place, place + copy.end + 1 - copy.begin)
             action, target, other = known.action[span], known.target[span], known.other[span]
             inside = (copy.begin <= target) & (target <= copy.end)
-            inside |= np.isin(action, _EXITS)
+            inside |= action == rules.RETURN
             inside &= (other < 0) | ((copy.begin <= other) & (other <= copy.end))
             shift = place - copy.begin
-            own.action[here] = np.where(inside, action, kernel.LEFT_OUT)
+            own.action[here] = np.where(inside, action, rules.LEFT_OUT)
             own.target[here] = target + shift
             own.other[here] = np.where(other < 0, -1, other + shift)
             for index, step in source.repeats.items():
@@ -144,7 +182,7 @@ def frames_of(local_slots: NDArray[np.int32]) -> kernel.Frames:
     """Return space for calls; none if there are too many names."""
     names = len(local_slots)
     depth = MOST_CALLS if names <= MOST_NAMES else 0
-    numbers = kernel.LAST_LOCAL + 1
+    numbers = rules.LOCAL + 1
     return kernel.Frames(
         np.zeros(depth, np.int64),
         np.zeros(depth, np.int64),

@@ -6,19 +6,26 @@ manual, "Custom macro", branch and repetition.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
-from cnc.gcode.program.call_stack import Flow, Listing, Loop
+from cnc.gcode.program.call_stack import ControlStep, Flow, Listing, Loop
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import Control, Statement, Value
-from cnc.gcode.syntax.words import fault
-from cnc.kernels.gcode.rules import rounds_of
+from cnc.gcode.syntax.statement import Control, Value
+from cnc.kernels.gcode.rules import (
+    END_REPEAT,
+    END_WHILE,
+    IF,
+    JUMP,
+    REPEAT,
+    asks_value,
+    line_after,
+)
 from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import CncError, GcodeError
 
-_rounds_of = interpreted(rounds_of)
+_asks_value, _line_after = interpreted(asks_value), interpreted(line_after)
 
 MAX_SEQUENCE = 99_999_999
 """Highest block number that can be jumped to."""
@@ -38,145 +45,81 @@ def shown(control: Control) -> str:
             return f"o{label} {control.keyword}"
 
 
-class If:
-    """``o1 if``.
+@dataclass(slots=True, eq=False)
+class ControlLine:
+    """A line of a branch or loop: an entry of the table of flow, which compiled code copies.
 
     Attributes:
-        branches: Line and condition of each elseif.
-        otherwise: The line to continue at if no condition holds.
+        line: Its number.
+        action: What it does (:mod:`cnc.kernels.gcode.rules`).
+        target: The line to which it leads, but to the next one.
+        value: Its condition or count.
+        other: The next elseif of an if, or the first line of the loop that this line ends.
+        loop: The loop that it begins.
     """
 
-    __slots__ = ("branches", "condition", "otherwise", "parameters")
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        condition: Value,
-        branches: list[tuple[int, Value]],
-        otherwise: int,
-    ) -> None:
-        self.parameters = parameters
-        self.condition = condition
-        self.branches = branches
-        self.otherwise = otherwise
+    line: int
+    action: int
+    target: int
+    value: Value | None = None
+    other: ControlLine | None = None
+    loop: Loop | None = None
 
     def run(self, flow: Flow, line: int) -> int:
-        """Enter the first branch whose condition holds."""
-        if self.condition(self.parameters):
-            return line + 1
-        for branch, condition in self.branches:
-            if _value_at(flow, branch, condition):
-                return branch + 1
-        return self.otherwise
+        """Return the line to continue at."""
+        action, target, counts = self.action, self.target, flow.frame.counts
+        if self.loop is not None:
+            self.loop.since = flow.executed
+        # The end of a loop that has no condition of its own has that of its first line.
+        asked = self.other if action == END_WHILE and self.other else self
+        value = asked.evaluate(flow, line) if _asks_value(action) else 0.0
+        counted = self.other or self
+        after, rounds = _line_after(action, value, counts.get(counted, 0), line, target)
+        while action == IF and after == target and asked.other is not None:
+            asked = asked.other
+            after, _ = _line_after(IF, asked.evaluate(flow, line), 0, asked.line, target)
+        if action in (REPEAT, END_REPEAT):
+            counts[counted] = int(rounds)
+        return int(after)
 
-
-class Jump:
-    """A line after which the program always continues at the same line."""
-
-    __slots__ = ("to",)
-
-    def __init__(self, to: int) -> None:
-        self.to = to
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Continue at the target."""
-        return self.to
-
-
-class While:
-    """``o1 while``, ``WHILE [..] DO1`` and ``DO1`` alone, whose condition always holds."""
-
-    __slots__ = ("condition", "loop", "parameters")
-
-    def __init__(self, parameters: Parameters, condition: Value, loop: Loop) -> None:
-        self.parameters, self.condition, self.loop = parameters, condition, loop
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Enter the loop or pass it."""
-        self.loop.since = flow.executed
-        value = self.condition(self.parameters)
-        return line + 1 if value and value == value else self.loop.last + 1
-
-
-class EndWhile:
-    """The last line of a while loop. It evaluates the condition of the first line again."""
-
-    __slots__ = ("begin", "condition", "first", "parameters")
-
-    def __init__(self, begin: While) -> None:
-        self.first, self.begin = begin.loop.first, begin.loop.first + 1
-        self.condition, self.parameters = begin.condition, begin.parameters
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Repeat the loop or leave it."""
+    def evaluate(self, flow: Flow, line: int) -> float:
+        """Return condition or count while ``line`` is executed."""
+        assert self.value is not None
         try:
-            value = self.condition(self.parameters)
+            return self.value(flow.parameters)
         except GcodeError as error:
-            raise flow.listing.placed(error, self.first) from None
-        return self.begin if value and value == value else line + 1
+            raise (error if line == self.line else flow.listing.placed(error, self.line)) from None
 
 
-class Do:
-    """The first line of do .. while."""
+def enter_branch(
+    listing: Listing, chain: Sequence[tuple[int, Value]], otherwise: int, last: int
+) -> None:
+    """Enter the lines of an if.
 
-    __slots__ = ("loop",)
-
-    def __init__(self, loop: Loop) -> None:
-        self.loop = loop
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Enter the loop."""
-        self.loop.since = flow.executed
-        return line + 1
-
-
-class DoWhile:
-    """The last line of do .. while."""
-
-    __slots__ = ("begin", "condition", "parameters")
-
-    def __init__(self, parameters: Parameters, condition: Value, loop: Loop) -> None:
-        self.parameters, self.condition, self.begin = parameters, condition, loop.first + 1
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Repeat the loop or leave it."""
-        return self.begin if self.condition(self.parameters) else line + 1
-
-
-class Repeat:
-    """``o1 repeat [n]``.
-
-    The count is rounded to a whole number, halves to the even one. Below 1 the loop is passed.
+    Args:
+        listing: The text.
+        chain: Line and condition of the if and of each elseif.
+        otherwise: Line of the else; 0 for none.
+        last: Its last line.
     """
-
-    __slots__ = ("count", "loop", "parameters")
-
-    def __init__(self, parameters: Parameters, count: Value, loop: Loop) -> None:
-        self.parameters, self.count, self.loop = parameters, count, loop
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Enter the loop or pass it."""
-        self.loop.since = flow.executed
-        count = int(_rounds_of(self.count(self.parameters)))
-        if count < 1:
-            return self.loop.last + 1
-        flow.frame.counts[self] = count
-        return line + 1
+    steps, other = listing.steps, None
+    for line, condition in reversed(chain[1:]):
+        other = steps[line] = ControlLine(line, JUMP, last + 1, condition, other)
+    first, condition = chain[0]
+    steps[first] = ControlLine(first, IF, (otherwise or last) + 1, condition, other)
+    for line in filter(None, (otherwise, last)):
+        steps[line] = ControlLine(line, JUMP, last + 1)
 
 
-class EndRepeat:
-    """The last line of a repeat loop. It counts the rounds down."""
-
-    __slots__ = ("begin", "repeat")
-
-    def __init__(self, repeat: Repeat) -> None:
-        self.repeat, self.begin = repeat, repeat.loop.first + 1
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Repeat the loop or leave it."""
-        counts = flow.frame.counts
-        counts[self.repeat] = left = counts[self.repeat] - 1
-        return self.begin if left else line + 1
+def enter_loop(
+    listing: Listing, loop: Loop, actions: tuple[int, int], *values: Value | None
+) -> None:
+    """Enter the first and the last line of a loop, with their actions and values."""
+    first, last, (value, last_value) = loop.first, loop.last, values
+    begin = ControlLine(first, actions[0], last + 1, value, loop=loop)
+    listing.steps[first] = begin
+    listing.steps[last] = ControlLine(last, actions[1], first + 1, last_value, begin)
+    listing.loops.append(loop)
 
 
 class BackwardJump:
@@ -201,29 +144,26 @@ class BackwardJump:
         self.loop.first = min(self.loop.first, to)
 
 
-class Goto:
+class Goto(ControlStep):
     """``GOTO n``, with or without a condition.
 
     The target is the first line with ``N n`` after this one in the same program, or else from the
     beginning of the program.
     """
 
-    __slots__ = ("at", "back", "condition", "found", "parameters", "target")
+    __slots__ = ("back", "found")
 
-    def __init__(
-        self, parameters: Parameters, condition: Value | None, target: Value, at: Place
-    ) -> None:
-        self.parameters, self.condition, self.target, self.at = parameters, condition, target, at
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
         self.found: dict[float, int] = {}
-        self.back = BackwardJump("this GOTO", at)
+        self.back = BackwardJump("this GOTO", self.at)
 
     def run(self, flow: Flow, line: int) -> int:
         """Jump if there is no condition or it holds."""
-        if self.condition is not None:
-            value = self.condition(self.parameters)
-            if not value or value != value:
-                return line + 1
-        number = self.target(self.parameters)
+        *condition, target = self.control.values
+        if condition and not _holds(condition[0], flow):
+            return line + 1
+        number = target(flow.parameters)
         to = self.found.get(number)
         if to is None:
             listing = flow.listing
@@ -279,29 +219,29 @@ def jump_target(
     return to
 
 
-class Conditional:
+def _holds(condition: Value, flow: Flow) -> bool:
+    """Return whether a condition holds: its value is not 0, and not vacant."""
+    value = condition(flow.parameters)
+    return value == value and value != 0.0
+
+
+class Conditional(ControlStep):
     """``IF [..] THEN`` with its assignments."""
 
-    __slots__ = ("condition", "parameters", "then")
-
-    def __init__(self, parameters: Parameters, condition: Value, then: Statement) -> None:
-        self.parameters, self.condition, self.then = parameters, condition, then
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the assignments if the condition holds."""
-        value = self.condition(self.parameters)
-        if value and value == value:
-            flow.interpreter.execute(self.then, line)
+        if _holds(self.control.values[0], flow):
+            assert self.control.then is not None
+            flow.interpreter.execute(self.control.then, line)
         return line + 1
 
 
-class Border:
+class Border(ControlStep):
     """The first line of a program: O and a number alone."""
 
-    __slots__ = ("at", "name")
-
-    def __init__(self, at: Place, name: str) -> None:
-        self.at, self.name = at, name
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Continue if the main program begins here.
@@ -309,18 +249,13 @@ class Border:
         Raises:
             CncError: ``subprogram-not-ended``, ``program-end-missing``.
         """
+        name = shown(self.control)
         if flow.frame.kind != "main":
-            raise not_ended(flow, f"before {self.name} begins in line {line}")
+            raise not_ended(flow, f"before {name} begins in line {line}")
         if flow.interpreter.begun or flow.main_border:
-            message = f"{self.name} begins before the program above it has ended"
+            message = f"{name} begins before the program above it has ended"
             hint = "end the main program with M30 or M2, a subprogram with M99"
-            raise fault(
-                "program-end-missing",
-                message,
-                column=self.at.column,
-                length=self.at.length,
-                hint=hint,
-            )
+            raise flow.listing.fault(self.at, "program-end-missing", message, hint)
         flow.main_border = line
         return line + 1
 
@@ -336,11 +271,3 @@ def not_ended(flow: Flow, where: str) -> CncError:
     return frame.listing.fault(
         at, "subprogram-not-ended", f"{frame.name} does not end {where}", "M99 is missing"
     )
-
-
-def _value_at(flow: Flow, line: int, value: Value) -> float:
-    """Compute a value that stands in another line than the one that is executed."""
-    try:
-        return value(flow.parameters)
-    except GcodeError as error:
-        raise flow.listing.placed(error, line) from None

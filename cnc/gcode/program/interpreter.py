@@ -42,6 +42,7 @@ from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
 from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.context import Context
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState, codes_of, feed_of
 from cnc.gcode.state.position_parameters import bind_position
@@ -108,39 +109,26 @@ class Interpreter:
         )
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
+        context = Context(dialect, self.here, self.modal, self.out, parameters, self.unused_words)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser,
-            optional_stop=policy.optional_stop,
-        )  # fmt: skip
-        self._dwells = Dwells(dialect, self.here, self.modal, self.out)
-        self.input_output_codes = InputOutputCodes(
-            self.here, self.out, parameters, tilting=policy.tool_tip is not None
+            context, laser=policy.laser, optional_stop=policy.optional_stop
         )
-        self.motion = Motion(
-            axes, dialect, self.here, self.modal, position, self.coordinates, self.out,
-            self.unused_words,
-        )  # fmt: skip
-        self.motion.rotary = RotaryAxes(axes, policy.wraps, dialect.wrap)
-        motion, unused = self.motion, self.unused_words
-        self.feed_codes = FeedCodes(dialect, self.here, self.modal, motion, parameters, unused)
-        self.tip_control = TipControlCodes(self.motion, self.out, self.here, policy.tool_tip)
+        self._dwells = Dwells(context)
+        self.input_output_codes = InputOutputCodes(context, tilting=policy.tool_tip is not None)
+        self.motion = motion = Motion(context, axes, position, self.coordinates)
+        motion.rotary = RotaryAxes(axes, policy.wraps, dialect.wrap)
+        self.feed_codes = FeedCodes(motion)
+        self.tip_control = TipControlCodes(motion, policy.tool_tip)
         self.tool_codes = ToolCodes(
-            dialect,
-            self.here,
-            self.modal,
-            self.motion,
+            motion,
             ToolTable() if tools is None else tools,
             self.tip_control,
             zero_without_table=policy.tool_lengths == "zero",
         )
         self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
-        self.offset_codes = OffsetCodes(
-            dialect, self.here, self.modal, self.motion, self.tool_codes
-        )
-        self.figure_codes = FigureCodes(dialect, self.modal, self.motion)
-        self.compensation_codes = CompensationCodes(
-            dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
-        )
+        self.offset_codes = OffsetCodes(motion, self.tool_codes)
+        self.figure_codes = FigureCodes(motion)
+        self.compensation_codes = CompensationCodes(motion, self.tool_codes)
         self.turning_cycles = self._register_curves_and_cycles()
         self._bind_parameters()
         self.points_wanted = dialect.decimal_points
@@ -155,25 +143,23 @@ class Interpreter:
 
     def _register_curves_and_cycles(self) -> TurningCycles | None:
         """Register the curves and cycles as motion codes; return the cycles of a lathe."""
-        motion, dialect, modal, here = self.motion, self.dialect, self.modal, self.here
-        bezier.register(motion, modal, here)
-        g6_2.register(motion, dialect, modal, here)
-        g5_2.register(motion, modal, here, self.feed_codes.feed)
-        bspline.register(motion, modal, here, self.feed_codes.feed)
-        runner = CycleRunner(motion, modal, here, self.out)
-        self.drilling_cycles = drilling.register(motion, dialect, modal, runner, self._dwells, here)
-        if dialect.hole_patterns:
-            hole_patterns.register(motion, modal, self.drilling_cycles)
-        threading.register(motion, dialect, modal, runner)
-        circular_pocket.register(motion, dialect, modal, here, self.tool_codes)
-        self.probing = probing.Probing(motion, dialect, modal, here, self.out, self.parameters)
-        if not dialect.lathe:
+        motion = self.motion
+        bezier.register(motion)
+        g6_2.register(motion)
+        g5_2.register(motion, self.feed_codes.feed)
+        bspline.register(motion, self.feed_codes.feed)
+        runner = CycleRunner(motion)
+        self.drilling_cycles = drilling.register(motion, runner, self._dwells)
+        if self.dialect.hole_patterns:
+            hole_patterns.register(motion, self.drilling_cycles)
+        threading.register(motion, runner)
+        circular_pocket.register(motion, self.tool_codes)
+        self.probing = probing.Probing(motion)
+        if not self.dialect.lathe:
             return None
         from cnc.gcode.cycles import turning_cycles
 
-        return turning_cycles.register(
-            motion, dialect, modal, here, self.out, self.compensation_codes
-        )
+        return turning_cycles.register(motion, self.compensation_codes)
 
     def _bind_parameters(self) -> None:
         """Let parameters read the position and the state."""
@@ -188,7 +174,7 @@ class Interpreter:
                 parameters, modal, self.here, self.coordinates, self.out,
                 lambda: self.motion.position,
             )  # fmt: skip
-            OffsetVariables(self.dialect, self.here, self.tool_codes, self.coordinates)
+            OffsetVariables(self.tool_codes)
             control_variables.bind(parameters, self.here, self.policy, self.dialect.variables)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 

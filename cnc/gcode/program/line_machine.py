@@ -13,7 +13,7 @@ from cnc.gcode.cycles.drilling import Series
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.program.row_blocks import RowBlocks
 from cnc.gcode.state.coordinates import SYSTEM_CODES
-from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, SPINDLE_STATES, Feed
+from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M, PLANES, SPINDLE_STATES, Feed
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word
 from cnc.kernels.gcode import rows as kernel
@@ -33,7 +33,7 @@ _PLANES = tuple(PLANES.values())
 _ACROSS: dict[Plane, str] = {"XY": "Z", "ZX": "Y", "YZ": "X"}
 _Numbers = NDArray[Any]
 _SeriesState = tuple[int, int, int, list[float], list[float], list[int]]
-_GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
+_GROUPS = list(dict.fromkeys((*GROUP_OF_G.values(), *GROUP_OF_M.values())))
 _ACTIONS = {
     **dict.fromkeys((*_MOTIONS, *_CYCLES), kernel.MOVE),
     G.G98: kernel.INITIAL_LEVEL,
@@ -86,14 +86,18 @@ class LineMachine:
             letters = (*PLANE_AXES[plane], _ACROSS[plane].lower())
             setup["planes"][row] = [axes.index(axis) if axis in axes else -1 for axis in letters]
         for code, group in GROUP_OF_G.items():
-            if code in dialect.g and code >= 0:
-                setup["g_group"][code] = _GROUPS[group]
+            if code >= 0:
+                setup["g_group"][code] = _GROUPS.index(group)
+        for m, group in GROUP_OF_M.items():
+            if m < len(setup["m_group"]):
+                setup["m_group"][m] = _GROUPS.index(group)
         setup["m_action"] = kernel.STOP
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
                 setup["m_action"][m] = action
         if dialect.stops_after_move:
             setup["m_action"][M.M5] = kernel.STOP
+        setup["most_line_number"] = dialect.most_line_number or math.inf
         cycles, dwell = dialect.cycles, dialect.dwell
         # The unit of a P with a decimal point is another one.
         if "P" not in dialect.dwell_point:

@@ -5,7 +5,7 @@ All other lines are executed as statements and have no step class.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.klartext import steps as klartext
@@ -13,22 +13,15 @@ from cnc.gcode.program import (
     block_matching,
     control_flow,
     numbered_programs,
-    siemens_cycles,
-    siemens_flow,
-    siemens_frames,
-    siemens_holes,
-    siemens_repeat,
-    siemens_subprograms,
     subprograms,
 )
 from cnc.gcode.program.builder_files import file_call
-from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
+from cnc.gcode.program.call_stack import NOTHING, Flow, Maker, Page, Step
 from cnc.gcode.program.compiled_program import CompiledProgram
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.percent import PercentStep
 from cnc.gcode.program.plain_lines import SHORTEST, PlainLines
-from cnc.gcode.program.siemens_repeat import SectionEnd
 from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.source_text import Window
@@ -39,17 +32,19 @@ MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto", "s-goto")
 _PROFILE_CODES = frozenset(code.code for code in (G.G70, G.G71, G.G72))
-_MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
-    block_matching.MAKERS
-    | subprograms.MAKERS
-    | siemens_cycles.MAKERS
-    | siemens_flow.MAKERS
-    | siemens_frames.MAKERS
-    | siemens_holes.MAKERS
-    | siemens_repeat.MAKERS
-    | siemens_subprograms.MAKERS
-    | klartext.MAKERS
-)
+
+
+def _makers(flavour: str) -> Mapping[str, Maker]:
+    """Return the functions that make the step of a control line of a language, by keyword."""
+    if flavour == "siemens":
+        # Most programs are in another language.
+        from cnc.gcode.sinumerik import cycles, flow, frames
+        from cnc.gcode.sinumerik import subprograms as called
+
+        return {**cycles.MAKERS, **flow.MAKERS, **frames.MAKERS, **called.MAKERS}
+    if flavour == "klartext":
+        return klartext.MAKERS
+    return block_matching.MAKERS | subprograms.MAKERS
 
 
 class StepMaker:
@@ -62,6 +57,7 @@ class StepMaker:
         self._builder_codes = codes
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
+        self._makers = _makers(dialect.flavour)
         machine = LineMachine(flow.interpreter)
         self._runs = PlainLines(flow.interpreter, machine)
         is_compiled = dialect.flavour in ("ngc", "siemens")
@@ -88,6 +84,8 @@ class StepMaker:
         listing, line = self._flow.listing, page.first + index
         step = self._make(page.window, line, index)
         if line in listing.section_ends:
+            from cnc.gcode.sinumerik.flow import SectionEnd  # for its programs only
+
             step = SectionEnd(_Alone(step) if isinstance(step, Statement) else step)
         # Few lines of a long program are executed again. If their statements were kept, the garbage
         # collector would take much time.
@@ -171,11 +169,7 @@ class StepMaker:
         flow = self._flow
         step = flow.listing.steps.get(line)
         if step is None:
-            if control.keyword == "if-then":
-                assert control.then is not None
-                step = control_flow.Conditional(flow.parameters, control.values[0], control.then)
-            else:
-                step = _MAKERS[control.keyword](flow, line, control)
+            step = self._makers[control.keyword](flow, line, control)
             # A jump knows its loop, so it must be kept. Calls are not kept: a program may have a
             # million of them.
             if control.keyword in _JUMPS:
@@ -185,10 +179,6 @@ class StepMaker:
     def _of_words(self, line: int, statement: Statement) -> Step | Statement:
         if statement.percent:
             return _PERCENT
-        if self._dialect.flavour == "siemens" and (
-            step := siemens_subprograms.plain_step(line, statement)
-        ):
-            return step
         for word in statement.words:
             if (word.letter, word.number) in numbered_programs.CODES:
                 if word.letter == "M":

@@ -148,17 +148,8 @@ class ProgramCall:
         if listing is flow.main:
             flow.entered.add(scope)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
-        frame = Frame(
-            kind,
-            f"{'N' if self.local else 'O'}{number}",
-            listing,
-            scope,
-            flow.listing,
-            self.at,
-            line + 1,
-            repeats_left=repeats - 1,
-            is_repeated=repeats > 1,
-        )
+        name, caller = f"{'N' if self.local else 'O'}{number}", flow.listing
+        frame = Frame(kind, name, listing, scope, caller, self.at, line + 1, repeats)
         return flow.enter(frame, arguments)
 
     def _number_and_repeats(self, flow: Flow) -> tuple[int, int]:
@@ -283,12 +274,8 @@ class ProgramReturn:
                 return line + 1
             jump = BackwardJump("this M99", self.at)
             return self._jump(flow, flow.listing, block, line, jump)
-        if frame.repeats_left:
-            frame.repeats_left -= 1
-            frame.counts.clear()
-            return frame.first
-        if block is None:
-            return flow.leave()
+        if frame.rounds > 1 or block is None:
+            return flow.finish()
         jump = BackwardJump(f"the call of {frame.name}", frame.at)
         to = self._jump(flow, frame.caller, block, frame.at.line, jump)
         flow.leave()

@@ -45,7 +45,7 @@ class RepeatedStates:
         interpreter = flow.interpreter
         calls = [
             (id(frame.listing), frame.scope, id(frame.caller), frame.return_line,
-             frame.repeats_left, dict(frame.counts))
+             frame.rounds, dict(frame.counts))
             for frame in (*flow.frames, flow.frame)
         ]  # fmt: skip
         position, coordinates = list(interpreter.motion.position), interpreter.coordinates
@@ -54,7 +54,7 @@ class RepeatedStates:
             id(flow.listing),
             calls,
             flow.value,
-            flow.sections.state(),
+            [(section.first, section.repeats_left) for section in flow.sections],
             flow.parameters.state(),
             replace(interpreter.modal),
             position,

@@ -8,18 +8,19 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
-from cnc.gcode.program.control_flow import Jump, shown
+from cnc.gcode.program.call_stack import ControlStep, Flow, Frame, Listing, Maker, Step, Subroutine
+from cnc.gcode.program.control_flow import ControlLine, shown
 from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Control, Value
 from cnc.gcode.syntax.words import fault
+from cnc.kernels.gcode.rules import JUMP
 from cnc.model.diagnostics import CncError, UsageError
 
 MAX_LABEL = 999_999_999
@@ -137,7 +138,7 @@ def define(listing: Listing, line: int, control: Control) -> Subroutine:
         message = f"{subroutine.name} is defined in line {other.first} already"
         raise listing.control_fault(line, control, "sub-repeated", message, "use another label")
     # The definition itself is passed.
-    listing.steps[line] = Jump(subroutine.last + 1)
+    listing.steps[line] = ControlLine(line, JUMP, subroutine.last + 1)
     return subroutine
 
 
@@ -169,14 +170,13 @@ def sub_at(flow: Flow, line: int, control: Control) -> Step:
     return flow.listing.steps[line]
 
 
-class Call:
+class Call(ControlStep):
     """``o1 call [..] [..]``."""
 
-    __slots__ = ("at", "control", "label", "subroutine")
+    __slots__ = ("subroutine",)
 
-    def __init__(self, line: int, control: Control) -> None:
-        self.at = Place(line, control.column, control.length)
-        self.control, self.label = control, control.label
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
         self.subroutine: Subroutine | None = None
         if len(control.values) > LOCAL:
             message = f"{len(control.values)} arguments: a call takes at most {LOCAL}"
@@ -188,21 +188,14 @@ class Call:
         arguments = [value(parameters) for value in self.control.values]
         subroutine = self.subroutine
         if subroutine is None:
-            label = self.label
+            label = self.control.label
             if isinstance(label, str):
                 subroutine = self.subroutine = self._look_up(flow, label)
             else:
                 subroutine = self._look_up(flow, self._computed_label(label, parameters))
         flow.value = None
-        frame = Frame(
-            "sub",
-            subroutine.name,
-            subroutine.listing,
-            subroutine.first,
-            flow.listing,
-            self.at,
-            line + 1,
-        )
+        found, first = subroutine.listing, subroutine.first
+        frame = Frame("sub", subroutine.name, found, first, flow.listing, self.at, line + 1)
         return flow.enter(frame, arguments)
 
     def _computed_label(self, label: Value, parameters: Parameters) -> str:
@@ -270,52 +263,33 @@ class Call:
         return fault(code, message, column=self.at.column, length=self.at.length, hint=hint)
 
 
-def call_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of ``o1 call``."""
-    return Call(line, control)
-
-
-class Return:
+class Return(ControlStep):
     """``o1 return [..]`` and ``o1 endsub [..]``.
 
     A return leaves the subroutine around it, whatever its label, as in LinuxCNC.
     """
 
-    __slots__ = ("control",)
-
-    def __init__(self, control: Control) -> None:
-        self.control = control
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Return to the caller."""
         frame, control = flow.frame, self.control
         label = control.label if isinstance(control.label, str) else "[..]"
         if frame.kind != "sub":
-            raise fault(
-                "sub-not-open",
-                f"{shown(control)} outside of a subroutine",
-                column=control.column,
-                length=control.length,
-            )
+            message = f"{shown(control)} outside of a subroutine"
+            raise flow.listing.fault(self.at, "sub-not-open", message)
         if control.keyword == "endsub" and frame.name != f"o{label}":
             message = f"{shown(control)} in subroutine {frame.name} of line {frame.scope}"
             hint = f"write {frame.name} {control.keyword}"
-            raise fault(
-                "sub-not-open", message, column=control.column, length=control.length, hint=hint
-            )
+            raise flow.listing.fault(self.at, "sub-not-open", message, hint)
         flow.value = control.values[0](flow.parameters) if control.values else None
         return flow.leave()
 
 
-def return_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of ``o1 return`` and ``o1 endsub``."""
-    return Return(control)
-
-
-MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
+MAKERS: dict[str, Maker] = {
     "sub": sub_at,
-    "endsub": return_at,
-    "return": return_at,
-    "call": call_at,
+    "endsub": Return,
+    "return": Return,
+    "call": Call,
 }
 """Functions that make the step of a control line, by keyword."""

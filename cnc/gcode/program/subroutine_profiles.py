@@ -83,7 +83,7 @@ class SubroutineCycle(ProfileCycle):
         label = str(whole(at, "the number of a subroutine", 0, MAX_SUBROUTINE))
         cycles.go_to_start(words, self._word)
         modal, position = replace(interpreter.modal), list(interpreter.motion.position)
-        call = Call(line, Control("call", label, (), at.column, at.length))
+        call = Call(flow, line, Control("call", label, (), at.column, at.length))
         first = call.run(flow, line)
         flow.frame.return_line = line
         depth = len(flow.frames) - 1
@@ -108,9 +108,4 @@ class SubroutineCycle(ProfileCycle):
 
     @staticmethod
     def _cycles(flow: Flow) -> SubroutineProfiles:
-        interpreter = flow.interpreter
-        moves = TurningMoves(
-            interpreter.motion, interpreter.modal, interpreter.here, interpreter.out
-        )
-        dialect = interpreter.dialect
-        return SubroutineProfiles(dialect, TurningCycles(dialect, moves))
+        return SubroutineProfiles(TurningCycles(TurningMoves(flow.interpreter.motion)))

@@ -83,7 +83,7 @@ class ProfileCycle:
         both = bool(letters & set("XU")) and bool(letters & set("ZW"))
         with turning.moves.uncompensated(at):
             blocks = _path_of(interpreter, moves, line)
-            cycles = ProfileCycles(interpreter.dialect, turning)
+            cycles = ProfileCycles(turning)
             cycles.run(self._code, words, blocks, at, pockets=both)
         return after
 

@@ -46,9 +46,10 @@ from cnc.model.diagnostics import GcodeError
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 """Range of the numbers of tools that a program calls by a name; a checksum gives the number."""
+MOST_CALLS = 9999
+"""Most repeats of a call."""
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _LABEL = re.compile(r"[A-Z_][A-Z0-9_]+")
-_REPEATS = re.compile("[0-9]{1,4}")
 _FRAME = re.compile(r"A?(TRANS|ROT|SCALE|MIRROR)")
 _DISTANCE = re.compile(r"(?<![A-Z])G9([01])(?![0-9])", re.IGNORECASE)
 """G90 or G91."""
@@ -491,7 +492,7 @@ class Lines:
         number = re.fullmatch("[N:]?([0-9]+)", target.text)
         label = str(int(number[1])) if number else target.text
         condition = (self._value(parts[1], goto).value,) if len(parts) == 4 else ()
-        return self._control("s-goto", f"{direction or ' '}{label}", condition, begin, end)
+        return self._control("s-goto", label, condition, begin, end, (direction,))
 
     def _condition(self, begin: int, end: int, keyword: Token, condition: Node) -> Control:
         kind = cast(Keyword, f"s-{keyword.text.lower()}")
@@ -519,9 +520,8 @@ class Lines:
             return self._control("s-repeat", "", (), begin, end)
         if not 1 <= len(labels) <= (2 if keyword.text == "REPEAT" else 1):
             raise refused(keyword.text, begin)
-        kind, first, last = keyword.text[6:], labels[0], labels[1] if len(labels) == 2 else ""
         value = _one if count is None else count.value
-        return self._control("s-again", f"{kind} {first} {last}", (value,), begin, end)
+        return self._control("s-again", keyword.text, (value,), begin, end, tuple(labels))
 
     def _defined(
         self, begin: int, end: int, name: Token, *parts: Any
@@ -534,7 +534,7 @@ class Lines:
     ) -> Control:
         if kind.text not in KINDS or isinstance(parts[0], list):
             raise refused("DEF", begin)
-        names: list[str] = []
+        names: list[str | int] = []
         values: list[Node] = []
         for part in parts:
             if isinstance(part, Token):
@@ -542,18 +542,17 @@ class Lines:
             name, index, value = part
             if index is not None:
                 numbers, listed = self._defined_array(name, kind.text, index, value)
-                names += [f"#{number}" for number in numbers]
+                names += numbers
                 values += listed
             elif len(name.text) < 2:
                 hint = f"DEF REAL NAME=1.5, OTHER[3,2] is read; {MOST_ELEMENTS} elements at most"
                 raise not_supported(f"DEF {kind.text} of this form", name.begin, name.end, hint)
             else:
                 names.append(self._stored(name))
-                given = constant(0.0, end, end) if value is None else value
-                values.append(self._as_type(kind.text, given))
-        return self._control(
-            "s-def", " ".join(names), tuple(each.value for each in values), begin, end
-        )
+                first = constant(0.0, end, end) if value is None else value
+                values.append(self._as_type(kind.text, first))
+        given = tuple(each.value for each in values)
+        return self._control("s-def", "", given, begin, end, tuple(names))
 
     def _defined_array(
         self, name: Token, kind: str, index: list[Any], value: Node | None
@@ -590,8 +589,8 @@ class Lines:
         if found is None:
             hint = "REAL, INT and BOOL are read, without VAR"
             raise not_supported("PROC with these parameters", begin, end, hint)
-        label = " ".join(f"{each.stored}:{each.kind}" for each in found)
-        return self._control("s-proc", label, (), begin, end)
+        names = tuple(name for each in found for name in (each.stored, each.kind))
+        return self._control("s-proc", "", (), begin, end, names)
 
     def _declaration(self, begin: int, end: int, *parts: Any) -> None:
         """EXTERN: the parameters of a subprogram, which its PROC has too."""
@@ -635,6 +634,9 @@ class Lines:
         control = self._control_of(rest)
         if control is not None:
             return Statement(control=control, deletable=deletable)
+        if len(rest) == 1 and rest[0].__class__ is _Word and rest[0].word.letter == "O":
+            # The number of a program has no effect.
+            return Statement(deletable=deletable)
         found: list[_Word] = list(number)
         assignments: list[Assignment] = []
         for item in rest:
@@ -718,8 +720,7 @@ class Lines:
         if name in ("HOLES1", "HOLES2") and first.arguments is not None:
             return self._control("s-holes", name[5:], self._values(first), begin, end)
         if name == "CYCLE800" and first.arguments is not None:
-            level = self._level_name(first.arguments)
-            return self._control("frame", level, (_nothing,) * 4, begin, end) if level else None
+            return self._level(first.arguments, begin, end)
         return self._sub_call(first, rest)
 
     def _beside(self, control: Control, place: Any) -> GcodeError:
@@ -734,23 +735,23 @@ class Lines:
 
     def _plain_control(self, rest: list[Any], word: Word) -> Control | None:
         """Return the control of a line of M17, M2 or M30, or of L and a number."""
+        if word.letter == "P" and len(rest) == 2 and isinstance(rest[1], _Word):
+            rest, word = rest[::-1], rest[1].word
         begin, end = word.column - 1, word.column - 1 + word.length
         if len(rest) == 1 and word.letter == "M" and word.number in _ENDS:
             return self._control("s-end", _ENDS[word.number], (), begin, end)
-        if re.fullmatch("L[0-9]{1,7}", word.written) and (
-            (repeats := self._repeats(rest[1:])) is not None
-        ):
-            return self._control("s-call", f"{word.written} {repeats}".rstrip(), (), begin, end)
+        if re.fullmatch("L[0-9]{1,7}", word.written) and (count := self._repeats(rest[1:])) >= 0:
+            return self._control("s-call", word.written, (), begin, end, count=count)
         return None
 
-    def _repeats(self, rest: list[Any]) -> str | None:
-        """Return the repeats of a call, empty for one; None for other words."""
+    def _repeats(self, rest: list[Any]) -> int:
+        """Return the repeats of a call, one without P; -1 for other words."""
         if not rest:
-            return ""
+            return 1
         if len(rest) > 1 or not isinstance(rest[0], _Word) or rest[0].word.letter != "P":
-            return None
-        digits = rest[0].word.written[1:]
-        return digits if _REPEATS.fullmatch(digits) else None
+            return -1
+        count = rest[0].word.whole
+        return count if count is not None and 0 <= count <= MOST_CALLS else -1
 
     def _sub_call(self, first: _Named, rest: list[Any]) -> Control | None:
         """Return the call of a subprogram; None for another line."""
@@ -763,10 +764,10 @@ class Lines:
             ):
                 return None
             return self._control("s-call", name, self._values(first), begin, first.end)
-        repeats = None if first.arguments else self._repeats(rest[1:])
-        if repeats is None:
+        count = -1 if first.arguments else self._repeats(rest[1:])
+        if count < 0:
             return None
-        return self._control("s-call", f"{name} {repeats}".rstrip(), (), begin, first.end)
+        return self._control("s-call", name, (), begin, first.end, count=count)
 
     def _cycle(self, item: Any, kind: Keyword, begin: int) -> Control | None:
         """Return a drilling cycle; None for another part of a line."""
@@ -782,17 +783,18 @@ class Lines:
             for each in item.arguments or ()
         )
 
-    def _level_name(self, given: tuple[Node | Token | None, ...]) -> str:
-        """Return the name of a CYCLE800 that leaves the plane as it is; empty for another one.
+    def _level(
+        self, given: tuple[Node | Token | None, ...], begin: int, end: int
+    ) -> Control | None:
+        """Return a CYCLE800 that leaves the plane as it is; None for another one.
 
-        The name tells whether it has arguments, and whether the first of them is a retraction.
+        Its names are none without arguments, ``FR`` for a retraction, or ``0`` for others.
         """
-        if not given:
-            return "CYCLE800"
         if any(each is not None and not self._is_zero(each) for each in given[_LEVEL]):
-            return ""
-        first = given[0]
-        return "CYCLE800 ()" if first is None or self._is_zero(first) else "CYCLE800 FR"
+            return None
+        retracts = bool(given) and given[0] is not None and not self._is_zero(given[0])
+        names = () if not given else ("FR",) if retracts else ("0",)
+        return self._control("frame", "CYCLE800", (_nothing,) * 4, begin, end, names)
 
     def _frame(self, name: str, rest: list[Any], begin: int) -> Control:
         """Return the line of a frame: X, Y, Z and the angle in the plane (RPL)."""
@@ -818,10 +820,11 @@ class Lines:
         return self._control("frame", name, values, begin, end)
 
     def _control(
-        self, keyword: Keyword, label: str, values: tuple[Value, ...], begin: int, end: int
-    ) -> Control:
+        self, keyword: Keyword, label: str, values: tuple[Value, ...], begin: int, end: int,
+        names: tuple[str | int, ...] = (), count: int = 1,
+    ) -> Control:  # fmt: skip
         column, length = self._build.place(begin, end)
-        return Control(keyword, label, values, column, length)
+        return Control(keyword, label, values, column, length, names=names, count=count)
 
 
 def _one(_: Any) -> float:

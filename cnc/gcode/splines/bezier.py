@@ -19,11 +19,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cnc.gcode.codes.arc_words import CENTER_WORDS
-from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.motion import Motion, MotionCodes
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import check_mode
-from cnc.gcode.state.modal_groups import Code, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import PLANE_AXES, NurbsFeed, Plane
@@ -33,20 +32,18 @@ CUBIC, QUADRATIC = G.G5, G.G5_1
 Vector = list[float]
 
 
-def register(motion: Motion, state: ModalState, here: SourceLocation) -> None:
+def register(motion: Motion) -> None:
     """Register the handlers of G5 and G5.1."""
-    splines = _Splines(motion, state, here)
+    splines = _Splines(motion)
     motion.handlers[CUBIC] = splines.cubic
     motion.handlers[QUADRATIC] = splines.quadratic
 
 
-class _Splines:
+class _Splines(MotionCodes):
     """Execution of G5 and G5.1. The end of a G5 is stored for the next one."""
 
-    def __init__(self, motion: Motion, state: ModalState, here: SourceLocation) -> None:
-        self._motion = motion
-        self._state = state
-        self._here = here
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion)
         self._end: list[float] | None = None
         self._plane: Plane = "XY"
         self._tangent: Vector = []

@@ -31,21 +31,20 @@ from cnc.gcode.splines.collecting import (
     leaving,
     weight_of,
 )
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
 DEFAULT_DEGREE = 3
 
 
-def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
+def register(motion: Motion, read_feed: ReadFeed) -> None:
     """Register the handler of BSPLINE."""
 
     def begin(words: LineWords, code: Code | None) -> None:
         assert code is not None, "while BSPLINE is in effect its collector takes the lines"
-        check_mode(state, code.word)
-        curve = ControlPolygon(code.word, motion, here, read_feed)
+        check_mode(motion.context.state, code.word)
+        curve = ControlPolygon(code.word, motion, read_feed)
         curve.first(words)
         motion.collector = curve
 
@@ -58,10 +57,8 @@ class ControlPolygon(PointCollector):
     ``first`` takes the BSPLINE line and ``line`` each one after it.
     """
 
-    def __init__(
-        self, start: Word, motion: Motion, here: SourceLocation, read_feed: ReadFeed
-    ) -> None:
-        super().__init__("BSPLINE", "X, Y, Z, PL= and PW=", start, motion, here)
+    def __init__(self, start: Word, motion: Motion, read_feed: ReadFeed) -> None:
+        super().__init__("BSPLINE", "X, Y, Z, PL= and PW=", start, motion)
         self._read_feed = read_feed
         self._degree = DEFAULT_DEGREE
         self._feed = 0.0

@@ -67,14 +67,11 @@ class PointCollector:
 
     takes_rotary = True
 
-    def __init__(
-        self, name: str, holds: str, start: Word, motion: Motion, here: SourceLocation
-    ) -> None:
+    def __init__(self, name: str, holds: str, start: Word, motion: Motion) -> None:
         self.name = name
         self.holds = holds
-        self.start = WordLocation.of(start, here)
-        self.motion = motion
-        self.here = here
+        self.motion, self.here = motion, motion.context.here
+        self.start = WordLocation.of(start, self.here)
         self.points = [motion.position]
         self.weights = [1.0]
 

@@ -29,8 +29,7 @@ from cnc.gcode.splines.collecting import (
     leaving,
     weight_of,
 )
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.kernels.gcode.rules import MIN_FEED
@@ -39,13 +38,13 @@ OPEN, CLOSE = G.G5_2, G.G5_3
 DEFAULT_ORDER = 3
 
 
-def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
+def register(motion: Motion, read_feed: ReadFeed) -> None:
     """Register the handlers of G5.2 and G5.3."""
 
     def begin(words: LineWords, code: Code | None) -> None:
         assert code is not None, "G5.2 is not in effect when its curve is complete"
-        check_mode(state, code.word, inverse_time=True)
-        block = NurbsBlock(code.word, motion, state, here, read_feed)
+        check_mode(motion.context.state, code.word, inverse_time=True)
+        block = NurbsBlock(code.word, motion, read_feed)
         block.first(words)
         motion.collector = block
 
@@ -70,16 +69,9 @@ class NurbsBlock(PointCollector):
 
     takes_rotary = False
 
-    def __init__(
-        self,
-        start: Word,
-        motion: Motion,
-        state: ModalState,
-        here: SourceLocation,
-        read_feed: ReadFeed,
-    ) -> None:
-        super().__init__("G5.2", "X, Y, Z, P and F", start, motion, here)
-        self._state = state
+    def __init__(self, start: Word, motion: Motion, read_feed: ReadFeed) -> None:
+        super().__init__("G5.2", "X, Y, Z, P and F", start, motion)
+        self._state = motion.context.state
         self._read_feed = read_feed
         self._order = DEFAULT_ORDER
         self._named: frozenset[str] | None = None

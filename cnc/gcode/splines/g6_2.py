@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.dialects import Dialect
 from cnc.gcode.splines.collecting import (
     MAX_ORDER,
     PointCollector,
@@ -30,8 +29,7 @@ from cnc.gcode.splines.collecting import (
     leaving,
     weight_of,
 )
-from cnc.gcode.state.modal_groups import Code, Codes, ModalState
-from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.modal_groups import Code, Codes
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.diagnostics import GcodeError
@@ -106,7 +104,7 @@ def form_of(words: LineWords, allowed: tuple[str, ...]) -> tuple[Form, bool]:
     return PAPER if paper else FANUC, bool(paper or fanuc)
 
 
-def register(motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation) -> None:
+def register(motion: Motion) -> None:
     """Register the handler of G6.2."""
 
     def begin(words: LineWords, code: Code | None) -> None:
@@ -114,10 +112,10 @@ def register(motion: Motion, dialect: Dialect, state: ModalState, here: SourceLo
             word = words.first_axis()
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
-        form, identified = form_of(words, dialect.nurbs)
-        check_mode(state, code.word, form.wrong_mode)
+        form, identified = form_of(words, motion.context.dialect.nurbs)
+        check_mode(motion.context.state, code.word, form.wrong_mode)
         feed = motion.feed(words, motion.position, 0.0, code.word)
-        curve = NurbsCollector(form, identified, code.word, motion, here, feed)
+        curve = NurbsCollector(form, identified, code.word, motion, feed)
         curve.first(words)
         motion.collector = curve
 
@@ -136,10 +134,9 @@ class NurbsCollector(PointCollector):
         identified: bool,
         start: Word,
         motion: Motion,
-        here: SourceLocation,
         feed: float,
     ) -> None:
-        super().__init__("G6.2", f"{form.knot}, X, Y, Z and {form.weight}", start, motion, here)
+        super().__init__("G6.2", f"{form.knot}, X, Y, Z and {form.weight}", start, motion)
         self.form = form
         self._identified = identified
         self._feed = feed

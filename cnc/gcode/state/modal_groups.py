@@ -13,7 +13,7 @@ from typing import Literal
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word, fault
-from cnc.kernels.gcode.rules import feeds_of_word
+from cnc.kernels.gcode import rules
 from cnc.kernels.jit import interpreted
 from cnc.model.blocks import PathControl, Plane
 from cnc.model.diagnostics import GcodeError
@@ -78,7 +78,8 @@ FEED_MODES: dict[G, FeedMode] = {
     G.G95: "per-revolution",
 }
 
-_feeds_of_word = interpreted(feeds_of_word)
+_feeds_of_word = interpreted(rules.feeds_of_word)
+_feed_status = interpreted(rules.feed_status)
 _ENDS_ANYWAY = [{G.G80, motion} for motion in PLAIN_MOTIONS]
 
 
@@ -188,6 +189,20 @@ def feed_of(number: float, scale: float, *, per_turn: bool = False) -> Feed:
         per_turn: The number is for a revolution of the spindle.
     """
     return Feed(*_feeds_of_word(number, scale, per_turn))
+
+
+def check_feed(word: Word, rate: float) -> None:
+    """Refuse an F word that is not more than 0, or whose feed (mm/s or degrees/s) is too slow.
+
+    Raises:
+        GcodeError: ``feed-not-positive``, ``feed-too-slow``.
+    """
+    status = _feed_status(word.number, rate)
+    if status == rules.FEED_NOT_POSITIVE:
+        raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+    if status == rules.FEED_TOO_SLOW:
+        message = f"{word.written}: the feed is less than {rules.MIN_FEED:g} mm/s"
+        raise fault("feed-too-slow", message, word)
 
 
 @dataclass(slots=True)

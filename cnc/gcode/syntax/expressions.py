@@ -24,7 +24,7 @@ from cnc.gcode.syntax.arithmetic import (
 from cnc.gcode.syntax.parameters import LOCAL, LOCAL_MACRO, Parameters
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
 from cnc.kernels.gcode import arithmetic as kernel
-from cnc.kernels.gcode.arithmetic import INDIRECT, MINUS, NAMED, NUMBER, PARAMETER, takes_two
+from cnc.kernels.gcode.arithmetic import INDIRECT, MINUS, NAMED, NUMBER, PARAMETER
 from cnc.kernels.jit import interpreted
 from cnc.model.diagnostics import GcodeError
 
@@ -45,7 +45,6 @@ _NAMES = {
 _binary, _unary = interpreted(kernel.binary), interpreted(kernel.unary)
 _half_away = interpreted(kernel.half_away)
 _OF_VACANT = (kernel.SAME, kernel.OTHER)
-_TWO = frozenset(operation for operation in range(100) if interpreted(takes_two)(operation))
 
 
 class Instruction(NamedTuple):
@@ -87,7 +86,7 @@ class Expression:
                 stack.append(p.number(operand, column) if found is None else found)
             elif operation == NAMED:
                 stack.append(p.name(operand, column))
-            elif operation in _TWO:
+            elif operation in kernel.OF_TWO:
                 b, a = stack.pop(), stack.pop()
                 if (a != a or b != b) and operation not in _OF_VACANT:
                     a, b = _set(a), _set(b)

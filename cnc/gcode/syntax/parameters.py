@@ -12,12 +12,11 @@ import math
 from collections.abc import Callable, Container, Mapping, Sequence
 
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
+from cnc.kernels.gcode import rules
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import GcodeError
 
-LOCAL = 30
-"""#1 to #30 belong to the call; FANUC's to #33."""
-LOCAL_MACRO = 33
+LOCAL, LOCAL_MACRO = rules.LOCAL, 33
 LAST = 5602
 """Highest number that the interpreter knows."""
 USER = range(31, 5001)

@@ -197,12 +197,15 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
-        if self.plain[index] and self.language != KLARTEXT:
+        by_interpreter = self.language == KLARTEXT
+        if syntax.flavour == "siemens":
+            by_interpreter = self.head[index] in _SIEMENS_CONTROL
+        if self.plain[index] and not by_interpreter:
             return self._plain(index, text)
         reading = self.sorted.reading
         if (
             reading is not None
-            and syntax.flavour == "siemens"
+            and is_siemens
             and text.isascii()
             and not reading.results.status[index]
         ):
@@ -235,6 +238,8 @@ class Window:
         return found
 
 
+_SIEMENS_CONTROL = frozenset(b"LMOP")
+"""First letters of plain lines that may be a call, an end, or the number of a program."""
 _memo: dict[str, Statement] = {}
 """Plain lines by their text."""
 

@@ -73,12 +73,14 @@ class Control:
     Attributes:
         keyword: The kind of line.
         label: Label of an O-word or of FANUC's DO and END: ``"100"``, ``"<name>"`` in lower case,
-            or a computed value.
+            or a computed value; the first name of a line of SINUMERIK.
         values: Condition, count of a repeat, arguments of a call, result of a return or an endsub,
             or target of a GOTO after its condition.
         column: Column from 1.
         length: Number of characters.
         then: The statement after FANUC's IF .. THEN.
+        names: Other names of a line of SINUMERIK, and numbers of parameters.
+        count: How often a subprogram of SINUMERIK is called.
     """
 
     keyword: Keyword
@@ -87,6 +89,8 @@ class Control:
     column: int
     length: int
     then: Statement | None = None
+    names: tuple[str | int, ...] = ()
+    count: int = 1
 
 
 @dataclass(frozen=True, slots=True)

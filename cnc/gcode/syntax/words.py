@@ -13,18 +13,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NoReturn
 
+from cnc.kernels.gcode import rules
 from cnc.model.diagnostics import Diagnostic, GcodeError
 
-MAX_NUMBER = 1e9
-"""Largest magnitude of a word's number: a thousand kilometres. A larger one is a mistake."""
+MAX_NUMBER, NEAR_WHOLE = rules.MAX_NUMBER, rules.NEAR_WHOLE
 AXES = frozenset("XYZABCUVW")
 POLAR = frozenset("@^")
 """Distance and angle of polar coordinates, instead of X and Y."""
 _POINT = AXES | POLAR
 _LINE_NUMBER = re.compile(r"N\+?[0-9]+(\.[0-9]*)?")
 """Source: LinuxCNC, "G-code overview", line numbers: a second number may follow a point."""
-NEAR_WHOLE = 1e-4
-"""Tolerance of a computed number that must be whole. Source: LinuxCNC."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +236,17 @@ def not_negative(word: Word, meaning: str) -> float:
     """
     if word.number < 0:
         _refuse(word, f"{meaning} must not be negative")
+    return word.number
+
+
+def positive(word: Word, meaning: str) -> float:
+    """Return the number of a word, which must be more than 0.
+
+    Raises:
+        GcodeError: ``value-out-of-range``.
+    """
+    if word.number <= 0.0:
+        _refuse(word, f"{meaning} must be more than 0")
     return word.number
 
 

@@ -26,17 +26,19 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 
-NUMBER, PARAMETER, NAMED, INDIRECT, MINUS = 0, 1, 2, 3, 4
-ADD, SUBTRACT, MULTIPLY, DIVIDE, MODULO, POWER = 5, 6, 7, 8, 9, 10
-EQ, NE, GT, GE, LT, LE, AND, OR, XOR = 11, 12, 13, 14, 15, 16, 17, 18, 19
-ABS, ACOS, ASIN, COS, EXP, FIX, FUP, LN = 20, 21, 22, 23, 24, 25, 26, 27
-ROUND, SIN, SQRT, TAN, ATAN = 28, 29, 30, 31, 32
-SAME, OTHER, MACRO_MODULO, BITS_AND, BITS_OR, BITS_XOR, MACRO_ATAN = 33, 34, 35, 36, 37, 38, 39
-NEAR_EQ, NEAR_NE, NEAR_GT, NEAR_GE, NEAR_LT, NEAR_LE = 40, 41, 42, 43, 44, 45
-MACRO_ASIN, BCD, BIN, TRUNC, AWAY, ATAN_OF_ONE = 46, 47, 48, 49, 50, 51
-"""Operations of instructions. Those from ADD to XOR, ATAN and those from SAME to NEAR_LE take two
-values, the others one. SAME and OTHER are EQ and NE of FANUC.
-"""
+NUMBER, PARAMETER, NAMED, INDIRECT, MINUS = range(5)
+(
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, MODULO, POWER, EQ, NE, GT, GE, LT, LE, AND, OR, XOR, ATAN,
+    SAME, OTHER, MACRO_MODULO, BITS_AND, BITS_OR, BITS_XOR, MACRO_ATAN,
+    NEAR_EQ, NEAR_NE, NEAR_GT, NEAR_GE, NEAR_LT, NEAR_LE,
+) = OF_TWO = range(5, 34)  # fmt: skip
+"""Operations on two values. SAME and OTHER are EQ and NE of FANUC."""
+(
+    ABS, ACOS, ASIN, COS, EXP, FIX, FUP, LN, ROUND, SIN, SQRT, TAN,
+    MACRO_ASIN, BCD, BIN, TRUNC, AWAY, ATAN_OF_ONE,
+) = range(OF_TWO.stop, OF_TWO.stop + 18)  # fmt: skip
+"""Operations on one value."""
+_FIRST_OF_TWO, _LAST_OF_TWO = OF_TWO[0], OF_TWO[-1]
 
 NEAR = 1e-6
 """Numbers that differ by less are equal in RS274/NGC."""
@@ -52,7 +54,7 @@ _BCD_DIGITS = 8
 @njit
 def takes_two(operation: int) -> bool:
     """Return whether an operation takes two values."""
-    return ADD <= operation <= XOR or operation == ATAN or SAME <= operation <= NEAR_LE
+    return _FIRST_OF_TWO <= operation <= _LAST_OF_TWO
 
 
 @njit

@@ -41,7 +41,7 @@ from cnc.kernels.gcode.rows import (
     Rows,
     Setup,
 )
-from cnc.kernels.gcode.rules import LONG_DWELL
+from cnc.kernels.gcode.rules import DWELL_OK, dwell_of
 from cnc.kernels.jit import njit
 
 _A = 65
@@ -122,13 +122,11 @@ def _series(
     retract = given[1] if given[1] == given[1] or not stay else old[RETRACT]
     time = given[2] if given[2] == given[2] or not stay else old[WAIT]
     peck = (given[3] if given[3] == given[3] or not stay else old[PECK]) * setup["unit"]
-    dwell = time * setup["cycle_dwell"] if waits else 0.0
+    dwell, status = dwell_of(time, setup["cycle_dwell"]) if waits else (0.0, DWELL_OK)
     known = (words.peck != words.peck or pecks) and (words.time != words.time or waits)
     if waits and time != time and not setup["dwell_needed"]:
-        dwell = 0.0
-    elif waits:
-        # Not for NaN, too.
-        known = known and 0.0 <= dwell < LONG_DWELL and setup["cycle_dwell"] != 0.0
+        dwell, status = 0.0, DWELL_OK
+    known = known and status == DWELL_OK
     level = (now["start"][k] if goes_on else position[k]) - setup["zero"][k]
     top, bottom, clear = heights_of(
         retract * setup["scale"][k], depth * setup["scale"][k], level, absolute, absolute,

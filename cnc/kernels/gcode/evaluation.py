@@ -21,14 +21,12 @@ from cnc.kernels.gcode.arithmetic import (
     takes_two,
     unary,
 )
+from cnc.kernels.gcode.rules import NEAR_WHOLE
 from cnc.kernels.gcode.statements import LAST_PARAMETER, Code
 from cnc.kernels.jit import njit
 
 Counts = NDArray[np.int32]
 Floats = NDArray[np.float64]
-
-NEAR_WHOLE = 1e-4
-"""As :data:`cnc.gcode.syntax.words.NEAR_WHOLE`."""
 
 
 class Parameters(NamedTuple):

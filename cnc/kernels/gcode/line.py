@@ -30,6 +30,7 @@ from cnc.kernels.gcode.rows import (
 from cnc.kernels.gcode.rules import (
     center_of_word,
     coolants_after,
+    dwell_of,
     end_of_word,
     feed_of_move,
     keeps_motion,
@@ -212,7 +213,8 @@ def _execute_any(
         return False
     begin = row = int(now["rows"])
     if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
-        row = _add_events(words, line, words.time * setup["dwell"], now, rows)
+        seconds, _ = dwell_of(words.time, setup["dwell"])
+        row = _add_events(words, line, seconds, now, rows)
     is_move = not words.pausing and (words.moving or words.curved)
     if is_move and words.mode > LAST_MOTION:
         row = add_cycle(words, letters, numbers, line, row, setup, now, position, rows)

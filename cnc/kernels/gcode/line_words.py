@@ -11,9 +11,9 @@ from cnc.kernels.gcode.rows import (
     CANCELLED,
     COOL,
     DWELL,
+    IDLE,
     INCREMENTAL,
     INITIAL_LEVEL,
-    MOST_LINE_NUMBER,
     MOVE,
     NO_MOTION,
     PLANE,
@@ -27,9 +27,11 @@ from cnc.kernels.gcode.rows import (
     Setup,
 )
 from cnc.kernels.gcode.rules import (
-    LONG_DWELL,
-    MIN_FEED,
+    DWELL_OK,
+    FEED_OK,
     SPINDLE_OFF,
+    dwell_of,
+    feed_status,
     feeds_of_word,
     motion_after_cancel,
     speed_waits,
@@ -77,7 +79,7 @@ def read_words(
     linear, rotary = float(now["linear"]), float(now["rotary"])
     feed = speed = time = radius = ci = cj = ck = peck = repeats = math.nan
     turn = cool = -1
-    groups = 0
+    groups = done = 0
     moving = curved = pausing = explicit = False
     known = True
     for w in range(len(letters)):
@@ -92,11 +94,14 @@ def read_words(
             if char == _G:
                 action, group = int(setup["g_action"][tenths]), int(setup["g_group"][tenths])
             else:
+                m = tenths // 10
                 known = known and tenths % 10 == 0
-                action = int(setup["m_action"][tenths // 10])
-                group = action + 32
+                action, group = int(setup["m_action"][m]), int(setup["m_group"][m])
             known = known and action != STOP and groups >> group & 1 == 0
+            # Codes of different groups, but of one action, are left to the interpreter.
+            known = known and (action == IDLE or done >> action & 1 == 0)
             groups |= 1 << group
+            done |= 1 << action
             if action == MOVE:
                 mode = tenths // 10
                 explicit = True
@@ -126,7 +131,7 @@ def read_words(
         elif char == _F:
             feed = value
             linear, rotary = feeds_of_word(value, setup["unit"], False)
-            known = known and value > 0.0 and rotary >= MIN_FEED
+            known = known and feed_status(value, rotary) == FEED_OK
         elif char == _S:
             speed = value
             known = known and not value < 0.0
@@ -145,7 +150,7 @@ def read_words(
             cj = value if char == _J else cj
             ck = value if char == _K else ck
         elif char == _N:
-            known = known and value <= MOST_LINE_NUMBER
+            known = known and value <= setup["most_line_number"]
         else:
             known = known and place == TAKEN_WORD
     return known, LineWords(
@@ -184,9 +189,8 @@ def fits(words: LineWords, setup: Setup, now: Record) -> bool:
     if words.peck == words.peck or words.repeats == words.repeats:
         return False
     if words.pausing:
-        seconds = words.time * setup["dwell"]
-        # Not for NaN, too.
-        if not 0.0 <= seconds < LONG_DWELL or setup["dwell"] == 0.0:
+        _, status = dwell_of(words.time, setup["dwell"])
+        if status != DWELL_OK:
             return False
         if words.moving or words.curved or words.explicit:
             return False

@@ -13,18 +13,7 @@ from cnc.kernels.gcode.arithmetic import NAMED, PARAMETER
 from cnc.kernels.gcode.evaluation import Parameters, evaluate, number_of
 from cnc.kernels.gcode.line import execute_line
 from cnc.kernels.gcode.program_text import (
-    DO,
-    DO_WHILE,
-    END_REPEAT,
-    END_WHILE,
-    IF,
-    JUMP,
-    LAST_LOCAL,
-    LEFT_OUT,
     NOWHERE,
-    REPEAT,
-    RETURN,
-    WHILE,
     Changes,
     Control,
     Frames,
@@ -32,7 +21,20 @@ from cnc.kernels.gcode.program_text import (
     Text,
 )
 from cnc.kernels.gcode.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
-from cnc.kernels.gcode.rules import rounds_of
+from cnc.kernels.gcode.rules import (
+    DO,
+    END_REPEAT,
+    END_WHILE,
+    IF,
+    LEFT_OUT,
+    LOCAL,
+    MAX_NUMBER,
+    REPEAT,
+    RETURN,
+    WHILE,
+    asks_value,
+    line_after,
+)
 from cnc.kernels.gcode.statements import (
     CONTROL,
     MOST_ITEMS,
@@ -48,8 +50,6 @@ from cnc.kernels.jit import njit
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-MAX_NUMBER = 1e9
-"""As :data:`cnc.gcode.syntax.words.MAX_NUMBER`."""
 _MOST_ROUNDS = 1e15
 
 
@@ -104,7 +104,7 @@ def _call(
         # A subroutine that calls itself has the rounds of its loops once for each call.
         known = known and frames.sub[outer] != sub
     a, b = int(coded.first[k]), int(coded.first[k + 1])
-    known = known and b - a <= LAST_LOCAL
+    known = known and b - a <= LOCAL
     for item in range(a, b):
         value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
         known = known and value == value
@@ -112,7 +112,7 @@ def _call(
     if not known:
         return NOWHERE
     frames.back[depth], frames.sub[depth] = k + 1, sub
-    for number in range(1, LAST_LOCAL + 1):
+    for number in range(1, LOCAL + 1):
         frames.numbered[depth, number] = parameters.numbered[number]
         frames.numbered_changes[depth, number] = changes.numbered[number]
         given = number <= b - a
@@ -143,7 +143,7 @@ def _leave(
         result = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
         if result != result:
             return NOWHERE
-    for number in range(1, LAST_LOCAL + 1):
+    for number in range(1, LOCAL + 1):
         parameters.numbered[number] = frames.numbered[depth, number]
         changes.numbered[number] = frames.numbered_changes[depth, number]
     for m in range(len(frames.slot)):
@@ -163,46 +163,36 @@ def _mark(rows: Rows, state: Record, line: int, inside: bool) -> None:
 
 
 @njit
+def _value(k: int, coded: Coded, parameters: Parameters, stack: Floats) -> float:
+    """Return the value of a control line that has one."""
+    item = coded.first[k]
+    return evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
+
+
+@njit
 def _next_line(
     k: int, executed: int, coded: Coded, control: Control, parameters: Parameters, stack: Floats
 ) -> int:
     """Return the index of the line after a control line; NOWHERE for the interpreter."""
-    action = control.action[k]
+    action = int(control.action[k])
     target, other = int(control.target[k]), int(control.other[k])
-    if action == JUMP:
-        return target
-    if action == LEFT_OUT:
+    if action == LEFT_OUT or (action == END_REPEAT and control.rounds[other] <= 0):
         return NOWHERE
-    if action == DO:
-        control.since[k] = executed
-        return k + 1
-    if action == END_REPEAT:
-        if control.rounds[other] <= 0:
-            return NOWHERE
-        control.rounds[other] -= 1
-        return target if control.rounds[other] > 0 else k + 1
-    at = other if action == END_WHILE else k
-    item = coded.first[at]
-    value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
-    while action == IF and value == 0.0 and other >= 0:
-        item = coded.first[other]
-        k = other
-        value = evaluate(coded.code, coded.begin[item], coded.end[item], parameters, stack)
-        other = int(control.other[other])
-    if value != value:
+    asked = other if action == END_WHILE else k
+    counted = other if action == END_REPEAT else k
+    value = _value(asked, coded, parameters, stack) if asks_value(action) else 0.0
+    after, rounds = line_after(action, value, float(control.rounds[counted]), k, target)
+    while action == IF and after == target and value == value and control.other[asked] >= 0:
+        asked = int(control.other[asked])
+        value = _value(asked, coded, parameters, stack)
+        after, _ = line_after(IF, value, 0.0, asked, target)
+    if value != value or rounds > _MOST_ROUNDS:
         return NOWHERE
-    if action == WHILE or action == REPEAT:
+    if action == WHILE or action == DO or action == REPEAT:
         control.since[k] = executed
-    if action == REPEAT:
-        rounds = rounds_of(value)
-        if rounds > _MOST_ROUNDS:
-            return NOWHERE
-        if rounds >= 1.0:
-            control.rounds[k] = int(rounds)
-        return k + 1 if rounds >= 1.0 else target
-    if action == END_WHILE or action == DO_WHILE:
-        return target if value != 0.0 else k + 1
-    return k + 1 if value != 0.0 else target
+    if action == REPEAT or action == END_REPEAT:
+        control.rounds[counted] = int(rounds)
+    return after
 
 
 @njit

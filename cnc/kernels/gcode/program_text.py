@@ -17,12 +17,6 @@ Flags = NDArray[np.uint8]
 
 Progress = Any
 
-LAST_LOCAL = 30
-"""Highest number of a parameter that belongs to its call."""
-
-LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
-RETURN = 9
-"""Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
 NOWHERE = -(1 << 40)
 """No line."""
 
@@ -60,8 +54,7 @@ class Control(NamedTuple):
 
     Attributes:
         action: (lines,) actions.
-        target: (lines,) index of the line to continue at: of JUMP, after a WHILE or REPEAT that is
-            left, at the else of an IF, at the beginning of a loop that is repeated.
+        target: (lines,) index of the line to which each leads.
         other: (lines,) index of the next elseif of an IF (-1 for none), or of the first line of the
             loop that the line ends, or of the subroutine that it ends (-1 for any).
         since: (lines,) number of executed lines when a loop was entered; -1 for not in this call.
@@ -101,8 +94,8 @@ class Frames(NamedTuple):
     Attributes:
         back: (n,) index of the line after the call.
         sub: (n,) index of the first line of the subroutine.
-        numbered: (n, LAST_LOCAL + 1) local parameters of the caller.
-        numbered_changes: (n, LAST_LOCAL + 1) their flags.
+        numbered: (n, LOCAL + 1) local parameters of the caller.
+        numbered_changes: (n, LOCAL + 1) their flags.
         slot: (m,) slots of the names that are not global.
         named: (n, m) the caller's values of these names.
         named_changes: (n, m) their flags.

@@ -76,10 +76,6 @@ those that are no straight moves.
 DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""
 
-
-MOST_LINE_NUMBER = 10_000_000
-"""Largest line number of GRBL. A larger one is left to the interpreter."""
-
 SETUP = np.dtype(
     [
         ("column", np.int64, (26,)),
@@ -95,6 +91,7 @@ SETUP = np.dtype(
         ("dwell", np.float64),
         ("cycle_dwell", np.float64),
         ("clearance", np.float64),
+        ("most_line_number", np.float64),
         ("restored", np.int64),
         ("arc_absolute", np.bool_),
         ("idle_center", np.bool_),
@@ -109,6 +106,7 @@ SETUP = np.dtype(
         ("g_action", np.uint8, (1000,)),
         ("g_group", np.uint8, (1000,)),
         ("m_action", np.uint8, (100,)),
+        ("m_group", np.uint8, (100,)),
     ],
     align=True,
 )
@@ -120,15 +118,15 @@ axes and of the axis across it, -1 for one that is missing.
 
 mm a program unit; the tolerances of arcs (mm, see :class:`cnc.kernels.gcode.arcs.Tolerance`); s of
 P1 in G4, 0 if P is not its word; s of P1 in a cycle, 0 if compiled code does not know it;
-retraction of G73 and distance of G83 from the bottom (mm); the highest of G0 to G3 to which G80
-returns, -1 for none.
+retraction of G73 and distance of G83 from the bottom (mm); the largest N number; the highest of G0
+to G3 to which G80 returns, -1 for none.
 
 Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; arcs
 follow GRBL's rules; G96 is in effect; F and S words without effect are reported; a cycle with a
 dwell needs P; the words of a cycle stay in effect for another one; K is the number of repeats of a
 cycle, as L is; G89 retracts at feed to R only; G64 is in effect.
 
-By tenths of a G-code: its action and its modal group. By M-code: its action.
+By tenths of a G-code, and by M-code: its action and its modal group (0 to 62).
 """
 
 Setup = Any

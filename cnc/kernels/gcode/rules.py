@@ -10,12 +10,28 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 
+MAX_NUMBER = 1e9
+"""Largest magnitude of a word's number: a thousand kilometres. A larger one is a mistake."""
+NEAR_WHOLE = 1e-4
+"""Tolerance of a computed number that must be whole. Source: LinuxCNC."""
+LOCAL = 30
+"""#1 to #30 belong to the call; FANUC's to #33."""
 MIN_FEED = 1e-6
 """mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
+FEED_OK, FEED_NOT_POSITIVE, FEED_TOO_SLOW = range(3)
+"""What is to say about an F word."""
 LONG_DWELL = 100.0
 """s. A dwell from here on without a decimal point may be meant in milliseconds."""
+MAX_DWELL = 1e6
+"""s. A longer dwell is a typing error: this is more than eleven days."""
+DWELL_OK, DWELL_LONG, DWELL_TOO_LONG, DWELL_NEGATIVE, DWELL_WITHOUT_UNIT = range(5)
+"""What is to say about a dwell. The time of a negative one, and of none (NaN), is not known."""
 
 SPINDLE_OFF, SPINDLE_CW, SPINDLE_CCW = 0, 1, 2
+
+LEFT_OUT, JUMP, IF, WHILE, END_WHILE, DO, DO_WHILE, REPEAT, END_REPEAT = 0, 1, 2, 3, 4, 5, 6, 7, 8
+RETURN = 9
+"""Actions of control lines; LEFT_OUT leaves the line to the interpreter."""
 
 
 @njit
@@ -61,6 +77,14 @@ def feeds_of_word(number: float, unit: float, per_turn: bool) -> tuple[float, fl
 
 
 @njit
+def feed_status(number: float, rotary: float) -> int:
+    """Return what is to say about an F word: its number, and the feed of rotary axes it gives."""
+    if not number > 0.0:
+        return FEED_NOT_POSITIVE
+    return FEED_OK if rotary >= MIN_FEED else FEED_TOO_SLOW
+
+
+@njit
 def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> float:
     """Return the feed of a move: that of rotary axes if only they move.
 
@@ -71,6 +95,24 @@ def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> flo
         turns: Whether a rotary axis moves.
     """
     return rotary if turns and not shifts else linear
+
+
+@njit
+def dwell_of(number: float, unit: float) -> tuple[float, int]:
+    """Return the seconds of a dwell, and what is to say about it.
+
+    Args:
+        number: The word.
+        unit: s of a unit; 0 for a word that has none.
+    """
+    seconds = number * unit
+    if unit == 0.0:
+        return seconds, DWELL_WITHOUT_UNIT
+    if not number >= 0.0:
+        return seconds, DWELL_NEGATIVE
+    if seconds > MAX_DWELL:
+        return seconds, DWELL_TOO_LONG
+    return seconds, DWELL_LONG if seconds >= LONG_DWELL else DWELL_OK
 
 
 @njit
@@ -117,6 +159,35 @@ def motion_after_cancel(resting: int, restored: int) -> int:
 
 
 @njit
-def rounds_of(count: float) -> float:
-    """Return the rounds of a REPEAT: the nearest whole number, halves to the even one."""
-    return max(np.rint(count), 0.0)
+def asks_value(action: int) -> bool:
+    """Return whether a control line evaluates a condition or a count."""
+    return action != JUMP and action != DO and action != END_REPEAT
+
+
+@njit
+def line_after(
+    action: int, value: float, rounds: float, line: int, target: int
+) -> tuple[int, float]:
+    """Return the line to continue at after a control line, and the rounds left of its loop.
+
+    Args:
+        action: What the line does.
+        value: Its condition or count. A condition that is 0 or NaN does not hold.
+        rounds: The rounds left of a loop that counts.
+        line: The line.
+        target: The line to which it leads: of JUMP, at the else of an IF, after a WHILE or REPEAT
+            that is left, at the beginning of a loop that is repeated.
+    """
+    if action == JUMP:
+        return target, rounds
+    if action == DO:
+        return line + 1, rounds
+    if action == REPEAT:
+        # The nearest whole number, halves to the even one.
+        rounds = max(np.rint(value), 0.0)
+    elif action == END_REPEAT:
+        rounds -= 1
+    counts = action == REPEAT or action == END_REPEAT
+    holds = rounds >= 1 if counts else value == value and value != 0.0
+    leads_back = action == END_WHILE or action == DO_WHILE or action == END_REPEAT
+    return (target if holds == leads_back else line + 1), rounds

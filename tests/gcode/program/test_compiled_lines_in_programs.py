@@ -9,8 +9,11 @@ import pytest
 
 from cnc.gcode.dialects import NAMES
 from cnc.gcode.program import compiled_program, line_steps
-from cnc.gcode.program.call_stack import Limits
+from cnc.gcode.program.call_stack import Flow, Limits
+from cnc.gcode.program.control_flow import ControlLine
 from cnc.gcode.program.program import interpret
+from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import CncError, Diagnostic
@@ -18,7 +21,7 @@ from tests.gcode.program.test_plain_lines import AXES, bits, line, number
 from tests.support.gcode.flow_author import Author as FlowAuthor
 from tests.support.gcode.flow_writers import OWords
 from tests.support.gcode.fuzzing import Author
-from tests.support.gcode.gcode_cases import read
+from tests.support.gcode.gcode_cases import end_of, error_of, read, run
 from tests.support.soak import share
 
 LIMITS = Limits(repeated_lines=500)
@@ -331,3 +334,50 @@ def test_an_error_in_a_run_names_its_line() -> None:
     with pytest.raises(CncError) as caught:
         list(interpret(Text.of_lines(lines, "t")))
     assert (caught.value.diagnostic.line, caught.value.diagnostic.code) == (102, "axis-missing")
+
+
+@pytest.mark.parametrize("count", [1, 2000])
+@pytest.mark.parametrize("line", ["M4 S100 M8", "G17 G91"])
+def test_a_modal_group_holds_in_short_and_long_programs(
+    line: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Groups stand in one table. Here M8 is put into that of M3, and G17 into that of G90."""
+    moves = "".join(f"G1 X{n % 9} Y{n % 7} F500\n" for n in range(count))
+    program = f"G21\nG90\n{moves}{line}\n{moves}M2"
+    run(program)
+    monkeypatch.setitem(GROUP_OF_M, M.M8, GROUP_OF_M[M.M3])
+    monkeypatch.setitem(GROUP_OF_G, G.G17, GROUP_OF_G[G.G90])
+    found = error_of(program)
+    assert (found.code, found.line) == ("modal-conflict", count + 3)
+
+
+def test_an_elseif_behind_a_branch_is_executed_by_compiled_code(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The rounds of the loop take each branch; the interpreter executes each line a few times."""
+    program = """\
+G21 G90 F500
+#1=0
+o1 while [#1 LT 3000]
+o2 if [[#1 MOD 3] EQ 0]
+#2=1
+o2 elseif [[#1 MOD 3] EQ 1]
+#2=2
+o2 elseif [#1 GE 0]
+#2=3
+o2 endif
+#3=[#3+#2]
+#1=[#1+1]
+o1 endwhile
+G1 X[#3/1000]
+"""
+    calls = []
+    original = ControlLine.run
+
+    def counted(self: ControlLine, flow: Flow, line: int) -> int:
+        calls.append(line)
+        return original(self, flow, line)
+
+    monkeypatch.setattr(ControlLine, "run", counted)
+    assert end_of(program)[0] == 6.0
+    assert len(calls) < 1000

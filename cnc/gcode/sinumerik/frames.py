@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from cnc.gcode.geometry.figure import Figure
 from cnc.gcode.geometry.program_frame import ProgramFrame
-from cnc.gcode.program.call_stack import Flow
-from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.statement import Control
+from cnc.gcode.program.call_stack import ControlStep, Flow, Maker
 from cnc.gcode.syntax.words import Word, under_compensation
 from cnc.model.blocks import PLANE_AXES
 
 SMALLEST_FACTOR = 1e-6
-RETRACTING = "CYCLE800 FR"
-"""Name of a CYCLE800 that leaves the plane as it is, after a retraction."""
 
 
-class FrameLine:
+class FrameLine(ControlStep):
     """A line with a frame. Its values are computed when the line is executed."""
 
-    __slots__ = ("at", "control", "name")
+    __slots__ = ()
 
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.control, self.name = control, control.label
+    @property
+    def name(self) -> str:
+        """The frame."""
+        return str(self.control.label)
 
     def run(self, flow: Flow, line: int) -> int:
         """Put the frame into effect. The machine does not move."""
@@ -34,7 +30,7 @@ class FrameLine:
             raise under_compensation(
                 Word(self.name, 0.0, self.name, self.at.column, self.at.length)
             )
-        if self.name.startswith("CYCLE800"):
+        if self.name == "CYCLE800":
             self._check_level(flow)
         given = [value(flow.parameters) for value in self.control.values]
         base = flow.program_frame if self.name.startswith("A") else ProgramFrame()
@@ -53,13 +49,13 @@ class FrameLine:
             message = "CYCLE800() after TRANS, ROT, SCALE or MIRROR is not supported"
             hint = "end the frame first, with TRANS in a line of its own"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
-        if self.name == "CYCLE800":
+        if not self.control.names:
             return
         if any(motion.position[column] for column in motion.rotary_columns):
             message = "CYCLE800 with arguments may turn rotary axes, which are not at 0"
             hint = "turn them to 0 by a move before, or write CYCLE800()"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
-        if self.name == RETRACTING:
+        if "FR" in self.control.names:
             word = Word("CYCLE800", 0.0, "CYCLE800", self.at.column, self.at.length)
             message = "the retraction of CYCLE800 (its first argument) is not made here"
             hint = "its place is in the data of the machine; write a move to it"
@@ -125,8 +121,5 @@ def _mirror(value: float) -> float:
     return 1.0 if value != value else -1.0
 
 
-def _maker(_: Flow, line: int, control: Control) -> FrameLine:
-    return FrameLine(line, control)
-
-
-MAKERS = {"frame": _maker}
+MAKERS: dict[str, Maker] = {"frame": FrameLine}
+"""Classes of the steps of control lines, by keyword."""

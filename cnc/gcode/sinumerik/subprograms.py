@@ -11,29 +11,22 @@ from __future__ import annotations
 import math
 import re
 
-from cnc.gcode.program.call_stack import NOTHING, Flow, Frame, Listing, Step
-from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.call_stack import ControlStep, Flow, Frame, Listing, Maker
 from cnc.gcode.program.missing_programs import skips_missing
-from cnc.gcode.syntax.statement import Control, Statement
+from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import Word
 
 _NUMBERED = re.compile("L[0-9]+")
 
 
-class Call:
+class Call(ControlStep):
     """``L10``, ``NAME``, one of them with ``P3`` repeats, or ``NAME(1, R2)`` with values."""
 
-    __slots__ = ("at", "control")
-
-    def __init__(self, line: int, control: Control) -> None:
-        self.at = Place(line, control.column, control.length)
-        self.control = control
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Enter the subprogram."""
-        assert isinstance(self.control.label, str)
-        name, _, repeats = self.control.label.partition(" ")
-        count = int(repeats or 1)
+        name, count = str(self.control.label), self.control.count
         if not count:
             return line + 1
         flow.interpreter.begun = True
@@ -42,19 +35,8 @@ class Call:
             return line + 1
         listing, scope = found
         given = self._values(flow, listing, scope, name)
-        first = flow.enter(
-            Frame(
-                "program",
-                name,
-                listing,
-                scope,
-                flow.listing,
-                self.at,
-                line + 1,
-                repeats_left=count - 1,
-                is_repeated=count > 1,
-            )
-        )
+        caller = flow.listing
+        first = flow.enter(Frame("program", name, listing, scope, caller, self.at, line + 1, count))
         for parameter, value in given.items():
             flow.parameters.set_name(parameter, value, 1)
         return first
@@ -65,7 +47,8 @@ class Call:
         Raises:
             CncError: ``call-arguments``: the call has more values than the head has parameters.
         """
-        declared = [each.split(":") for each in _parameters(listing, scope)]
+        names = _parameters(listing, scope)
+        declared = list(zip(names[::2], names[1::2], strict=True))
         given = [value(flow.parameters) for value in self.control.values]
         if len(given) > len(declared):
             message = (
@@ -75,7 +58,7 @@ class Call:
             raise flow.listing.fault(self.at, "call-arguments", message, hint)
         values = given + [0.0] * (len(declared) - len(given))
         return {
-            parameter: _as_type(kind, 0.0 if value != value else value)
+            str(parameter): _as_type(kind, 0.0 if value != value else value)
             for (parameter, kind), value in zip(declared, values, strict=True)
         }
 
@@ -116,84 +99,54 @@ def _head(listing: Listing, name: str) -> int:
     return 0
 
 
-def _parameters(listing: Listing, scope: int) -> list[str]:
+def _parameters(listing: Listing, scope: int) -> tuple[str | int, ...]:
     """Return the parameters of a subprogram, each with its type, from the PROC that begins it."""
     line = max(scope, 1)
     while (window := listing.window(line)) is not None:
         for index in range(line - window.first, window.count):
             statement = listing.statement(window, index)
             if statement is None or statement.words:
-                return []
+                return ()
             if (found := statement.control) is not None:
-                return str(found.label).split() if found.keyword == "s-proc" else []
+                return found.names if found.keyword == "s-proc" else ()
         line = window.first + window.count
-    return []
+    return ()
 
 
-def _as_type(kind: str, value: float) -> float:
+def _as_type(kind: str | int, value: float) -> float:
     if kind == "INT":
         return math.copysign(math.floor(abs(value) + 0.5), value)
     return float(value != 0.0) if kind == "BOOL" else value
 
 
-class End:
+class End(ControlStep):
     """``M17``, ``RET``, M2 or M30: the end of a subprogram, or of the main program."""
 
-    __slots__ = ("at", "code")
-
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.code = control.label
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Return to the caller, or end the program."""
-        frame = flow.frame
+        frame, code = flow.frame, str(self.control.label)
         if frame.kind == "main":
-            end = Word("M", float(self.code or 2), f"M{self.code or 2}", *self.at[1:])
+            end = Word("M", float(code or 2), f"M{code or 2}", *self.at[1:])
             flow.interpreter.execute(Statement((end,)), line)
             return line + 1
-        if self.code:
-            message = f"M{self.code} in the subprogram {frame.name}"
+        if code:
+            message = f"M{code} in the subprogram {frame.name}"
             hint = "a subprogram ends with M17 or RET"
             raise flow.listing.fault(self.at, "call-style-mixed", message, hint)
-        if frame.repeats_left:
-            frame.repeats_left -= 1
-            return frame.first
-        return flow.leave()
+        return flow.finish()
 
 
-_ENDS = {17.0: "", 2.0: "2", 30.0: "30"}
+class Head(ControlStep):
+    """``PROC``: it has no effect."""
+
+    __slots__ = ()
+
+    def run(self, _: Flow, line: int) -> int:
+        """Continue with the next line."""
+        return line + 1
 
 
-def plain_step(line: int, statement: Statement) -> Step | None:
-    """Return the step of ``L10 P3``, M17, M2, M30 or a program number alone; None for others."""
-    words = {word.letter: word for word in statement.words if word.letter != "N"}
-    first = next(iter(words.values()), None)
-    if words.keys() == {"O"} and not statement.computed:
-        return NOTHING
-    if first is None or statement.computed or not words.keys() <= {"L", "P", "M"}:
-        return None
-    if words.keys() == {"M"} and len(statement.words) <= 2 and first.number in _ENDS:
-        return End(line, Control("s-end", _ENDS[first.number], (), first.column, first.length))
-    if "L" in words and "M" not in words and all(word.number >= 0 for word in words.values()):
-        repeats = f" {words['P'].whole or 0}" if "P" in words else ""
-        label = f"{words['L'].written}{repeats}"
-        return Call(line, Control("s-call", label, (), first.column, first.length))
-    return None
-
-
-def _call(_: Flow, line: int, control: Control) -> Step:
-    return Call(line, control)
-
-
-def _end(_: Flow, line: int, control: Control) -> Step:
-    return End(line, control)
-
-
-def _nothing(_: Flow, line: int, control: Control) -> Step:
-    return NOTHING
-
-
-MAKERS = {"s-call": _call, "s-end": _end, "s-proc": _nothing}
-"""Functions that make the step of a control line, by keyword."""
+MAKERS: dict[str, Maker] = {"s-call": Call, "s-end": End, "s-proc": Head}
+"""Classes of the steps of control lines, by keyword."""

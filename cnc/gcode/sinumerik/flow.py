@@ -1,9 +1,9 @@
-"""Steps of SINUMERIK's jumps, branches and loops.
+"""Steps of SINUMERIK's jumps, branches, loops and repeated sections.
 
 A block is read to its end when its first line is executed for the first time. A label is searched
 in the direction of the jump: to the end of the program (GOTOF), to its beginning (GOTOB) or both.
 Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Program jumps to jump
-markers" and "Check structures".
+markers", "Check structures" and "Program section repetition".
 """
 
 from __future__ import annotations
@@ -12,20 +12,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.gcode.program.call_stack import NOTHING, Flow, Listing, Loop, Step
-from cnc.gcode.program.control_flow import (
-    BackwardJump,
-    Do,
-    DoWhile,
-    EndWhile,
-    If,
-    Jump,
-    While,
-)
+from cnc.gcode.program.call_stack import ControlStep, Flow, Listing, Loop, Maker, Step
+from cnc.gcode.program.control_flow import BackwardJump, enter_branch, enter_loop
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control, Value
-from cnc.model.diagnostics import CncError
+from cnc.kernels.gcode import rules
+from cnc.model.diagnostics import CncError, GcodeError
 
 _END_OF = {
     "s-if": "s-endif",
@@ -35,17 +27,18 @@ _END_OF = {
     "s-repeat": "s-until",
 }
 _ENDS = frozenset((*_END_OF.values(), "s-else"))
+_END = "ENDLABEL"
+MOST_REPEATS = 9999
 
 
-class LabelJump:
+class LabelJump(ControlStep):
     """``GOTOF name`` and its like, with or without a condition."""
 
-    __slots__ = ("at", "back", "condition", "direction", "found", "target")
+    __slots__ = ("back", "condition", "direction", "found", "target")
 
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.direction, self.target = control.label[0], control.label[1:]
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
+        self.direction, self.target = str(control.names[0]), str(control.label)
         self.condition = control.values[0] if control.values else None
         self.found = 0
         self.back = BackwardJump("this jump", self.at)
@@ -60,7 +53,7 @@ class LabelJump:
             self.found = self._find(flow.listing, line)
         if self.found <= line:
             self.back.record(flow, flow.listing, self.found)
-        flow.sections.leave(len(flow.frames), self.found)
+        _leave_sections(flow, self.found)
         return self.found
 
     def _find(self, listing: Listing, line: int) -> int:
@@ -134,15 +127,10 @@ class _For:
         return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
 
 
-class _Definition:
+class _Definition(ControlStep):
     """``DEF REAL NAME=1.5, OTHER``: variables of the main program, or of a call."""
 
-    __slots__ = ("at", "names", "values")
-
-    def __init__(self, line: int, control: Control) -> None:
-        assert isinstance(control.label, str)
-        self.at = Place(line, control.column, control.length)
-        self.names, self.values = control.label.split(), control.values
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Set the variables.
@@ -151,14 +139,15 @@ class _Definition:
             CncError: ``code-not-supported``: a subprogram so far down in the text that its
                 variables would belong to all programs.
         """
-        if flow.frame.kind != "main" and any(name.startswith("_") for name in self.names):
+        names, values = self.control.names, self.control.values
+        if flow.frame.kind != "main" and any(str(name).startswith("_") for name in names):
             hint = "move the subprogram to a file of its own, or use R parameters"
             message = "DEF in a subprogram this far from the beginning is not supported"
             raise flow.listing.fault(self.at, "code-not-supported", message, hint)
         flow.interpreter.begun = True
-        for name, value in zip(self.names, self.values, strict=True):
-            if name.startswith("#"):
-                flow.parameters.set_number(int(name[1:]), value(flow.parameters), 1)
+        for name, value in zip(names, values, strict=True):
+            if isinstance(name, int):
+                flow.parameters.set_number(name, value(flow.parameters), 1)
             else:
                 flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
@@ -196,7 +185,7 @@ def _block_at(flow: Flow, line: int, control: Control) -> Step:
         if found.keyword in _END_OF:
             blocks.append(_Block(at, found))
         elif found.keyword in _ENDS:
-            _end(listing, flow.parameters, blocks, at, found)
+            _end(listing, blocks, at, found)
         if not blocks:
             return listing.steps[line]
     name = blocks[-1].control.keyword[2:].upper()
@@ -220,9 +209,7 @@ def _control_lines(listing: Listing, line: int) -> Iterator[tuple[int, Control]]
         line = window.first + window.count
 
 
-def _end(
-    listing: Listing, parameters: Parameters, blocks: list[_Block], line: int, control: Control
-) -> None:
+def _end(listing: Listing, blocks: list[_Block], line: int, control: Control) -> None:
     """Take an ELSE or the end of a block."""
     block = blocks[-1]
     opener = block.control.keyword
@@ -232,26 +219,23 @@ def _end(
     if _END_OF[opener] != control.keyword:
         raise _crossed(listing, line, control, block)
     blocks.pop()
-    steps, first, values = listing.steps, block.line, block.control.values
+    first, values = block.line, block.control.values
+    if opener == "s-if":
+        enter_branch(listing, [(first, values[0])], block.otherwise, line)
+        return
     at = Place(first, block.control.column, block.control.length)
     loop = Loop(opener[2:].upper(), at, first, line)
-    match opener:
-        case "s-if":
-            steps[first] = If(parameters, values[0], [], (block.otherwise or line) + 1)
-            if block.otherwise:
-                steps[block.otherwise] = Jump(line + 1)
-            steps[line] = NOTHING
-            return
-        case "s-while" | "s-loop":
-            begin = While(parameters, values[0] if values else _always, loop)
-            steps[first], steps[line] = begin, EndWhile(begin)
-        case "s-for":
-            count = _For(block.control, loop)
-            steps[first], steps[line] = count, _EndFor(count)
-        case _:
-            steps[first] = Do(loop)
-            steps[line] = DoWhile(parameters, _not(control.values[0]), loop)
-    listing.loops.append(loop)
+    if opener == "s-while":
+        enter_loop(listing, loop, (rules.WHILE, rules.END_WHILE), values[0], None)
+    elif opener == "s-loop":
+        enter_loop(listing, loop, (rules.DO, rules.JUMP), None, None)
+    elif opener == "s-repeat":
+        until = _not(control.values[0])
+        enter_loop(listing, loop, (rules.DO, rules.DO_WHILE), None, until)
+    else:
+        count = _For(block.control, loop)
+        listing.steps[first], listing.steps[line] = count, _EndFor(count)
+        listing.loops.append(loop)
 
 
 def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> CncError:
@@ -261,25 +245,158 @@ def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> Cn
     return listing.control_fault(line, control, "block-crossed", message, hint)
 
 
-def _always(_: Parameters) -> float:
-    return 1.0
-
-
 def _not(value: Value) -> Value:
     return lambda parameters: float(not value(parameters))
 
 
-def _jump_at(_: Flow, line: int, control: Control) -> LabelJump:
-    return LabelJump(line, control)
+@dataclass(slots=True, eq=False)
+class Section:
+    """Lines that REPEAT executes again.
+
+    Attributes:
+        listing: Their text.
+        depth: Number of calls around them.
+        first: The first of them.
+        last: The last of them.
+        after: The line after REPEAT.
+        repeats_left: Number of executions to come after this one.
+    """
+
+    listing: Listing
+    depth: int
+    first: int
+    last: int
+    after: int
+    repeats_left: int
 
 
-def _define(_: Flow, line: int, control: Control) -> Step:
-    return _Definition(line, control)
+class _Repeat(ControlStep):
+    """``REPEAT FIRST LAST P=3`` or ``REPEATB FIRST P=3``.
+
+    ``REPEAT FIRST`` repeats from the label to ENDLABEL, or to the line before REPEAT. P is the
+    number of repetitions, 1 if it is left out.
+    """
+
+    __slots__ = ("loop",)
+
+    def __init__(self, flow: Flow, line: int, control: Control) -> None:
+        super().__init__(flow, line, control)
+        self.loop: Loop | None = None
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Go to the first line of the section; its end leads back."""
+        if self.loop is None:
+            self.loop = self._find(flow, line)
+            flow.listing.loops.append(self.loop)
+        self.loop.since = flow.executed
+        count = self.control.values[0](flow.parameters) if self.control.values else 1.0
+        count = 1.0 if count != count else count
+        if not 1.0 <= count <= MOST_REPEATS or count != int(count):
+            message = f"P={count:g}: the number of repetitions is 1 to {MOST_REPEATS}"
+            raise flow.listing.fault(self.at, "call-repeats", message)
+        first, last = self.loop.first, self.loop.last
+        flow.sections.append(
+            Section(flow.listing, len(flow.frames), first, last, line + 1, int(count) - 1)
+        )
+        if last + 1 not in flow.listing.section_ends:
+            flow.listing.section_ends.add(last + 1)
+            flow.listing.forget_steps()
+        return first
+
+    def _find(self, flow: Flow, line: int) -> Loop:
+        """Return the first and the last line of the section.
+
+        Raises:
+            CncError: ``jump-target-missing``, ``code-not-supported``.
+        """
+        first, *last = map(str, self.control.names)
+        begin = self._line_of(flow, first, line)
+        if self.control.label == "REPEATB":
+            end = begin
+        elif last:
+            end = self._line_of(flow, last[0], line)
+        else:
+            end = next(labelled(flow.listing, _END, begin), 0)
+            if begin < line and (not end or end > line):
+                end = line - 1
+        if not end or end < begin or begin <= line <= end:
+            message = f"the section from {first} on has no end outside of this line"
+            hint = f"write {_END}: first in its last line, or a second label here"
+            raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
+        if at := next((at for at in range(begin, end + 1) if _is_end(flow.listing, at)), 0):
+            message = f"line {at} ends the program inside the repeated section"
+            hint = "let the section end before it"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if flow.listing.page(end + 1) is None:
+            message = "the repeated section is the end of the text"
+            raise flow.listing.fault(
+                self.at, "program-end-missing", message, "write M17 or M30 after it"
+            )
+        return Loop("this REPEAT", self.at, begin, end)
+
+    def _line_of(self, flow: Flow, label: str, line: int) -> int:
+        """Return the nearest line before this one with a label, or else the first one after it."""
+        before = list(labelled(flow.listing, label, 1, line))
+        found = before[-1] if before else next(labelled(flow.listing, label, line + 1), 0)
+        if not found:
+            hint = "write the label and a colon first in the target line"
+            message = f"there is no {label}:"
+            raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
+        return found
 
 
-MAKERS = {
-    "s-goto": _jump_at,
-    "s-def": _define,
+def _is_end(listing: Listing, line: int) -> bool:
+    """Return whether a line ends a program or a subprogram. A faulty line does not."""
+    window = listing.window(line)
+    if window is None:
+        return False
+    try:
+        statement = listing.statement(window, line - window.first)
+    except GcodeError:
+        return False
+    control = statement.control if statement is not None else None
+    return control is not None and control.keyword == "s-end"
+
+
+class SectionEnd:
+    """The line after a repeated section."""
+
+    __slots__ = ("step",)
+
+    def __init__(self, step: Step) -> None:
+        self.step = step
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Repeat the section that ends here, or return to the line after its REPEAT."""
+        section = flow.sections[-1] if flow.sections else None
+        if (
+            section is None
+            or section.last + 1 != line
+            or section.listing is not flow.listing
+            or section.depth != len(flow.frames)
+        ):
+            return self.step.run(flow, line)
+        if section.repeats_left:
+            section.repeats_left -= 1
+            return section.first
+        flow.sections.pop()
+        return section.after
+
+
+def _leave_sections(flow: Flow, target: int) -> None:
+    """End the sections of this call that a jump to a line leaves."""
+    depth = len(flow.frames)
+    while flow.sections:
+        section = flow.sections[-1]
+        if section.depth != depth or section.first <= target <= section.last + 1:
+            return
+        flow.sections.pop()
+
+
+MAKERS: dict[str, Maker] = {
+    "s-again": _Repeat,
+    "s-def": _Definition,
+    "s-goto": LabelJump,
     **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
 }
 """Functions that make the step of a control line, by keyword."""

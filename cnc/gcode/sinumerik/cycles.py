@@ -1,7 +1,8 @@
-"""SINUMERIK's drilling cycles CYCLE81 to CYCLE89, once or after each move (MCALL).
+"""SINUMERIK's drilling cycles CYCLE81 to CYCLE89, once or after each move (MCALL), and patterns.
 
-All heights are absolute, whatever the distance mode. Source: Siemens, "SINUMERIK 840D sl/828D
-Programming Manual, Cycles", drilling.
+All heights are absolute, whatever the distance mode. HOLES1 has its holes on a line, HOLES2 on a
+circle. Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Cycles", drilling and drilling
+pattern cycles.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from cnc.gcode.program.call_stack import Flow
+from cnc.gcode.program.call_stack import ControlStep, Flow, Maker
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.statement import Control, Statement
+from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import Word
 from cnc.model.blocks import Plane
 from cnc.model.diagnostics import CncError
@@ -71,20 +72,23 @@ _COARSE = dict(
 )  # fmt: skip
 """Pitch of metric threads by size, mm (MPIT). Source: ISO 261, coarse pitches."""
 
+MOST_HOLES = 100_000
+"""Most holes of a pattern. More are a typing error."""
+_PATTERNS = {1: "SPCA SPCO STA1 FDIS DBH NUM", 2: "CPA CPO RAD STA1 INDA NUM"}
+"""Arguments in their order. HOLES1: a point of the line, its angle, distance of the first hole from
+the point, distance between holes, number. HOLES2: centre, radius, angle of the first hole, angle
+between holes (0 divides the circle), number."""
+
+Point = tuple[float, float]
 Fault = Callable[[str, str], CncError]
 Move = tuple[tuple[str, float], ...]
 """Letters and numbers of the words of a line."""
 
 
-class Cycle:
+class Cycle(ControlStep):
     """A line with a cycle. Its arguments are computed when the line is executed."""
 
-    __slots__ = ("at", "control", "modal")
-
-    def __init__(self, line: int, control: Control) -> None:
-        self.at = Place(line, control.column, control.length)
-        self.control = control
-        self.modal = control.keyword == "mcall"
+    __slots__ = ()
 
     def run(self, flow: Flow, line: int) -> int:
         """Make the cycle, or keep it for the moves after this line."""
@@ -102,7 +106,7 @@ class Cycle:
         if kind == _TAPPING and flow.interpreter.modal.feed_scale != flow.interpreter.modal.scale:
             raise fault("code-not-supported", " under G70: write G700, as its pitch gives the feed")
         moves = list(_Hole(kind, given, flow.interpreter.modal.plane, fault).moves())
-        if not self.modal:
+        if self.control.keyword == "cycle":
             return _perform(flow, moves, line, fault)
         flow.modal = None
         plane = flow.interpreter.modal.plane
@@ -337,8 +341,79 @@ def _perform(flow: Flow, moves: list[Move], line: int, fault: Fault) -> int:
     return line + 1
 
 
-def _maker(_: Flow, line: int, control: Control) -> Cycle:
-    return Cycle(line, control)
+class Pattern(ControlStep):
+    """A line with a pattern. Its arguments are computed when the line is executed.
+
+    Each hole is a traverse in the plane, after which the cycle of MCALL is made.
+    """
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Drill the holes."""
+        interpreter = flow.interpreter
+        interpreter.begun = True
+        if flow.modal is None:
+            raise self._fault(flow, "cycle-not-active", " without MCALL and a cycle before it")
+        modal = interpreter.modal
+        if modal.diameter:
+            message = " under DIAMON: its places may be diameters or radii"
+            raise self._fault(flow, "code-not-supported", message)
+        before = modal.motion, modal.absolute
+        after = line + 1
+        for x, y in self._holes(flow):
+            first, second = (in_plane(letter, modal.plane) for letter in "XY")
+            numbers = (("G", 90.0), ("G", 0.0), (first, x), (second, y))
+            words = tuple(Word(letter, number, letter, 1, 1) for letter, number in numbers)
+            interpreter.execute(Statement(words), line)
+            after = flow.call_after(line)
+        modal.motion, modal.absolute = before
+        interpreter.update_plain()
+        return after
+
+    def _holes(self, flow: Flow) -> Iterator[Point]:
+        """Yield the places of the holes."""
+        kind = int(str(self.control.label))
+        given = [value(flow.parameters) for value in self.control.values]
+        names = _PATTERNS[kind].split()
+        values = dict.fromkeys(names, 0.0)
+        values |= {name: value for name, value in zip(names, given, strict=False) if value == value}
+        count = values["NUM"]
+        if len(given) > len(names) or not 1.0 <= count <= MOST_HOLES or count != int(count):
+            message = f": its arguments are {', '.join(names)}; NUM is the number of holes"
+            raise self._fault(flow, "cycle-word-missing", message)
+        places = _on_line(values) if kind == 1 else _on_circle(values)
+        if kind == 1:
+            axes = (in_plane(letter, flow.interpreter.modal.plane) for letter in "XY")
+            here = [flow.parameters.name(f"_{axis.lower()}", 1) for axis in axes]
+            if math.dist(here, places[-1]) < math.dist(here, places[0]):
+                places.reverse()
+        yield from places
+
+    def _fault(self, flow: Flow, code: str, message: str) -> CncError:
+        return flow.listing.fault(self.at, code, f"HOLES{self.control.label}{message}")
 
 
-MAKERS = {"cycle": _maker, "mcall": _maker}
+def _on_line(values: dict[str, float]) -> list[Point]:
+    angle = math.radians(values["STA1"])
+    steps = (values["FDIS"] + values["DBH"] * index for index in range(int(values["NUM"])))
+    return [
+        (values["SPCA"] + step * math.cos(angle), values["SPCO"] + step * math.sin(angle))
+        for step in steps
+    ]
+
+
+def _on_circle(values: dict[str, float]) -> list[Point]:
+    between = values["INDA"] or 360.0 / values["NUM"]
+    angles = (math.radians(values["STA1"] + between * index) for index in range(int(values["NUM"])))
+    return [
+        (
+            values["CPA"] + values["RAD"] * math.cos(angle),
+            values["CPO"] + values["RAD"] * math.sin(angle),
+        )
+        for angle in angles
+    ]
+
+
+MAKERS: dict[str, Maker] = {"cycle": Cycle, "mcall": Cycle, "s-holes": Pattern}
+"""Classes of the steps of control lines, by keyword."""
