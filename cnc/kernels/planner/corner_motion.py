@@ -21,8 +21,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.planner.corner_along import most_along, tighten
