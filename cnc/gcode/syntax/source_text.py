@@ -197,8 +197,9 @@ class Window:
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
+        is_siemens = syntax.flavour == "siemens"
         by_interpreter = self.language == KLARTEXT
-        if syntax.flavour == "siemens":
+        if is_siemens:
             by_interpreter = self.head[index] in _SIEMENS_CONTROL
         if self.plain[index] and not by_interpreter:
             return self._plain(index, text)

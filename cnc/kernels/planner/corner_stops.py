@@ -84,8 +84,7 @@ def _motion_from(
 ) -> tuple[Chain, Motion]:
     """Return the chain that begins behind piece ``b``, and the motion past it.
 
-    A chain ends before a corner at which the motion has to rest. Where no motion past all its
-    corners is found, it is the first half of them, and so on.
+    A chain ends before a corner at which the motion has to rest.
     """
     most = MOST_CORNERS
     while True:
@@ -94,10 +93,7 @@ def _motion_from(
         if chain.last > b and not goes_on(times, plan, limits)[1]:
             most = chain.last - b
             continue
-        motion = find_motion(path, plan, chain, times, bound, limits, travel, known, rows)
-        most = (chain.last - b + 1) // 2
-        if motion.saved > 0.0 or most == 0:
-            return chain, motion
+        return chain, find_motion(path, plan, chain, times, bound, limits, travel, known, rows)
 
 
 @njit
