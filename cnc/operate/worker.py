@@ -26,15 +26,12 @@ from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.operate.events import Activity, Alarm, EventStream, Finding, Notice, State
-from cnc.operate.line_machine import LineMachine
-from cnc.operate.machines import OperatedMachine
+from cnc.operate.machines import STATE_PERIOD, OperatedMachine
 from cnc.operate.program_runs import Dialogs
 from cnc.operate.state_view import StateView
 
 log = logging.getLogger(__name__)
 
-STATE_PERIOD = 0.1
-"""Time between two states, s."""
 KEEP_ALIVE = 0.2
 """Time without a sign of life after which a jog ends, s."""
 T = TypeVar("T")
@@ -130,7 +127,7 @@ class Worker:
         Raises:
             UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
         """
-        if not isinstance(self._operated, LineMachine):
+        if self._operated is None or not self._operated.board.capabilities.overrides:
             for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
                 if value not in (None, 100):
                     message = "this board has no such override"
@@ -254,9 +251,7 @@ class Worker:
         while not self._closed.is_set():
             machine = self._operated
             try:
-                # A line board has waited for its reports already.
-                line = isinstance(machine, LineMachine)
-                task = self._tasks.get(timeout=0.001 if line else STATE_PERIOD)
+                task = self._tasks.get(timeout=STATE_PERIOD if machine is None else machine.pause)
             except Empty:
                 if machine is not None:
                     self._poll(machine)

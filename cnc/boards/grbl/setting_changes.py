@@ -7,8 +7,7 @@ Source: "Grbl v1.1 Settings" and "Interface"; grblHAL's ``$ES``.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.link import GrblLink
@@ -23,6 +22,7 @@ from cnc.boards.grbl.settings import (
     TRAVELS,
     BoardInfo,
 )
+from cnc.boards.protocols import SettingChange
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -37,12 +37,50 @@ _VALUE = re.compile(r"-?(\d+\.?\d*|\.\d+)")
 _NUMBER = re.compile(r"\$?\d{1,5}")
 
 
-class Change(NamedTuple):
-    """A setting to write, with the texts of its values; ``before`` is "" where it is absent."""
+class GrblSettings:
+    """The settings of a connected board.
 
-    number: int
-    before: str
-    after: str
+    Args:
+        link: The link to the board.
+    """
+
+    def __init__(self, link: GrblLink) -> None:
+        self._link = link
+
+    @property
+    def firmware(self) -> str:
+        """Name and build of the firmware."""
+        return f"{self._link.info.firmware} {self._link.info.build}"
+
+    @property
+    def values(self) -> Mapping[int, str]:
+        """Value of each setting, as the board prints it."""
+        return self._link.info.settings
+
+    def names(self) -> Mapping[int, str]:
+        """Return name and unit of each setting, as far as known."""
+        return names_of(self._link)
+
+    def differing(self, machine: Machine) -> Mapping[int, float]:
+        """Return the values that a machine file implies, where the board has others."""
+        return differing(self._link.info, expected_by(machine, self._link.info))
+
+    def number_of(self, text: str) -> int:
+        """Return the number of a setting such as ``$110``; UsageError ``setting-unknown``."""
+        return number_of(text)
+
+    def parsed(self, lines: Iterable[str], file: str) -> dict[int, str]:
+        """Return the settings in the lines of a file; UsageError ``setting-unknown``."""
+        return parsed(lines, file)
+
+    def changes(self, wanted: Mapping[int, str]) -> list[SettingChange]:
+        """Return the settings to write, in their order; see :func:`changes`."""
+        return changes(self._link.info, wanted)
+
+    def write(self, listed: Sequence[SettingChange]) -> bool:
+        """Write settings, and read them back; return whether one changes the steps/mm."""
+        write(self._link, listed)
+        return any(STEPS <= change.number < STEPS + len(AXIS_LETTERS) for change in listed)
 
 
 def names_of(link: GrblLink) -> dict[int, str]:
@@ -109,7 +147,7 @@ def parsed(lines: Iterable[str], file: str = "") -> dict[int, str]:
     return found
 
 
-def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
+def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[SettingChange]:
     """Return the settings to write, in their order.
 
     Homing is the first: soft limits need it, and GRBL switches them off with it.
@@ -129,11 +167,11 @@ def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
             message, hint = f"{value!r} is no number", f"give one, such as {number}={before}"
             raise UsageError(Diagnostic("setting-value", f"${number}: {message}", hint=hint))
         if not _same(before, value):
-            listed.append(Change(number, before, value))
+            listed.append(SettingChange(number, before, value))
     return sorted(listed, key=lambda change: change.number != HOMING)
 
 
-def write(link: GrblLink, listed: Iterable[Change]) -> None:
+def write(link: GrblLink, listed: Iterable[SettingChange]) -> None:
     """Write settings, and read them back.
 
     Raises:
