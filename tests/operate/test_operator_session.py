@@ -55,7 +55,7 @@ def test_a_released_jog_comes_to_rest_in_time(any_operator):
     moving = moves(any_operator)
     jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
     wait_until(moving)
-    places = [any_operator._view.readings.position["x"]]
+    places = [any_operator._worker.view.readings.position["x"]]
     released = time.monotonic()
     jog.release()
     jog.ended.result(PATIENCE)
@@ -336,6 +336,6 @@ def test_a_board_that_fails_after_a_run_does_not_change_its_outcome(operator, mo
     def fail() -> None:
         raise board_error("board-stopped", "the board has been stopped", hint="connect it again")
 
-    monkeypatch.setattr(operator._operated, "revive", fail)
+    monkeypatch.setattr(operator._worker.operated, "revive", fail)
     assert ended(operator, "G0 X2").outcome == "done"
     assert operator.state.board == ""
