@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
 from cnc.executor.run import Progress
@@ -40,7 +40,7 @@ from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.kernel_cache import ensure_compiled
-from cnc.session.kernel_jobs import PLANNING
+from cnc.session.kernel_needs import moving_jobs
 from cnc.session.observer import Callbacks
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import start_position
@@ -227,7 +227,7 @@ def run(
 
 
 def _switch_to_check(board: Board, name: str) -> None:
-    if not isinstance(board, LineSink):
+    if board.takes != "lines":
         message = f"the board {name!r} cannot check lines"
         hint = "leave --check-on-board out; cncrun check verifies the program without a board"
         raise UsageError(Diagnostic("no-check-on-board", message, hint=hint))
@@ -281,14 +281,11 @@ def home(
             seen.on_sent(progress)
 
     try:
-        if isinstance(opened, LineSink):
+        if opened.takes == "lines":
             from cnc.session.position_check import home_by_board
 
             return dict(home_by_board(opened, known, axes, control or Control()))
-        jobs = ["paths", *PLANNING, "pulses"]
-        if isinstance(opened, ChecksFeasibility):
-            jobs.append("segments")
-        ensure_compiled(seen.on_compiling, seen.on_kernel, jobs)
+        ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
         from cnc.executor import homing
 
         positions = homing.home(

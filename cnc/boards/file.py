@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import BoardTraits, Capabilities
+from cnc.boards.protocols import BoardTraits, Capabilities, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -18,7 +18,7 @@ from cnc.model.npz import NpzWriter
 from cnc.model.streams import PulseChunk
 
 
-class FileBoard:
+class FileBoard(PulseSink):
     """Writes pulses to a file (.npz) and checks them as the loopback board does.
 
     Commands between moves become the arrays ``command_ns`` int64 (k,), ``command_line`` int32 (k,)
@@ -67,10 +67,16 @@ class FileBoard:
             target, machine.axis_names, machine.steps_per_mm, 1e9 / machine.board.max_step_rate
         )
 
+    @classmethod
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> FileBoard:
+        """Raise UsageError ``no-operation``."""
+        hint = "a file is written by cncrun --board file --port FILE.npz"
+        raise UsageError(Diagnostic("no-operation", "a file cannot be operated", hint=hint))
+
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the loopback board, without sensors."""
-        return replace(self._checks.capabilities, senses=False)
+        """Those of the loopback board, without sensors and without a record of its runs."""
+        return replace(self._checks.capabilities, senses=False, resumable=False)
 
     @property
     def confirmed_line(self) -> int:

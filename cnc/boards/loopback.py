@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.protocols import BoardTraits, Capabilities
+from cnc.boards.protocols import BoardTraits, Capabilities, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError
@@ -17,9 +17,11 @@ from cnc.model.streams import PulseChunk
 
 ROUNDING_NS = 1
 """Two pulse times that are rounded to 1 ns may be closer than the exact ones by this much."""
+STOP_LATENCY = 0.14
+"""Latency of a stop, s: a driver that inherits from this one sends to a board with a buffer."""
 
 
-class Loopback:
+class Loopback(PulseSink):
     """A board that plays pulses into counters.
 
     Faults, each a BoardError at the source line of the row:
@@ -81,12 +83,23 @@ class Loopback:
         places = switch_places(machine)
         return SwitchedLoopback(machine, places) if places else cls.from_machine(machine.of_joints)
 
+    @classmethod
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> Loopback:
+        """Open a board in real time, which stands at ``start`` (axes,), mm."""
+        from cnc.boards.paced_loopback import PacedLoopback
+
+        return PacedLoopback(machine, start)
+
     @property
     def capabilities(self) -> Capabilities:
         """Pulses at whole nanoseconds, with the expected answer to each probe and input."""
         rate = 1e9 / self.min_pulse_ns if self.min_pulse_ns else np.inf
         return Capabilities(
-            axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True
+            axes=self.axes,
+            max_step_rate=rate,
+            tick_ns=1.0,
+            senses=True,
+            stop_latency_s=STOP_LATENCY,
         )
 
     @property

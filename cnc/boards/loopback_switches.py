@@ -7,10 +7,12 @@ motor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cnc.boards.loopback import Loopback
+from cnc.boards.protocols import Capabilities
 from cnc.kinematics.planar import CoreXY, CoreXZ
 from cnc.machine.models import Homing, Machine, switch_end
 from cnc.model.blocks import Block, SwitchMove
@@ -48,6 +50,11 @@ class SwitchedLoopback(Loopback):
         self._cut = False
 
     @property
+    def capabilities(self) -> Capabilities:
+        """Those of the loopback board, with limit switches."""
+        return replace(super().capabilities, limit_switches=True)
+
+    @property
     def known_steps(self) -> tuple[int | None, ...]:
         """Grid point of each axis; None before it is homed."""
         steps = self.position_steps.tolist()
@@ -60,11 +67,6 @@ class SwitchedLoopback(Loopback):
             tuple(self._closed(column, motor) for motor in self._motors(column))
             for column in sorted({column for column, _ in self.places})
         )
-
-    @property
-    def switches(self) -> tuple[bool, ...]:
-        """Whether a switch of each axis that has one is closed."""
-        return tuple(any(each) for each in self.motor_switches)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Take over which positions are known; no switch ends another axis' motion."""

@@ -24,6 +24,8 @@ from cnc.model.streams import PulseChunk
 
 HORIZON = 0.04
 """Motion that the board accepts ahead of its clock, s."""
+STOP_LATENCY = HORIZON + 0.02
+"""Latency of a stop, s: the horizon and two slices."""
 SLICE = 0.01
 """Length of a slice, s."""
 ABORT_POLL = 0.05
@@ -55,7 +57,7 @@ class PacedLoopback(Loopback):
     @property
     def capabilities(self) -> Capabilities:
         """Those of the loopback board, with slices for an operator."""
-        return replace(super().capabilities, slice_s=SLICE)
+        return replace(super().capabilities, slice_s=SLICE, stop_latency_s=STOP_LATENCY)
 
     @property
     def known_steps(self) -> tuple[int | None, ...]:

@@ -1,4 +1,4 @@
-"""Protocols of board drivers: pulse boards, line boards, and optional abilities.
+"""Boards: the two kinds of board, what each states of itself, and the methods of its driver.
 
 A driver takes time-stamped chunks ahead of time, and the board plays them. The states of a board:
 
@@ -10,21 +10,26 @@ A driver takes time-stamped chunks ahead of time, and the board plays them. The 
 
 An idle board takes only start, stop, abort and close. Else: BoardError `board-not-started`.
 
-Drivers are found by name (:mod:`cnc.boards.registry`). Each driver class declares its
-:class:`BoardTraits` and passes a conformance suite of ``tests/support/boards``.
+A driver is a class that inherits from :class:`PulseSink` or :class:`LineSink`. The methods of an
+ability that a board may lack have a body here: the answer of a board without it. A driver declares
+its :class:`BoardTraits`, gives its :class:`Capabilities`, is found by name
+(:mod:`cnc.boards.registry`), and passes a conformance suite of ``tests/support/boards``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
+from pathlib import Path
+from typing import ClassVar, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.errors import board_error
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
+from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import LinesSent, PulseChunk
@@ -36,6 +41,10 @@ Action = Literal[
 ACTIONS: frozenset[Action] = frozenset(get_args(Action))
 
 
+Kernels = Literal["segments", "step runs"]
+"""Jobs of :mod:`cnc.session.kernel_jobs` that compile the kernels of a board."""
+
+
 @dataclass(frozen=True, slots=True)
 class Capabilities:
     """Capabilities of an open board.
@@ -44,27 +53,34 @@ class Capabilities:
         axes: Number of axes that it can move.
         max_step_rate: Highest step rate of one axis, steps/s.
         tick_ns: Resolution of its pulse times, ns.
-        pulses: Whether it takes :class:`PulseChunk`.
-        lines: Whether it takes lines of G-code.
         senses: Whether it answers probes and inputs, and follows the rotation of the spindle.
+        stop_latency_s: Longest time from the request of a stop to the beginning of the deceleration
+            in a jog, s: motion that it plays ahead, and its link.
         probes: Whether it answers probes, even if it has no other sensors.
         slice_s: Length of the motion slices that it should be sent, s. Short slices make holds
             fast. 0 for a board that moves nothing.
         actions: Actions that it supports between moves.
         separate_axes: Whether each axis has a queue of its own, so that moves of several axes
             together have no use.
+        limit_switches: Whether it has inputs for limit switches, so that the machine can be homed.
+        overrides: Whether it changes the speeds of traverses and spindle at once on request.
+        resumable: Whether a run that breaks off is recorded, so that it can be continued.
+        kernels: Kernels that it calls.
     """
 
     axes: int
     max_step_rate: float
     tick_ns: float
-    pulses: bool
-    lines: bool
     senses: bool
+    stop_latency_s: float
     probes: bool = False
     slice_s: float = 0.0
     actions: frozenset[Action] = ACTIONS
     separate_axes: bool = False
+    limit_switches: bool = False
+    overrides: bool = False
+    resumable: bool = True
+    kernels: tuple[Kernels, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +89,65 @@ class BoardTraits:
 
     Attributes:
         has_port: The board is found at a port, so that ``--port`` can name one.
-        takes_lines: The board takes G-code lines and plans its motion itself.
         simulated: No machine moves: the board is a model, or writes a file.
+        has_settings: The board has numbered settings (``$$``).
     """
 
     has_port: bool = True
-    takes_lines: bool = False
     simulated: bool = False
+    has_settings: bool = False
+
+
+class SettingChange(NamedTuple):
+    """A setting to write, with the texts of its values; ``before`` is "" where it is absent."""
+
+    number: int
+    before: str
+    after: str
+
+
+class BoardSettings(Protocol):
+    """Numbered settings of a board (``$$``)."""
+
+    @property
+    def firmware(self) -> str:
+        """Name and build of the firmware."""
+
+    @property
+    def values(self) -> Mapping[int, str]:
+        """Value of each setting, as the board prints it."""
+
+    def names(self) -> Mapping[int, str]:
+        """Return name and unit of each setting, as far as known."""
+
+    def differing(self, machine: Machine) -> Mapping[int, float]:
+        """Return the values that a machine file implies, where the board has others."""
+
+    def number_of(self, text: str) -> int:
+        """Return the number of a setting such as ``$110``; UsageError ``setting-unknown``."""
+
+    def parsed(self, lines: Iterable[str], file: str) -> dict[int, str]:
+        """Return the settings in the lines of a file; UsageError ``setting-unknown``."""
+
+    def changes(self, wanted: Mapping[int, str]) -> list[SettingChange]:
+        """Return the settings to write, in their order.
+
+        Raises:
+            UsageError: ``setting-unknown``, ``setting-value``.
+        """
+
+    def write(self, listed: Sequence[SettingChange]) -> bool:
+        """Write settings, and read them back; return whether the position is another one then.
+
+        Raises:
+            BoardError: ``board-error``, ``setting-not-kept``.
+        """
 
 
 class Board(Protocol):
     """The methods of all boards. All but the properties may raise BoardError."""
+
+    traits: ClassVar[BoardTraits]
 
     @property
     def capabilities(self) -> Capabilities:
@@ -119,102 +183,25 @@ class Board(Protocol):
     def close(self) -> None:
         """Release the board. It cannot be used again."""
 
+    def unlike(self, machine: Machine) -> list[Diagnostic]:
+        """Return warnings where the board differs from the machine file, or from its firmware."""
+        return []
 
-@runtime_checkable
-class PulseSink(Board, Protocol):
-    """A board that plays pulses."""
-
-    @property
-    def position_steps(self) -> NDArray[np.int64]:
-        """Grid point of the board (axes,)."""
-
-    def send(self, chunk: PulseChunk) -> None:
-        """Accept grid moves; returns when the board has space for more."""
+    def numbered_settings(self) -> BoardSettings:
+        """Return its settings (``$$``). UsageError ``no-settings`` for a board without them."""
+        message, hint = "this board has no settings", "GRBL boards have them"
+        raise UsageError(Diagnostic("no-settings", message, hint=hint))
 
 
-OnReport = Callable[[], None]
-"""A function that is called after each report of a board."""
+class FeasibilityCheck(Protocol):
+    """A check before any motion whether a board can play a program."""
 
+    def add(self, chunk: PulseChunk) -> None:
+        """Add the next grid moves of the program.
 
-class MachineReport(NamedTuple):
-    """The last report of a board that plans its own motion.
-
-    Attributes:
-        state: The state in the words of the board, such as Run or Hold.
-        work: Work position of each axis, mm; empty if it is not known.
-        feed: Actual feed, mm/min; None if it is not reported.
-        spindle: Speed of the spindle, rev/min; None if it is not reported.
-        overrides: Of feed, traverses and spindle, per cent; None as long as they are not known.
-    """
-
-    state: str
-    work: tuple[float, ...] = ()
-    feed: float | None = None
-    spindle: float | None = None
-    overrides: tuple[int, int, int] | None = None
-
-
-@runtime_checkable
-class ReportsState(Protocol):
-    """A board that reports its state during a run."""
-
-    @property
-    def report(self) -> MachineReport:
-        """The last report."""
-
-
-@runtime_checkable
-class RemembersPosition(Protocol):
-    """A board that remembers the position of its machine between programs."""
-
-    @property
-    def known_steps(self) -> tuple[int | None, ...]:
-        """Grid point of each axis before a program, None for an axis whose position is lost."""
-
-
-@runtime_checkable
-class HasLimitSwitches(RemembersPosition, Protocol):
-    """A board with a limit switch at each of its axes but the fourth, for homing."""
-
-    @property
-    def switches(self) -> tuple[bool, ...]:
-        """Whether the switch of each axis that has one is closed now."""
-
-    def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
-        """Set conditions for the next start alone.
-
-        Args:
-            watched: Axes whose limit switches end the motion with an alarm.
-            known: Axes whose position is that of the origin; the others stay unknown.
+        Raises:
+            MotionLimitError: They exceed the limits of the board.
         """
-
-
-@runtime_checkable
-class SendsFarAhead(Protocol):
-    """A board that gets so much motion ahead that a jog needs another way."""
-
-    def prepare_jog(self, feed: float) -> None:
-        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
-
-
-@runtime_checkable
-class SquaresGantries(HasLimitSwitches, Protocol):
-    """A board on which each motor of an axis can have a limit switch of its own."""
-
-    @property
-    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
-        """Whether each switch of each axis that has one is closed now, in the order of motors."""
-
-    def move_alone(self, column: int, motor: int) -> None:
-        """Let only one motor of an axis move between the next start and its end."""
-
-
-@runtime_checkable
-class ProbesByMotion(Protocol):
-    """A board that has the answer to a probe only after the motion, not from ``execute``."""
-
-    def probe_result(self) -> tuple[float, ...] | None:
-        """Return the answer to the last probe after its motion, None if there was no probe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,32 +219,220 @@ class MotionState:
     ahead: float
 
 
-@runtime_checkable
-class PlaysAhead(Protocol):
-    """A board that plays motion some time after it is sent."""
+class PulseSink(Board, Protocol):
+    """A board that plays pulses."""
+
+    takes: Literal["pulses"] = "pulses"
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> PulseSink:
+        """Open the board that the machine file describes.
+
+        Args:
+            machine: The machine, whose axes are the joints.
+            target: File to write, for the file board.
+        """
+
+    @classmethod
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> PulseSink:
+        """Open the board for an operator: a simulated one runs in real time.
+
+        Args:
+            machine: The machine, whose axes are the joints.
+            start: Position of each axis of a simulated board, mm.
+        """
+        return cls.from_machine(machine)
+
+    @classmethod
+    def with_switches(cls, machine: Machine) -> PulseSink:
+        """Open the board of a machine that is to be homed: a simulated one gets limit switches."""
+        return cls.from_machine(machine.of_joints)
+
+    @classmethod
+    def expected_capabilities(cls, machine: Machine) -> Capabilities | None:
+        """Return the capabilities of the machine's board without opening it; None if not known."""
+        return None
+
+    @classmethod
+    def expected_feasibility_check(cls, machine: Machine) -> FeasibilityCheck | None:
+        """Return a check of a program for the machine's board without opening it."""
+        return None
 
     @property
-    def motion_state(self) -> MotionState:
-        """State according to the last report of the board."""
+    def position_steps(self) -> NDArray[np.int64]:
+        """Grid point of the board (axes,)."""
 
-
-@runtime_checkable
-class Revivable(Protocol):
-    """A board that takes the next program after a stop, without a new connection."""
+    def send(self, chunk: PulseChunk) -> None:
+        """Accept grid moves; returns when the board has space for more."""
 
     def revive(self) -> None:
-        """Go from stopped to idle. BoardError if a fault ended the use of the board."""
+        """Take the next program after a stop, without a new connection: go from stopped to idle.
 
+        Raises:
+            BoardError: ``board-stopped``, if a fault ended the use of the board.
+        """
+        message = "the board takes no program after a stop"
+        raise board_error("board-stopped", message, hint="open it anew")
 
-@runtime_checkable
-class HasButtons(Protocol):
-    """A pulse board with buttons for the operator."""
+    def feasibility_check(self) -> FeasibilityCheck | None:
+        """Return a check of a program; None for a board that can play every program."""
+        return None
 
     def connect_operator(self, control: Control) -> None:
-        """Send the presses of the buttons to ``control`` from here on."""
+        """Send the presses of the board's buttons to ``control`` from here on, if it has some."""
+        return
+
+    @property
+    def known_steps(self) -> tuple[int | None, ...] | None:
+        """Grid point of each axis before a program, None for an axis whose position is lost.
+
+        None for a board that does not remember the position of its machine between programs.
+        """
+        return None
+
+    @property
+    def motion_state(self) -> MotionState | None:
+        """State by the last report; None for a board that plays motion at once."""
+        return None
+
+    def probe_result(self) -> tuple[float, ...] | None:
+        """Return the answer to the last probe after its motion; None if ``execute`` gave it."""
+        return None
+
+    def prepare_jog(self, feed: float) -> None:
+        """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""
+        return
+
+    @property
+    def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
+        """Whether each switch of each axis that has one is closed now, in the order of motors."""
+        return ()
+
+    @property
+    def switches(self) -> tuple[bool, ...]:
+        """Whether a limit switch of each axis that has one is closed now."""
+        return tuple(any(each) for each in self.motor_switches)
+
+    def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+        """Set conditions for the next start alone.
+
+        Args:
+            watched: Axes whose limit switches end the motion with an alarm.
+            known: Axes whose position is that of the origin; the others stay unknown.
+        """
+        return
+
+    def move_alone(self, column: int, motor: int) -> None:
+        """Let only one motor of an axis move between the next start and its end."""
+        return
 
 
-@runtime_checkable
+OnReport = Callable[[], None]
+"""A function that is called after each report of a board."""
+Condition = Literal[
+    "idle", "running", "held", "jogging", "homing", "alarm", "door", "check", "sleep"
+]
+
+
+class MachineReport(NamedTuple):
+    """The last report of a board that plans its own motion.
+
+    Attributes:
+        state: The state in the words of the board, such as Run or Hold.
+        work: Work position of each axis, mm; empty if it is not known.
+        feed: Actual feed, mm/min; None if it is not reported.
+        spindle: Speed of the spindle, rev/min; None if it is not reported.
+        overrides: Of feed, traverses and spindle, per cent; None as long as they are not known.
+        condition: The state, in the same words for all boards.
+        inputs: Whether each input is active, by its name.
+    """
+
+    state: str
+    work: tuple[float, ...] = ()
+    feed: float | None = None
+    spindle: float | None = None
+    overrides: tuple[int, int, int] | None = None
+    condition: Condition = "idle"
+    inputs: Mapping[str, bool] = {}
+
+
+class LineOperation(Protocol):
+    """Operation of a line board at rest. All methods may raise BoardError."""
+
+    @property
+    def homes(self) -> bool:
+        """Whether the board homes the machine by a cycle of its own."""
+
+    @property
+    def homed(self) -> bool:
+        """Whether the machine is homed as far as the board shows it: no alarm, no restart."""
+
+    def begin(self) -> None:
+        """Serve requests of the operator within some hundredths of a second from here on."""
+
+    def listen(self, listener: Callable[[str, str], None]) -> None:
+        """Call ``listener`` with ``->`` or ``<-`` and each line that is sent or received."""
+
+    def refresh(self) -> None:
+        """Ask for a report, and wait for it."""
+
+    def poll(self) -> None:
+        """Exchange reports for a moment; BoardError for an alarm or a restart."""
+
+    def limits_for_jogs(self, machine: Machine) -> Machine:
+        """Return the machine with the rates and accelerations of the board."""
+
+    def jog(
+        self,
+        start: Mapping[str, float],
+        end: Mapping[str, float],
+        feed: float,
+        released: Callable[[], bool],
+        on_report: OnReport,
+    ) -> None:
+        """Move in a straight line; return at rest.
+
+        Args:
+            start: Machine position of the axes that move, mm.
+            end: Its end.
+            feed: Speed, mm/s.
+            released: Whether the motion must end now.
+            on_report: Called after each report.
+
+        Raises:
+            BoardError: ``board-error`` where the board refuses the jog, ``board-alarm``.
+        """
+
+    def read_offsets(self) -> None:
+        """Read the offsets that the board keeps, if it is at rest."""
+
+    def set_work_position(self, system: str, values: Mapping[str, float]) -> None:
+        """Set the offset of a system so that the axes stand at work positions, and read it back.
+
+        Args:
+            system: G54 to G59, on some boards to G59.3, or G92.
+            values: Work position of each axis, mm.
+
+        Raises:
+            UsageError: ``no-such-system``.
+            BoardError: ``offset-not-kept`` where the board keeps another offset.
+        """
+
+    def unlock(self, *, at_switch: bool = True) -> None:
+        """Leave an alarm without homing.
+
+        Args:
+            at_switch: Unlock although a limit switch is pressed.
+
+        Raises:
+            BoardError: ``board-locked`` at a pressed switch; ``board-error`` where the board
+                refuses.
+        """
+
+    def revive(self) -> None:
+        """Accept a next program. BoardError ``board-stopped`` after a fault of the link."""
+
+
 class LineSink(Board, Protocol):
     """A board that plans its own motion.
 
@@ -269,6 +444,27 @@ class LineSink(Board, Protocol):
         check_only: Set before the start. The board reads the lines and reports their errors, and
             nothing moves.
     """
+
+    takes: Literal["lines"] = "lines"
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> LineSink:
+        """Open the board that the machine file describes."""
+
+    @classmethod
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> LineSink:
+        """Open the board for an operator: a simulated one runs in real time."""
+        return cls.from_machine(machine)
+
+    @property
+    def operation(self) -> LineOperation | None:
+        """Its operation at rest; None for a board that only runs programs."""
+        return None
+
+    @property
+    def report(self) -> MachineReport | None:
+        """The last report; None for a board without reports."""
+        return None
 
     @property
     def position(self) -> tuple[float, ...]:
@@ -368,41 +564,3 @@ class LineSink(Board, Protocol):
 
     def send_lines(self, lines: PackedLines) -> None:
         """Accept lines; returns when they have been sent, or when the operator stops the run."""
-
-
-class FeasibilityCheck(Protocol):
-    """A check before any motion whether a board can play a program."""
-
-    def add(self, chunk: PulseChunk) -> None:
-        """Add the next grid moves of the program.
-
-        Raises:
-            MotionLimitError: They exceed the limits of the board.
-        """
-
-
-@runtime_checkable
-class ChecksFeasibility(Protocol):
-    """A board that cannot play every program."""
-
-    def feasibility_check(self) -> FeasibilityCheck:
-        """Return a check of a program."""
-
-
-@runtime_checkable
-class SimulatesSwitches(Protocol):
-    """A driver class of a simulated board that has limit switches where homing is rehearsed."""
-
-    def with_switches(self, machine: Machine) -> PulseSink:
-        """Open the board of a machine, with limit switches at its axes or joints."""
-
-
-@runtime_checkable
-class KnownInAdvance(Protocol):
-    """A driver class that knows the capabilities of its boards without an open one."""
-
-    def expected_capabilities(self, machine: Machine) -> Capabilities:
-        """Return the capabilities of the board that this machine should have."""
-
-    def expected_feasibility_check(self, machine: Machine) -> FeasibilityCheck:
-        """Return a check of a program for the board that this machine should have."""

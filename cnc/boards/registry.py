@@ -7,11 +7,12 @@ when it is used.
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
-from cnc.boards.protocols import BoardTraits, LineSink, PulseSink, SimulatesSwitches
+from cnc.boards.protocols import BoardTraits, LineSink, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -42,18 +43,8 @@ def board_names() -> tuple[str, ...]:
     return tuple(sorted(_known()))
 
 
-class BoardFactory(Protocol):
-    """A driver class, as named by the entry points of the group ``cnc.boards``."""
-
-    traits: BoardTraits
-
-    def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
-        """Open the board that the machine file describes.
-
-        Args:
-            machine: The machine.
-            target: File to write, for the file board.
-        """
+BoardFactory = type[PulseSink] | type[LineSink]
+"""A driver class, as named by the entry points of the group ``cnc.boards``."""
 
 
 def board_factory(kind: str) -> BoardFactory:
@@ -82,6 +73,8 @@ def board_factory(kind: str) -> BoardFactory:
         factory = cast(BoardFactory, known[kind].load())
         if not isinstance(factory.traits, BoardTraits):
             raise AttributeError(f"its traits are not BoardTraits but {factory.traits!r}")
+        if factory.takes not in ("pulses", "lines"):
+            raise AttributeError(f"it takes neither pulses nor lines but {factory.takes!r}")
         return factory
     except (ImportError, AttributeError) as error:
         hint = "install the package that the driver needs"
@@ -101,6 +94,7 @@ def open_board(
     target: Path | None = None,
     port: str | None = None,
     homes: bool = False,
+    start: Sequence[float] | None = None,
 ) -> PulseSink | LineSink:
     """Open a board.
 
@@ -110,6 +104,8 @@ def open_board(
         target: File to write, for the file board.
         port: Port of the board, instead of that in the machine file.
         homes: Whether the machine is to be homed: a simulated board needs limit switches then.
+        start: The board is for an operator, so that a simulated one runs in real time; it stands
+            at this position of the joints, mm.
 
     Raises:
         UsageError: ``board-without-port``, ``kinematics-on-board`` for joints and a board that
@@ -117,7 +113,7 @@ def open_board(
     """
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
-    if factory.traits.takes_lines and machine.kinematics.joints:
+    if factory.takes == "lines" and machine.kinematics.joints:
         hint = "leave [kinematics] and [joints] out of the machine file of such a board"
         message = f"the board {name!r} has its kinematics in its firmware"
         raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
@@ -130,6 +126,8 @@ def open_board(
         machine = machine.model_copy(
             update={"board": machine.board.model_copy(update={"port": port})}
         )
-    if homes and isinstance(factory, SimulatesSwitches):
+    if start is not None:
+        return factory.for_operator(machine.of_joints, start)
+    if homes and factory.takes == "pulses":
         return factory.with_switches(machine)
     return factory.from_machine(machine.of_joints, target)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, SquaresGantries
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.executor.homing_cycles import AxisHoming, homed_steps, homing_sequence, on_grid
 from cnc.executor.run import Progress, execute
 from cnc.executor.squaring import Squared, align, square
@@ -61,7 +61,6 @@ class _Homing:
     def __init__(
         self,
         board: PulseSink,
-        switched: HasLimitSwitches,
         machine: Machine,
         control: Control,
         on_progress: Callable[[Progress], None] | None,
@@ -70,13 +69,12 @@ class _Homing:
     ) -> None:
         self.on_squared = on_squared
         self.board = board
-        self.switched = switched
         self.machine = machine
         self.control = control
         self.on_progress = on_progress
         self.joints = Joints(machine)
         self.steps_per_mm = self.joints.machine.steps_per_mm
-        standing = switched.known_steps
+        standing = board.known_steps or ()
         self.known = self._known_axes([steps is not None for steps in standing])
         """Whether the position of each axis is known."""
         self.steps = homed_steps(machine, (), standing, start)
@@ -86,9 +84,9 @@ class _Homing:
         """Return whether the switch of each motor of an axis is closed."""
         # The motors of linear joints move several axes, which have the switches.
         own = not self.machine.kinematics.joints
-        if own and isinstance(self.switched, SquaresGantries):
-            return self.switched.motor_switches[cycle.column]
-        return (self.switched.switches[cycle.column],)
+        if own:
+            return self.board.motor_switches[cycle.column]
+        return (self.board.switches[cycle.column],)
 
     def closed(self, cycle: AxisHoming) -> bool:
         """Return whether a switch of an axis is closed."""
@@ -229,8 +227,8 @@ class _Homing:
             block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
         else:
             block = SwitchMove(FILE, 0, end, feed, until, False, switch=cycle.column, motor=motor)
-        if alone and motor is not None and isinstance(self.switched, SquaresGantries):
-            self.switched.move_alone(cycle.column, motor)
+        if alone and motor is not None:
+            self.board.move_alone(cycle.column, motor)
         self.run(cycle, block)
         if not isinstance(block, SwitchMove):
             return True
@@ -238,12 +236,12 @@ class _Homing:
 
     def run(self, cycle: AxisHoming | None, *blocks: Block) -> None:
         """Carry out blocks, from rest to rest, for the axis of ``cycle`` if there is one."""
-        machine, closed = self.machine, self.switched.switches
+        machine, closed = self.machine, self.board.switches
         watched = [
             not (shut or (cycle is not None and column == cycle.column))
             for column, shut in enumerate(closed)
         ]
-        self.switched.prepare_next_start(watched=watched, known=self.known_joints())
+        self.board.prepare_next_start(watched=watched, known=self.known_joints())
         start = self.tip()
         fastest = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
         ahead = LookAhead(machine, self.control, slice_s=self.board.capabilities.slice_s or SLICE)
@@ -302,14 +300,14 @@ def home(
         BoardError: The board failed. The position of the current axis is lost.
         HomingStopped: ``control`` stopped the homing.
     """
-    if not isinstance(board, HasLimitSwitches):
+    if not board.capabilities.limit_switches:
         message = "this board has no limit switches for homing"
         hint = "name the board that has them with --board"
         raise UsageError(Diagnostic("no-switches", message, hint=hint))
     switches, joints = len(board.switches), Joints(machine)
     if not joints.linear:
         machine, start = joints.machine, joints.at(start)
-    homing = _Homing(board, board, machine, control or Control(), on_progress, start, on_squared)
+    homing = _Homing(board, machine, control or Control(), on_progress, start, on_squared)
     for cycle in homing_sequence(machine, homing.with_partners(axes, switches), switches):
         if on_axis is not None:
             on_axis(cycle)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasLimitSwitches, PulseSink, SendsFarAhead
+from cnc.boards.protocols import PulseSink
 from cnc.executor.run import Outcome, Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, Polyline
@@ -73,15 +73,14 @@ def jog(
         separate_axes=board.capabilities.separate_axes,
     )
     # A jog that has failed by here leaves nothing behind for the next motion.
-    if isinstance(board, HasLimitSwitches):
+    if (known := board.known_steps) is not None and board.capabilities.limit_switches:
         # Without homing the machine counts from the assumed start, as in a program.
         board.prepare_next_start(
             watched=[not closed for closed in board.switches],
-            known=[steps is not None or not machine.can_home for steps in board.known_steps],
+            known=[steps is not None or not machine.can_home for steps in known],
         )
-    if isinstance(board, SendsFarAhead):
-        # A joint may be faster than the tool.
-        board.prepare_jog(math.inf if machine.kinematics.joints else feed)
+    # A joint may be faster than the tool.
+    board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     return execute(
         _until_held(planner.plan(path)),
         board,

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from cnc.boards.errors import board_error
-from cnc.boards.protocols import LineSink, ReportsState
+from cnc.boards.protocols import LineSink
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
@@ -133,7 +133,6 @@ class _Stream:
         pause_text: Callable[[Block], str] | None,
     ) -> None:
         self.board = board
-        self.reporting = board if isinstance(board, ReportsState) else None
         self.control = control
         self.on_progress = on_progress
         self.pause_text = pause_text
@@ -162,7 +161,7 @@ class _Stream:
                 file=self.file,
                 at=board.moving_line,
                 at_rest=self.control.held and board.holds,
-                machine=None if self.reporting is None else self.reporting.report,
+                machine=board.report,
             )
             self.on_progress(now)
 

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasButtons, MachineReport, PlaysAhead, ProbesByMotion, PulseSink
+from cnc.boards.protocols import MachineReport, PulseSink
 from cnc.executor.motion_commands import CommandsInMotion
 from cnc.model.blocks import Abort, Block, End, Held, Probe, Spindle, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
@@ -149,7 +149,6 @@ class _Run:
         self.laser = laser
         self.beam: Spindle | None = None
         self.at_rest = True
-        self.playing = board if isinstance(board, PlaysAhead) else None
         self._commands = CommandsInMotion(self.carry_out)
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
@@ -207,7 +206,7 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.probe_result() if isinstance(self.board, ProbesByMotion) else None
+        found = self.board.probe_result()
         reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
@@ -267,8 +266,7 @@ class _Run:
             at=self.line,
             at_rest=held,
         )
-        if self.playing is not None:
-            state = self.playing.motion_state
+        if (state := self.board.motion_state) is not None:
             # Under a hold, the motion has reached the last line sent.
             line = self.line if held else state.line
             now = replace(now, line=line, position=state.position, ahead=state.ahead, at=line)
@@ -316,7 +314,7 @@ def execute(
     """
     run = _Run(board, interpolator, on_pulses, on_progress, laser=laser)
     try:
-        if control is not None and isinstance(board, HasButtons):
+        if control is not None:
             board.connect_operator(control)
         board.start(interpolator.origin_steps)
         return _run_program(run, plan_stream, control, ramp_down)

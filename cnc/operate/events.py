@@ -15,24 +15,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, ClassVar, Literal
 
+from cnc.boards.protocols import Condition
 from cnc.model.diagnostics import Diagnostic, Severity
 
 Activity = Literal[
     "none", "connect", "home", "jog", "mdi", "program", "probe", "settings", "unlock", "zero"
 ]
 """What occupies the machine."""
-MachineState = Literal[
-    "disconnected",
-    "idle",
-    "running",
-    "held",
-    "jogging",
-    "homing",
-    "alarm",
-    "door",
-    "check",
-    "sleep",
-]
+MachineState = Literal["disconnected", Condition]
 Outcome = Literal["done", "stopped", "failed"]
 
 

@@ -13,6 +13,9 @@ from cnc.model.operator_control import Control
 from cnc.operate.events import MachineState
 from cnc.operate.jogging import JogMove
 
+STATE_PERIOD = 0.1
+"""Time between two states, s."""
+
 
 @dataclass(frozen=True, slots=True)
 class Readings:
@@ -44,6 +47,7 @@ class OperatedMachine(Protocol):
         board: The board.
         machine: The machine, with the travel of the board.
         rest: Time that a stop of a jog may take itself, s.
+        pause: Time until the worker looks for a next task after a poll, s.
         stops_outputs: Whether spindle and coolant stop at the end of a program without M5 and M9.
     """
 
@@ -53,6 +57,7 @@ class OperatedMachine(Protocol):
 
     machine: Machine
     rest: float
+    pause: float
     stops_outputs: bool
 
     def readings(self) -> Readings:

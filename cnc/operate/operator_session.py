@@ -1,17 +1,19 @@
 """The operator session: it operates one machine, from the connection to the end.
 
-:mod:`cnc.operate.worker` has the threads, and carries out one activity at a time.
+It is put together from parts: the worker carries out one activity at a time
+(:mod:`cnc.operate.worker`), and :mod:`cnc.operate.program_session` runs programs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar
 
-from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.port import Clock
+from cnc.boards.port import Clock, SystemClock
+from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
@@ -19,19 +21,25 @@ from cnc.operate import jogging
 from cnc.operate.events import (
     ConsoleLine,
     Event,
+    JobEnded,
     Listener,
+    State,
 )
+from cnc.operate.height_mapping import Grid
 from cnc.operate.live_boards import open_live, operated
-from cnc.operate.program_session import ProgramSession
+from cnc.operate.program_session import Programs
 from cnc.operate.session_access import answered
 from cnc.operate.settings import BoardSetting, change_setting, read_settings
-from cnc.operate.worker import KEEP_ALIVE, Jog, not_connected
+from cnc.operate.worker import KEEP_ALIVE, Jog, Worker
+from cnc.session.options import RunOptions
 
+MOST_HISTORY = 1000
+"""Entered lines that are kept."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class OperatorSession(ProgramSession):
+class OperatorSession:
     """Operates one machine.
 
     Activities return a future. It has the result, or the fault. Faults also come as events.
@@ -57,7 +65,12 @@ class OperatorSession(ProgramSession):
         clock: Clock | None = None,
     ) -> None:
         self.machine = self.with_folders(machine, macros, subroutines)
-        super().__init__(self.machine, macros, clock)
+        self.history: list[str] = []
+        self._clock = clock or SystemClock()
+        self._worker = Worker(self.machine)
+        self._programs = Programs(self._worker, self.machine, macros)
+        self._jog: Jog | None = None
+        self.events = self._worker.events
 
     @staticmethod
     def with_folders(machine: Machine, macros: Path | None, subroutines: Sequence[Path]) -> Machine:
@@ -83,6 +96,11 @@ class OperatorSession(ProgramSession):
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def close(self) -> None:
+        """Come to rest, release the board, and end the session."""
+        self.stop()
+        self._worker.close()
+
     # Events and state
 
     def listen(self, listener: Listener) -> Callable[[], None]:
@@ -90,26 +108,31 @@ class OperatorSession(ProgramSession):
         return self.events.listen(listener)
 
     @property
+    def state(self) -> State:
+        """The present state."""
+        return self._worker.state
+
+    @property
     def dialog(self) -> Event | None:
         """The open question to the operator."""
-        return self._dialogs.open
+        return self._worker.dialogs.open
 
     @property
     def offsets(self) -> dict[str, dict[str, float]]:
         """Offsets by name and axis, mm; empty without a board."""
-        return self._view.offsets
+        return self._worker.view.offsets
 
     @property
     def limited_machine(self) -> Machine:
         """The machine with the travel of the board, and the kind of the board."""
-        known = self.machine if self._operated is None else self._operated.machine
-        board = known.board.model_copy(update={"kind": self._view.board or known.board.kind})
+        known = self.machine if self._worker.operated is None else self._worker.operated.machine
+        board = known.board.model_copy(update={"kind": self._worker.view.board or known.board.kind})
         return known.model_copy(update={"board": board})
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
         """Travel of each axis, mm, as the board limits it."""
-        known = self.machine if self._operated is None else self._operated.machine
+        known = self.machine if self._worker.operated is None else self._worker.operated.machine
         return {str(letter): axis.travel for letter, axis in known.axes.items()}
 
     # Connection
@@ -123,7 +146,7 @@ class OperatorSession(ProgramSession):
         name = board or self.machine.board.kind
 
         def connect() -> None:
-            if self._operated is not None:
+            if self._worker.operated is not None:
                 message, hint = "a board is connected already", "disconnect it first"
                 raise UsageError(Diagnostic("board-connected", message, hint=hint))
             opened = open_live(self.machine, name, port)
@@ -132,18 +155,18 @@ class OperatorSession(ProgramSession):
             except CncError:
                 opened.close()
                 raise
-            if isinstance(opened, GrblBoard):
-                opened.link.listen_to_lines(self._console)
-            self._operated = machine
-            self._forget_modes()
-            self._view.connected(name, machine)
-            self._offsets_changed()
+            if opened.takes == "lines" and opened.operation is not None:
+                opened.operation.listen(self._console)
+            self._worker.operated = machine
+            self._programs.forget_modes()
+            self._worker.view.connected(name, machine)
+            self._programs.offsets_changed()
 
-        return self._begin("connect", connect, needs_board=False)
+        return self._worker.begin("connect", connect, needs_board=False)
 
     def disconnect(self) -> Future[None]:
         """Release the board."""
-        return self._begin("connect", self._drop, needs_board=False)
+        return self._worker.begin("connect", self._worker.drop, needs_board=False)
 
     # Activities
 
@@ -151,10 +174,10 @@ class OperatorSession(ProgramSession):
         """Home axes; all that have a switch if there are none."""
 
         def home() -> None:
-            self._machine.home(tuple(axes), self._control)
-            self._view.read(self._machine)
+            self._worker.machine.home(tuple(axes), self._worker.control)
+            self._worker.view.read(self._worker.machine)
 
-        return self._begin("home", home)
+        return self._worker.begin("home", home)
 
     def unlock(self, *, at_switch: bool = True) -> Future[None]:
         """Leave an alarm without homing: a position that it has lost stays lost.
@@ -164,10 +187,10 @@ class OperatorSession(ProgramSession):
         """
 
         def unlock() -> None:
-            self._machine.unlock(at_switch=at_switch)
-            self._view.read(self._machine)
+            self._worker.machine.unlock(at_switch=at_switch)
+            self._worker.view.read(self._worker.machine)
 
-        return self._begin("unlock", unlock)
+        return self._worker.begin("unlock", unlock)
 
     def jog_step(
         self, distances: Mapping[str, float], feed: float | None = None, *, unhomed: bool = False
@@ -185,7 +208,9 @@ class OperatorSession(ProgramSession):
         """
         move = self._jog_move(jogging.step_move, distances, feed, unhomed=unhomed)
         control = Control()
-        return self._begin("jog", lambda: self._carry_out_jog(move, control), control=control)
+        return self._worker.begin(
+            "jog", lambda: self._carry_out_jog(move, control), control=control
+        )
 
     def jog(
         self,
@@ -208,7 +233,7 @@ class OperatorSession(ProgramSession):
         """
         move = self._jog_move(jogging.endless_move, directions, feed, unhomed=unhomed)
         jog = Jog(move.feed, keep_alive, self._clock)
-        jog.ended = self._begin("jog", lambda: self._carry_out_jog(move, jog), control=jog)
+        jog.ended = self._worker.begin("jog", lambda: self._carry_out_jog(move, jog), control=jog)
         self._jog = jog
         jog.ended.add_done_callback(lambda _: self._forget_jog(jog))
         return jog
@@ -235,12 +260,12 @@ class OperatorSession(ProgramSession):
                 message = f"the machine has no axis {', '.join(unknown)}" if unknown else "no axis"
                 raise UsageError(Diagnostic("jog-axis", message, hint=hint))
             if half:
-                work = self._view.work_position(system)
+                work = self._worker.view.work_position(system)
                 wanted = {letter: work[letter] / 2.0 for letter in wanted}
-            self._machine.set_work_position(system, wanted)
-            return self._offsets_changed()
+            self._worker.machine.set_work_position(system, wanted)
+            return self._programs.offsets_changed()
 
-        return self._begin("zero", zero)
+        return self._worker.begin("zero", zero)
 
     def select_system(self, system: str) -> None:
         """Show work positions in another coordinate system.
@@ -248,24 +273,144 @@ class OperatorSession(ProgramSession):
         Raises:
             UsageError: ``no-such-system``.
         """
-        self._view.select(system)
+        self._worker.view.select(system)
 
     def settings(self) -> Future[list[BoardSetting]]:
         """Return the settings of a GRBL board. UsageError ``no-settings``."""
-        return self._begin("settings", lambda: read_settings(self._machine.board, self.machine))
+        return self._worker.begin(
+            "settings", lambda: read_settings(self._worker.machine.board, self.machine)
+        )
 
     def change_setting(self, number: int, value: str) -> Future[None]:
         """Write a setting of a GRBL board, and read it back."""
 
         def change() -> None:
-            change_setting(self._machine.board, number, value)
+            change_setting(self._worker.machine.board, number, value)
             # Travel, rates and homing may be others now.
-            self._operated = operated(self._machine.board, self.machine)
-            self._offsets_changed()
+            self._worker.operated = operated(self._worker.machine.board, self.machine)
+            self._programs.offsets_changed()
 
-        return self._begin("settings", change)
+        return self._worker.begin("settings", change)
+
+    # Programs
+
+    def mdi(self, line: str, *, trust_position: bool = False) -> Future[JobEnded]:
+        """Run a line, with the modal state of the lines before it.
+
+        Args:
+            line: The line.
+            trust_position: The position that the board reports is right.
+        """
+        self.history = [*self.history, line][-MOST_HISTORY:]
+        run = partial(self._programs.mdi, line, trust_position=trust_position)
+        return self._worker.begin("mdi", run)
+
+    def macro(self, name: str) -> Future[JobEnded]:
+        """Run a macro. UsageError ``no-such-macro``."""
+        file = self._programs.macro(name)
+        return self._worker.begin("mdi", lambda: self._programs.run(file, name, RunOptions()))
+
+    def run(
+        self, program: Path, options: RunOptions | None = None, *, name: str | None = None
+    ) -> Future[JobEnded]:
+        """Check a program and run it.
+
+        Args:
+            program: The file.
+            options: Options of the run.
+            name: Name in the events; None for that of the file.
+        """
+        shown, chosen = name or program.name, options or RunOptions()
+        return self._worker.begin("program", lambda: self._programs.run(program, shown, chosen))
+
+    def probe(self, line: str) -> Future[JobEnded]:
+        """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""
+        return self._worker.begin("probe", lambda: self._programs.probe(line))
+
+    def probe_grid(self, grid: Grid, *, trust_position: bool = False) -> Future[HeightMap]:
+        """Probe a surface on a grid, and return its height map.
+
+        Args:
+            grid: The points.
+            trust_position: The position that the board reports is right.
+
+        Raises:
+            UsageError: ``height-map-grid``, also if a contact is missing.
+        """
+        grid.check()
+        run = partial(self._programs.probe_grid, grid, trust_position=trust_position)
+        return self._worker.begin("probe", run)
+
+    # Requests, at any time
+
+    def hold(self) -> None:
+        """Come to rest on the path, and wait."""
+        self._worker.control.hold()
+
+    def resume(self) -> None:
+        """Continue after a hold."""
+        self._worker.control.resume()
+
+    def override(
+        self, *, feed: float | None = None, rapid: int | None = None, spindle: float | None = None
+    ) -> None:
+        """Scale feeds, traverses and spindle speeds, per cent.
+
+        Raises:
+            UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
+        """
+        operated = self._worker.operated
+        if operated is None or not operated.board.capabilities.overrides:
+            for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
+                if value not in (None, 100):
+                    message = "this board has no such override"
+                    raise UsageError(Diagnostic(code, message, hint="GRBL boards have it"))
+        for control in (self._worker.overrides, self._worker.control):
+            if feed is not None:
+                control.override(feed)
+            if rapid is not None:
+                control.override_rapids(rapid)
+            if spindle is not None:
+                control.override_spindle(spindle)
+
+    def answer(self, number: int, yes: bool) -> bool:
+        """Answer a question; return whether it was open."""
+        dialog = self._worker.dialogs.answer(number, yes)
+        if dialog is None:
+            return False
+        if dialog.kind != "restart":
+            if yes:
+                self._worker.control.resume()
+            else:
+                self.stop()
+        return True
+
+    def release_jog(self) -> None:
+        """End the jog that waits for its release, if there is one."""
+        jog = self._jog
+        if jog is not None:
+            jog.release()
+
+    def keep_jog(self, number: int) -> bool:
+        """Give the sign of life of a jog; return whether it moves."""
+        jog = self._jog
+        if jog is None or jog.id != number:
+            return False
+        jog.keep_alive()
+        return True
+
+    def stop(self) -> None:
+        """Come to rest on the path, and end the activity."""
+        control = self._worker.control
+        control.stop()
+        control.hold()
+        self._worker.dialogs.close()
 
     # Parts of activities
+
+    def _forget_jog(self, jog: Jog) -> None:
+        if self._jog is jog:
+            self._jog = None
 
     def _jog_move(
         self,
@@ -275,10 +420,8 @@ class OperatorSession(ProgramSession):
         *,
         unhomed: bool,
     ) -> jogging.JogMove:
-        operated = self._operated
-        if operated is None:
-            raise not_connected()
-        readings = self._view.readings
+        operated = self._worker.machine
+        readings = self._worker.view.readings
         limits = operated.for_jogs()
         unknown = [letter for letter in wanted if not readings.homed.get(letter, True)]
         if unknown and not unhomed:
@@ -298,10 +441,7 @@ class OperatorSession(ProgramSession):
     def _carry_out_jog(self, move: jogging.JogMove, control: Control) -> None:
         if control.held:
             return
-        self._machine.jog(move, control, self._view.take)
+        self._worker.machine.jog(move, control, self._worker.view.take)
 
     def _console(self, arrow: str, text: str) -> None:
-        if text not in ("?", "") and not text.startswith("<"):
-            self.events.emit(
-                ConsoleLine(direction="sent" if arrow == "->" else "received", text=text)
-            )
+        self.events.emit(ConsoleLine(direction="sent" if arrow == "->" else "received", text=text))

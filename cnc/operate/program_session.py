@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from cnc.boards.port import Clock
 from cnc.executor.run import Progress
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
@@ -25,8 +23,6 @@ from cnc.session.source import MDI_NAME, InlineProgram
 
 CYCLES = RunOptions(dialect="linuxcnc")
 """Probing cycles are subroutines of LinuxCNC, whatever the dialect of the machine's programs."""
-MOST_HISTORY = 1000
-"""Entered lines that are kept."""
 
 
 def macro_names(folder: Path | None) -> list[str]:
@@ -37,89 +33,56 @@ def macro_names(folder: Path | None) -> list[str]:
     return sorted(file.name for file in found if file.is_file())
 
 
-class ProgramSession(Worker):
-    """Runs programs on the machine.
+class Programs:
+    """Runs programs on the machine of a worker, in its thread.
 
     Args:
-        machine: The machine.
+        worker: The worker.
+        machine: The machine, with the folders of its subroutines.
         macros: Folder of the macros; None for no macros.
-        clock: Measures the time between the signs of life of a jog; None for the real time.
-
-    Attributes:
-        machine: The machine.
-        history: Lines entered by :meth:`mdi`, the oldest first.
     """
 
-    machine: Machine
-
-    def __init__(self, machine: Machine, macros: Path | None, clock: Clock | None = None) -> None:
-        self.history: list[str] = []
-        self._macros = macros
+    def __init__(self, worker: Worker, machine: Machine, macros: Path | None) -> None:
+        self._worker, self._machine, self._macros = worker, machine, macros
         self._modal = ModalMemory(has_m61=machine.program.dialect in ("auto", "linuxcnc"))
-        super().__init__(machine, clock)
 
-    def probe(self, line: str) -> Future[JobEnded]:
-        """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""
-        system = self._view.system
-        text = f"{system}\n{line}\nM2\n".encode()
+    def probe(self, line: str) -> JobEnded:
+        """Run the call of a probing cycle."""
+        text = f"{self._worker.view.system}\n{line}\nM2\n".encode()
+        return self._run(InlineProgram(MDI_NAME, text), line, CYCLES, 1)
+
+    def probe_grid(self, grid: Grid, *, trust_position: bool) -> HeightMap:
+        """Probe a surface on a grid. UsageError ``height-map-grid`` if a contact is missing."""
+        view = self._worker.view
+        system = view.system
+        height = view.work_position(system)["z"]
+        text = f"{system}\n{grid.program(height)}".encode()
+        found: dict[int, float] = {}
         program = InlineProgram(MDI_NAME, text)
-        return self._begin("probe", lambda: self._run(program, line, CYCLES, 1))
+        options = replace(CYCLES, trust_position=trust_position)
+        ended = self._run(program, HEIGHT_MAP, options, 1, found.update)
+        if ended.outcome != "done":
+            raise not_probed(ended)
+        work, place = view.work_position(system), view.readings.position
+        return grid.height_map(found, system, {each: place[each] - work[each] for each in work})
 
-    def probe_grid(self, grid: Grid, *, trust_position: bool = False) -> Future[HeightMap]:
-        """Probe a surface on a grid, and return its height map.
-
-        Args:
-            grid: The points.
-            trust_position: The position that the board reports is right.
-
-        Raises:
-            UsageError: ``height-map-grid``, also if a contact is missing.
-        """
-        grid.check()
-
-        def probe() -> HeightMap:
-            system = self._view.system
-            height = self._view.work_position(system)["z"]
-            text = f"{system}\n{grid.program(height)}".encode()
-            found: dict[int, float] = {}
-            program = InlineProgram(MDI_NAME, text)
-            options = replace(CYCLES, trust_position=trust_position)
-            ended = self._run(program, HEIGHT_MAP, options, 1, found.update)
-            if ended.outcome != "done":
-                raise not_probed(ended)
-            work = self._view.work_position(system)
-            place = self._view.readings.position
-            return grid.height_map(found, system, {each: place[each] - work[each] for each in work})
-
-        return self._begin("probe", probe)
-
-    def mdi(self, line: str, *, trust_position: bool = False) -> Future[JobEnded]:
-        """Run a line, with the modal state of the lines before it.
-
-        Args:
-            line: The line.
-            trust_position: The position that the board reports is right.
-        """
-        self.history = [*self.history, line][-MOST_HISTORY:]
+    def mdi(self, line: str, *, trust_position: bool) -> JobEnded:
+        """Run a line, with the modal state of the lines before it."""
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
         skipped = before.count("\n") + 1 if before else 0
-
-        def run() -> JobEnded:
-            found: dict[int, float] = {}
-            program = InlineProgram(MDI_NAME, text.encode())
-            options = RunOptions(trust_position=trust_position)
-            ended = self._run(program, MDI_NAME, options, skipped, found.update)
-            # A line that was stopped has set its modes before it moved.
-            if ended.outcome != "failed":
-                self._after_line(line, found)
-            return ended
-
-        return self._begin("mdi", run)
+        found: dict[int, float] = {}
+        program = InlineProgram(MDI_NAME, text.encode())
+        options = RunOptions(trust_position=trust_position)
+        ended = self._run(program, MDI_NAME, options, skipped, found.update)
+        # A line that was stopped has set its modes before it moved.
+        if ended.outcome != "failed":
+            self._after_line(line, found)
+        return ended
 
     def _after_line(self, line: str, parameters: Mapping[int, float]) -> None:
         """Keep the modes that a line leaves, and report those that end with it."""
-        memory, machine = self._modal, self._machine
+        memory, machine = self._modal, self._worker.machine
         if not (memory.note_parameters(parameters) & memory.note(line)):
             message = "the modes before this line are forgotten: units, distance, tool length"
             self._warn(message, "the next line begins with the defaults of a program")
@@ -129,44 +92,31 @@ class ProgramSession(Worker):
         if machine.stops_outputs and starts_outputs(line):
             message = "spindle and coolant stop at the end of the line on this board"
             self._warn(message, "start them in the program that needs them")
-        self._view.modes = memory.modes
+        self._worker.view.modes = memory.modes
         with suppress(BoardError):
             machine.keep_shift(parameters)
-            self._offsets_changed()
+            self.offsets_changed()
 
     def _warn(self, message: str, hint: str) -> None:
-        self._notice(Diagnostic("mdi-modes", message, hint=hint, severity="warning"))
+        self._worker.notice(Diagnostic("mdi-modes", message, hint=hint, severity="warning"))
 
-    def macro(self, name: str) -> Future[JobEnded]:
-        """Run a macro. UsageError ``no-such-macro``."""
+    def macro(self, name: str) -> Path:
+        """Return the file of a macro. UsageError ``no-such-macro``."""
         known = macro_names(self._macros)
         if self._macros is None or name not in known:
             hint = f"macros are {', '.join(known) or 'none'}"
             raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
-        file = self._macros / name
-        return self._begin("mdi", lambda: self._run_file(file, name, RunOptions()))
+        return self._macros / name
 
-    def run(
-        self, program: Path, options: RunOptions | None = None, *, name: str | None = None
-    ) -> Future[JobEnded]:
-        """Check a program and run it.
-
-        Args:
-            program: The file.
-            options: Options of the run.
-            name: Name in the events; None for that of the file.
-        """
-        chosen = options or RunOptions()
-        return self._begin("program", lambda: self._run_file(program, name or program.name, chosen))
-
-    def _run_file(self, program: Path, name: str, options: RunOptions) -> JobEnded:
+    def run(self, program: Path, name: str, options: RunOptions) -> JobEnded:
         """Run a program; the modes of the lines before it end, because it may change the tool."""
-        self._forget_modes()
+        self.forget_modes()
         return self._run(program, name, options, 0)
 
-    def _forget_modes(self) -> None:
+    def forget_modes(self) -> None:
+        """Let the next entered line begin with the modes of a program."""
         self._modal.forget()
-        self._view.modes = ""
+        self._worker.view.modes = ""
 
     def _run(
         self,
@@ -176,36 +126,38 @@ class ProgramSession(Worker):
         skipped: int,
         on_end: Callable[[Mapping[int, float]], object] | None = None,
     ) -> JobEnded:
-        machine, control = self._machine, self._control
-        self._view.begin(name)
+        worker = self._worker
+        machine, control = worker.machine, worker.control
+        self._worker.view.begin(name)
 
         def on_progress(progress: Progress) -> None:
-            self._view.progress(progress, machine.of_progress(progress))
+            self._worker.view.progress(progress, machine.of_progress(progress))
 
-        watch = RunWatch(name, self.events, self._dialogs, control, on_progress, skipped)
+        watch = RunWatch(name, worker.events, worker.dialogs, control, on_progress, skipped)
         try:
             session = Session(
-                program, self.machine, options, callbacks=watch.callbacks(), control=control
+                program, self._machine, options, callbacks=watch.callbacks(), control=control
             )
-            report = session.run(machine.board, self._view.board)
+            report = session.run(machine.board, self._worker.view.board)
             ended = program_runs.ended(report, name, skipped)
             if on_end is not None:
                 on_end(session.parameters)
         except CncError as error:
             ended = program_runs.failed(error, name)
         finally:
-            self._view.end()
-        self.events.emit(ended)
+            self._worker.view.end()
+        worker.events.emit(ended)
         # The end of the activity reports a board that has failed; the outcome of the run stays.
         with suppress(BoardError):
             machine.revive()
-            self._offsets_changed()
+            self.offsets_changed()
         return ended
 
-    def _offsets_changed(self) -> dict[str, dict[str, float]]:
-        machine = self._machine
+    def offsets_changed(self) -> dict[str, dict[str, float]]:
+        """Read the offsets again, and report them."""
+        machine = self._worker.machine
         offsets = machine.offsets()
-        self._view.read(machine)
-        self._view.offsets = offsets
-        self.events.emit(OffsetsChanged(offsets=offsets))
+        self._worker.view.read(machine)
+        self._worker.view.offsets = offsets
+        self._worker.events.emit(OffsetsChanged(offsets=offsets))
         return offsets

@@ -9,15 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.paced_loopback import PacedLoopback
-from cnc.boards.protocols import (
-    ChecksFeasibility,
-    HasLimitSwitches,
-    PulseSink,
-    RemembersPosition,
-    Revivable,
-    SendsFarAhead,
-)
+from cnc.boards.protocols import PulseSink
 from cnc.executor import homing
 from cnc.executor.homing_cycles import homed_steps
 from cnc.executor.jog import jog
@@ -29,18 +21,12 @@ from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate.jogging import REST_TIME, JogMove
-from cnc.operate.machines import Readings
+from cnc.operate.machines import STATE_PERIOD, Readings
 from cnc.planner.joints import Joints
 from cnc.session.kernel_cache import ensure_compiled
-from cnc.session.kernel_jobs import PLANNING
+from cnc.session.kernel_needs import moving_jobs
 from cnc.session.program_reader import start_position
 
-PLAYED_AHEAD = 0.14
-"""Motion that a stepper board has taken when a hold is planned, s."""
-KLIPPER_AHEAD = 0.16
-"""The same for a Klipper board with the reserve of its ramp, s."""
-PACED_AHEAD = 0.06
-"""The same for the paced loopback board, s."""
 Floats = NDArray[np.float64]
 
 
@@ -48,29 +34,25 @@ class PulseMachine:
     """A machine behind a board that plays pulses."""
 
     stops_outputs = True
+    pause = STATE_PERIOD
 
     def __init__(self, board: PulseSink, machine: Machine) -> None:
         self.board, self.machine = board, machine
         self._joints = Joints(machine)
         self._start = start_position(machine)
-        ahead = PLAYED_AHEAD
-        if isinstance(board, PacedLoopback):
-            ahead = PACED_AHEAD
-        elif isinstance(board, SendsFarAhead):
-            ahead = KLIPPER_AHEAD
-        self.rest = REST_TIME - ahead
+        self.rest = REST_TIME - board.capabilities.stop_latency_s
 
     def readings(self) -> Readings:
         """Return the position of the board at rest, and its switches."""
         board, machine = self.board, self.machine
         inputs: dict[str, bool] = {}
         homed: dict[str, bool] = {}
-        if isinstance(board, HasLimitSwitches):
+        if board.capabilities.limit_switches:
             names = tuple(self._joints.machine.axes)
             inputs = {
                 f"limit {name}": shut for name, shut in zip(names, board.switches, strict=False)
             }
-            known = [steps is not None for steps in board.known_steps]
+            known = [steps is not None for steps in board.known_steps or ()]
             homed = dict(zip(map(str, machine.axes), known, strict=False))
             if machine.kinematics.joints:
                 homed = {letter: all(known) for letter in homed}
@@ -87,8 +69,7 @@ class PulseMachine:
 
     def poll(self) -> None:
         """Raise a fault that the board has reported in the background."""
-        if isinstance(self.board, HasLimitSwitches):
-            self.board.switches  # noqa: B018 - it asks for a status, and raises faults
+        self.board.switches  # noqa: B018 - it asks for a status, and raises faults
 
     def home(self, axes: Sequence[str], control: Control) -> None:
         """Home axes one after the other on their switches."""
@@ -120,11 +101,9 @@ class PulseMachine:
     def tip(self) -> Floats:
         """Return the position of the axes (axes,), mm."""
         board = self.board
-        known: Sequence[int | None] = (
-            board.known_steps
-            if isinstance(board, RemembersPosition)
-            else board.position_steps.tolist()
-        )
+        known: Sequence[int | None] | None = board.known_steps
+        if known is None:
+            known = board.position_steps.tolist()
         steps = homed_steps(self.machine, (), known, self._start)
         return self._joints.tip(steps / self._joints.machine.steps_per_mm)
 
@@ -183,8 +162,7 @@ class PulseMachine:
 
     def revive(self) -> None:
         """Make a board that was stopped ready for the next program."""
-        if isinstance(self.board, Revivable):
-            self.board.revive()
+        self.board.revive()
 
     def unlock(self, *, at_switch: bool) -> None:
         """Refuse: such a board leaves an alarm by homing, or by a new connection."""
@@ -210,10 +188,7 @@ class PulseMachine:
         return file
 
     def _compile(self) -> None:
-        jobs = ["paths", *PLANNING, "pulses"]
-        if isinstance(self.board, ChecksFeasibility):
-            jobs.append("segments")
-        ensure_compiled(None, None, jobs)
+        ensure_compiled(None, None, moving_jobs(self.board))
 
     def for_jogs(self) -> Machine:
         """Return the machine with the step rates of the board."""

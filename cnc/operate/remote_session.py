@@ -33,8 +33,7 @@ from cnc.operate.events import (
     OffsetsChanged,
     State,
 )
-from cnc.operate.operator_session import OperatorSession
-from cnc.operate.program_session import MOST_HISTORY
+from cnc.operate.operator_session import MOST_HISTORY, OperatorSession
 from cnc.operate.session_access import Offsets, answered
 from cnc.operate.session_process import (
     Answer,

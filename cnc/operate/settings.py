@@ -1,13 +1,11 @@
-"""Settings (``$$``) of the GRBL board of a session."""
+"""Numbered settings (``$$``) of the board of a session."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.setting_changes import changes, differing, expected_by, names_of, write
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.machine.models import Machine
-from cnc.model.diagnostics import Diagnostic, UsageError
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,30 +27,23 @@ class BoardSetting:
     machine_file: float | None
 
 
-def read_settings(board: object, machine: Machine) -> list[BoardSetting]:
+def read_settings(board: PulseSink | LineSink, machine: Machine) -> list[BoardSetting]:
     """Return the settings of a board by number. UsageError ``no-settings``."""
-    grbl = _grbl(board)
-    names, other = names_of(grbl.link), differing(grbl.info, expected_by(machine, grbl.info))
+    settings = board.numbered_settings()
+    names, other = settings.names(), settings.differing(machine)
     found = []
-    for number, value in sorted(grbl.info.settings.items()):
+    for number, value in sorted(settings.values.items()):
         name, _, unit = names.get(number, "").partition(", ")
         found.append(BoardSetting(number, value, name, unit, other.get(number)))
     return found
 
 
-def change_setting(board: object, number: int, value: str) -> None:
+def change_setting(board: PulseSink | LineSink, number: int, value: str) -> None:
     """Write a setting, and read it back.
 
     Raises:
         UsageError: ``no-settings``, ``setting-unknown``.
         BoardError: ``board-error``, ``setting-not-kept``.
     """
-    grbl = _grbl(board)
-    write(grbl.link, changes(grbl.info, {number: value}))
-
-
-def _grbl(board: object) -> GrblBoard:
-    if isinstance(board, GrblBoard):
-        return board
-    message, hint = "this board has no settings", "GRBL boards have them"
-    raise UsageError(Diagnostic("no-settings", message, hint=hint))
+    settings = board.numbered_settings()
+    settings.write(settings.changes({number: value}))

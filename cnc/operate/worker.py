@@ -21,20 +21,17 @@ from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
-from cnc.boards.port import Clock, SystemClock
+from cnc.boards.port import Clock
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.operate.events import Activity, Alarm, EventStream, Finding, Notice, State
-from cnc.operate.line_machine import LineMachine
-from cnc.operate.machines import OperatedMachine
+from cnc.operate.machines import STATE_PERIOD, OperatedMachine
 from cnc.operate.program_runs import Dialogs
 from cnc.operate.state_view import StateView
 
 log = logging.getLogger(__name__)
 
-STATE_PERIOD = 0.1
-"""Time between two states, s."""
 KEEP_ALIVE = 0.2
 """Time without a sign of life after which a jog ends, s."""
 T = TypeVar("T")
@@ -80,25 +77,27 @@ class Jog(Control):
 
 
 class Worker:
-    """Threads, queue and requests of a session.
+    """The thread that uses the board, its queue of activities, and the state of the session.
 
     Args:
         machine: The machine.
-        clock: Measures the time between the signs of life of a jog; None for the real time.
 
     Attributes:
         events: The events.
+        dialogs: The open question to the operator.
+        view: The state that is shown.
+        operated: The machine behind the board; None without a board.
+        control: Requests of the operator to the present activity.
+        overrides: Overrides that the next activity begins with.
     """
 
-    def __init__(self, machine: Machine, clock: Clock | None = None) -> None:
-        self._clock = clock or SystemClock()
+    def __init__(self, machine: Machine) -> None:
         self.events = EventStream()
-        self._dialogs = Dialogs(self.events)
-        self._view = StateView(machine)
-        self._operated: OperatedMachine | None = None
-        self._control = Control()
-        self._overrides = Control()
-        self._jog: Jog | None = None
+        self.dialogs = Dialogs(self.events)
+        self.view = StateView(machine)
+        self.operated: OperatedMachine | None = None
+        self.control = Control()
+        self.overrides = Control()
         self._activity: Activity = "none"
         self._busy = False
         self._lock = threading.RLock()
@@ -112,89 +111,23 @@ class Worker:
     @property
     def state(self) -> State:
         """The present state."""
-        return self._view.state(self._activity, self._overrides)
-
-    def hold(self) -> None:
-        """Come to rest on the path, and wait."""
-        self._control.hold()
-
-    def resume(self) -> None:
-        """Continue after a hold."""
-        self._control.resume()
-
-    def override(
-        self, *, feed: float | None = None, rapid: int | None = None, spindle: float | None = None
-    ) -> None:
-        """Scale feeds, traverses and spindle speeds, per cent.
-
-        Raises:
-            UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
-        """
-        if not isinstance(self._operated, LineMachine):
-            for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
-                if value not in (None, 100):
-                    message = "this board has no such override"
-                    raise UsageError(Diagnostic(code, message, hint="GRBL boards have it"))
-        for control in (self._overrides, self._control):
-            if feed is not None:
-                control.override(feed)
-            if rapid is not None:
-                control.override_rapids(rapid)
-            if spindle is not None:
-                control.override_spindle(spindle)
-
-    def answer(self, number: int, yes: bool) -> bool:
-        """Answer a question; return whether it was open."""
-        dialog = self._dialogs.answer(number, yes)
-        if dialog is None:
-            return False
-        if dialog.kind != "restart":
-            if yes:
-                self._control.resume()
-            else:
-                self.stop()
-        return True
-
-    def release_jog(self) -> None:
-        """End the jog that waits for its release, if there is one."""
-        jog = self._jog
-        if jog is not None:
-            jog.release()
-
-    def keep_jog(self, number: int) -> bool:
-        """Give the sign of life of a jog; return whether it moves."""
-        jog = self._jog
-        if jog is None or jog.id != number:
-            return False
-        jog.keep_alive()
-        return True
-
-    def stop(self) -> None:
-        """Come to rest on the path, and end the activity."""
-        control = self._control
-        control.stop()
-        control.hold()
-        self._dialogs.close()
-
-    def _forget_jog(self, jog: Jog) -> None:
-        if self._jog is jog:
-            self._jog = None
+        return self.view.state(self._activity, self.overrides)
 
     def close(self) -> None:
-        """Come to rest, release the board, and end the session."""
-        self.stop()
+        """Release the board when the activity has ended, and end the threads."""
         self._closed.set()
         self._tasks.put(lambda: None)
         self._worker.join()
         self._ticker.join()
 
     @property
-    def _machine(self) -> OperatedMachine:
-        if self._operated is None:
+    def machine(self) -> OperatedMachine:
+        """The machine behind the board. UsageError ``not-connected``."""
+        if self.operated is None:
             raise not_connected()
-        return self._operated
+        return self.operated
 
-    def _begin(
+    def begin(
         self,
         activity: Activity,
         action: Callable[[], T],
@@ -206,14 +139,14 @@ class Worker:
         future: Future[T] = Future()
         future.set_running_or_notify_cancel()
         with self._lock:
-            if needs_board and self._operated is None:
+            if needs_board and self.operated is None:
                 raise not_connected()
             if self._busy:
                 hint = "wait for its end, or stop it"
                 message = f"the machine is busy: {self._activity}"
                 raise UsageError(Diagnostic("machine-busy", message, hint=hint))
             self._busy, self._activity = True, activity
-            self._control = control or self._new_control()
+            self.control = control or self._new_control()
         self.events.emit_present(lambda: self.state)
 
         def work() -> None:
@@ -231,51 +164,49 @@ class Worker:
         return future
 
     def _new_control(self) -> Control:
-        control = Control(self._overrides.feed_override)
-        control.override_rapids(self._overrides.rapid_override)
-        control.override_spindle(self._overrides.spindle_override)
+        control = Control(self.overrides.feed_override)
+        control.override_rapids(self.overrides.rapid_override)
+        control.override_spindle(self.overrides.spindle_override)
         return control
 
     def _end_activity(self) -> None:
-        machine = self._operated
+        machine = self.operated
         if machine is not None:
             try:
                 machine.revive()
-                self._view.read(machine)
+                self.view.read(machine)
             except BoardError as error:
                 self._emit_fault(error)
-                self._drop()
-        self._dialogs.close()
+                self.drop()
+        self.dialogs.close()
         with self._lock:
             self._busy, self._activity = False, "none"
         self.events.emit_present(lambda: self.state)
 
     def _work(self) -> None:
         while not self._closed.is_set():
-            machine = self._operated
+            machine = self.operated
             try:
-                # A line board has waited for its reports already.
-                line = isinstance(machine, LineMachine)
-                task = self._tasks.get(timeout=0.001 if line else STATE_PERIOD)
+                task = self._tasks.get(timeout=STATE_PERIOD if machine is None else machine.pause)
             except Empty:
                 if machine is not None:
                     self._poll(machine)
             else:
                 task()
-        self._drop()
+        self.drop()
 
     def _poll(self, machine: OperatedMachine) -> None:
         try:
             machine.poll()
-            self._view.read(machine)
+            self.view.read(machine)
         except BoardError as error:
             self._emit_fault(error)
             try:
                 machine.revive()
-                self._view.read(machine)
+                self.view.read(machine)
             except BoardError:
                 if error.diagnostic.code != "board-alarm":
-                    self._drop()
+                    self.drop()
 
     def _tick(self) -> None:
         due = time.monotonic()
@@ -283,27 +214,29 @@ class Worker:
             due = max(due + STATE_PERIOD, time.monotonic())
             self.events.emit_present(lambda: self.state)
 
-    def _drop(self) -> None:
-        machine, self._operated = self._operated, None
-        self._view.disconnected()
+    def drop(self) -> None:
+        """Release the board."""
+        machine, self.operated = self.operated, None
+        self.view.disconnected()
         if machine is not None:
             machine.board.close()
 
     def _fault(self, error: BaseException) -> None:
         if isinstance(error, HomingStopped):
-            self._notice(Diagnostic("homing-stopped", str(error), severity="warning"))
+            self.notice(Diagnostic("homing-stopped", str(error), severity="warning"))
         elif isinstance(error, CncError):
             self._emit_fault(error)
         else:
             log.critical("internal error", exc_info=error)
             message = f"cncrun failed: {type(error).__name__}: {error}"
-            self._notice(Diagnostic("internal-error", message))
+            self.notice(Diagnostic("internal-error", message))
 
     def _emit_fault(self, error: CncError) -> None:
         log.error("%s", error.diagnostic.render())
         self.events.emit(Alarm(finding=Finding.of(error.diagnostic)))
 
-    def _notice(self, found: Diagnostic) -> None:
+    def notice(self, found: Diagnostic) -> None:
+        """Report a finding."""
         self.events.emit(Notice(finding=Finding.of(found)))
 
 

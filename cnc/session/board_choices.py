@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cnc.boards.protocols import BoardTraits, LineSink, PulseSink
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.serial_port import identity
 from cnc.gcode.state.reading_policy import ReadingPolicy
 from cnc.machine.models import Machine
@@ -31,8 +31,7 @@ def reading_policy(options: RunOptions, machine: Machine, board: Board | None) -
     is_check = board is None and outputs.lines is None and outputs.pulses is None
     lengths = options.tool_lengths
     if lengths is None:
-        traits = getattr(board, "traits", BoardTraits())
-        moves = board is not None and not traits.simulated
+        moves = board is not None and not board.traits.simulated
         lengths = "table" if moves or outputs.lines is not None else "zero"
     return ReadingPolicy(
         lengths,
@@ -104,7 +103,7 @@ def is_attended(context: SessionContext, board: Board | None) -> bool:
     """
     pauses, has_operator = context.options.pauses, context.has_operator
     return pauses == "skip" or (
-        pauses == "wait" and (has_operator or not isinstance(board, LineSink))
+        pauses == "wait" and (has_operator or board is None or board.takes == "pulses")
     )
 
 

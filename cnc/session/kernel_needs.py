@@ -11,7 +11,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from cnc.boards.protocols import ChecksFeasibility, LineSink, PulseSink
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.kernels.jit import as_python
 from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
@@ -64,23 +64,24 @@ class KernelNeeds:
             reads_again: whether the path of the check pass is not kept.
         """
         options = self._context.options
-        lines = isinstance(board, LineSink) or options.outputs.lines is not None
-        plans = self._context.needs_plan or not isinstance(board, LineSink)
+        takes_lines = board is not None and board.takes == "lines"
+        lines = takes_lines or options.outputs.lines is not None
+        plans = self._context.needs_plan or not takes_lines
         jobs = list(PLANNING) if plans else []
         if reads_again or lines:
             jobs += self._path_jobs
         if self._blends and plans:
             jobs += BLENDS
-        if not isinstance(board, LineSink):
+        if not takes_lines:
             jobs.append("pulses")
-        if isinstance(board, PulseSink) and board.capabilities.slice_s > 0.0:
-            jobs.append("holds")
+        if board is not None:
+            jobs += board.capabilities.kernels
+            if board.capabilities.slice_s > 0.0:
+                jobs.append("holds")
         if options.sampled:
             jobs.append("samples")
         if lines:
             jobs.append("GRBL lines")
-        if isinstance(board, ChecksFeasibility):
-            jobs.append("step runs" if board.capabilities.separate_axes else "segments")
         if options.outputs.picture is not None:
             jobs.append("drawing")
             if self._context.reader.machine.tip_columns:
@@ -95,6 +96,11 @@ class KernelNeeds:
         self._announced = True
         if (on_compiling := self._context.observer.callbacks.on_compiling) is not None:
             on_compiling()
+
+
+def moving_jobs(board: PulseSink) -> tuple[str, ...]:
+    """Return the jobs of a straight move on a board: a jog, homing."""
+    return ("paths", *PLANNING, "pulses", *board.capabilities.kernels)
 
 
 def _is_small(program: Path) -> bool:

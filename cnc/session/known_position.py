@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import HasLimitSwitches, RemembersPosition
+from cnc.boards.protocols import PulseSink
 from cnc.executor.homing_cycles import homed_steps, homing_sequence
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
@@ -15,8 +15,10 @@ from cnc.planner.joints import Joints
 from cnc.session.context import SessionContext
 
 
-def locate(context: SessionContext, board: RemembersPosition) -> None:
+def locate(context: SessionContext, board: PulseSink) -> None:
     """Set the start position: where the board knows it is, or where homing will leave it.
+
+    A board that does not remember its position begins where the machine file says.
 
     Raises:
         BoardError: ``not-homed`` if the board has lost a position that homing can find, or
@@ -24,10 +26,12 @@ def locate(context: SessionContext, board: RemembersPosition) -> None:
     """
     reader, machine = context.reader, context.reader.machine
     known, joints = board.known_steps, Joints(machine)
+    if known is None:
+        return
     homed_machine = machine if joints.linear else joints.machine
     sequence = (
         homing_sequence(homed_machine, (), len(board.switches))
-        if context.options.home and isinstance(board, HasLimitSwitches)
+        if context.options.home and board.capabilities.limit_switches
         else ()
     )
     steps = homed_steps(machine, sequence, known, reader.start)

@@ -8,19 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import (
-    Capabilities,
-    ChecksFeasibility,
-    FeasibilityCheck,
-    KnownInAdvance,
-    PulseSink,
-)
-from cnc.boards.registry import board_factory
+from cnc.boards.protocols import FeasibilityCheck, PulseSink
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, TipControl
 from cnc.model.choices import Algorithm
-from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, UsageError
+from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.outputs.pulses import PulseWriter, pulse_writer
@@ -33,6 +26,7 @@ from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.session.context import SessionContext
 from cnc.session.pauses import pause_text
 from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
+from cnc.session.required_capabilities import expected_capabilities, known_driver
 from cnc.session.stopwatch import TimedInterpolator
 
 OnPulses = Callable[[PulseChunk], None]
@@ -76,7 +70,7 @@ class PulsePass:
         self._machine, self._control = context.reader.machine, context.observer.control
         self._joints = Joints(self._machine)
         self._fastest = self._machine.board.max_step_rate
-        can = _expected(self._machine) if board is None else board.capabilities
+        can = expected_capabilities(self._machine) if board is None else board.capabilities
         if board is not None:
             self._fastest = min(self._fastest, board.capabilities.max_step_rate)
         self._algorithm: Algorithm | None = context.options.algorithm
@@ -103,8 +97,9 @@ class PulsePass:
         if target is not None:
             writer = pulse_writer(target, self._joints, interpolator.origin_steps)
             on_pulses = context.files.opened(writer).write
-        if isinstance(board, ChecksFeasibility):
-            self._schedule = self._rehearse(board.feasibility_check(), kept)
+        feasibility = None if board is None else board.feasibility_check()
+        if feasibility is not None:
+            self._schedule = self._rehearse(feasibility, kept)
         path = kept if kept is not None else motion.path(for_lines=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
@@ -272,21 +267,9 @@ def _other_algorithm(asked: str) -> Diagnostic:
     return Diagnostic("algorithm-not-used", message, hint=hint, severity="note")
 
 
-def _expected(machine: Machine) -> Capabilities | None:
-    """Return the capabilities of the board in the machine file, if its driver can tell."""
-    try:
-        factory = board_factory(machine.board.kind)
-    except UsageError:
-        return None
-    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None
-
-
 def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     """Return the check of the board in the machine file, if its driver has one without a board."""
-    try:
-        factory = board_factory(machine.board.kind)
-    except UsageError:
+    driver = known_driver(machine.board.kind)
+    if driver is None or driver.takes == "lines":
         return None
-    return (
-        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
-    )
+    return driver.expected_feasibility_check(machine)

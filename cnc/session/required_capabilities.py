@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.boards.protocols import ACTIONS, Action, Capabilities, KnownInAdvance, LineSink, PulseSink
-from cnc.boards.registry import board_factory
+from cnc.boards.protocols import ACTIONS, Action, Capabilities, LineSink, PulseSink
+from cnc.boards.registry import BoardFactory, board_factory
 from cnc.machine.models import Machine
 from cnc.model.blocks import (
     AnalogOutput,
@@ -85,17 +85,18 @@ class CapabilityCheck:
     ) -> CapabilityCheck:
         """Return the check for a board, or for none."""
         known = machine.board.kind if name is None else name
-        can = _expected_capabilities(machine) if board is None else board.capabilities
+        can = expected_capabilities(machine) if board is None else board.capabilities
+        lines = takes_lines(known) if board is None else board.takes == "lines"
         if can is None:
-            return cls(known, False, True, True, takes_lines(known), ACTIONS, False, attended)
+            return cls(known, False, True, True, lines, ACTIONS, False, attended)
         return cls(
             known,
             board is not None,
             can.senses,
             can.probes,
-            can.lines,
+            lines,
             can.actions,
-            can.lines or can.slice_s > 0.0,
+            lines or can.slice_s > 0.0,
             attended,
         )
 
@@ -161,16 +162,21 @@ class CapabilityCheck:
 
 def takes_lines(kind: str) -> bool:
     """Whether boards of this kind take lines; False for a kind without a driver."""
-    try:
-        return board_factory(kind).traits.takes_lines
-    except UsageError:
-        return False
+    driver = known_driver(kind)
+    return driver is not None and driver.takes == "lines"
 
 
-def _expected_capabilities(machine: Machine) -> Capabilities | None:
-    """Return the capabilities of the board in the machine file; None if its driver cannot tell."""
+def known_driver(kind: str) -> BoardFactory | None:
+    """Return the driver class of a kind of board, None without one."""
     try:
-        factory = board_factory(machine.board.kind)
+        return board_factory(kind)
     except UsageError:
         return None
-    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None
+
+
+def expected_capabilities(machine: Machine) -> Capabilities | None:
+    """Return the capabilities of the board in the machine file; None if its driver cannot tell."""
+    driver = known_driver(machine.board.kind)
+    if driver is None or driver.takes == "lines":
+        return None
+    return driver.expected_capabilities(machine)

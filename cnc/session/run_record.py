@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.session.board_offsets import named_offsets, offsets_in
@@ -79,11 +78,11 @@ class RunRecord:
         context, known = self._context, self._capabilities
         if self._position_check is not None:
             self._position_check.begin()
-        if isinstance(board, LineSink) and board.identity is not None and not board.check_only:
+        checks_only = board.takes == "lines" and board.check_only
+        if board.takes == "lines" and board.identity is not None and not checks_only:
             self._board = board.identity
             write_offsets(self._board, named_offsets(board, context.reader.machine))
-        checks_only = isinstance(board, LineSink) and board.check_only
-        if self._hash and (known.moves or isinstance(board, Loopback)) and not checks_only:
+        if self._hash and board.capabilities.resumable and not checks_only:
             machine = context.reader.machine
             first = Checkpoint(
                 program=context.report.program,

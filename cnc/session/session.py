@@ -10,8 +10,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from cnc.boards.comparison import ComparesItself
-from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
@@ -147,7 +145,7 @@ class Session:
         report.board = board_name
         log_begin(self._context, self.report)
         try:
-            if isinstance(board, LineSink):
+            if board is not None and board.takes == "lines":
                 adopt_board(context, board)
         except BoardError as error:
             report.faults.append(error)
@@ -156,7 +154,7 @@ class Session:
             adopt_kept_offsets(context)
             # With a board the operator's override changes the times.
             reader.due_times = DueTimes()
-        elif not isinstance(board, LineSink):
+        elif board.takes == "pulses":
             context.observer.control.take_feed_only()
         try:
             with ExitStack() as stack:
@@ -195,17 +193,18 @@ class Session:
         capabilities = replace(capabilities, skips_commands=reader.dialect == "auto")
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
-        if isinstance(board, RemembersPosition):
+        lines = board if board is not None and board.takes == "lines" else None
+        if board is not None and board.takes == "pulses":
             from cnc.session.known_position import locate
 
             locate(context, board)
-        if isinstance(board, ComparesItself):
+        if board is not None:
             self._warn(board.unlike(report.machine))
-        homes = isinstance(board, LineSink) and context.options.home and not board.check_only
-        if isinstance(board, LineSink) and not homes:
-            record.check_position(board)
+        homes = lines is not None and context.options.home and not lines.check_only
+        if lines is not None and not homes:
+            record.check_position(lines)
         reader.begin_at(context.options.from_line)
-        check, kept = self._check_pass(capabilities, for_lines=isinstance(board, LineSink))
+        check, kept = self._check_pass(capabilities, for_lines=lines is not None)
         context.observer.checking(report.lines)
         if reader.warp is not None:
             report.height_map = reader.warp.used()
@@ -219,15 +218,15 @@ class Session:
             self._cut_stock(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
-        if isinstance(board, LineSink) and homes:
-            home_line_board(context, board)
-            record.check_position(board)
+        if lines is not None and homes:
+            home_line_board(context, lines)
+            record.check_position(lines)
         control = context.observer.control
         overrides = control.feed_override, float(control.rapid_override)
         timing = self._write_lines(board, capabilities)
         timing = self._run_pass(board, record, kept, check.depends_on_answers) or timing
         exact = report.stopped_at_line
-        if isinstance(board, LineSink) and exact != board.moving_line:
+        if lines is not None and exact != lines.moving_line:
             # The last line that the board has accepted may lie ahead of the motion.
             exact = None
         stopped = report.stopped_at_line is not None
@@ -308,7 +307,7 @@ class Session:
                 self._begin_motion(board, record)
 
         try:
-            if isinstance(board, LineSink):
+            if board is not None and board.takes == "lines":
                 from cnc.session.line_pass import LinePass
 
                 lines = LinePass(
@@ -324,7 +323,7 @@ class Session:
         except StoppedAtOnce as stop:
             record.end("broken off", {})
             text = str(stop)
-            if isinstance(board, LineSink) and not board.position_lost:
+            if board is not None and board.takes == "lines" and not board.position_lost:
                 text = "stopped by the operator at once; the board has kept its position"
             if report.resume_line is not None:
                 text = f"to continue: --from-line {report.resume_line}\n{text}"
@@ -351,7 +350,7 @@ class Session:
         Raises:
             BoardError, HomingStopped: As :func:`cnc.executor.homing.home`.
         """
-        if self._context.options.home and isinstance(board, PulseSink):
+        if self._context.options.home and board.takes == "pulses":
             home_pulse_board(self._context, board)
         record.begin(board)
         log.info("motion begins")

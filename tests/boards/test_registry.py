@@ -13,6 +13,7 @@ import pytest
 from cnc.boards import registry
 from cnc.boards.file import FileBoard
 from cnc.boards.loopback import Loopback
+from cnc.boards.protocols import BoardTraits
 from cnc.machine.board import Board
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import UsageError
@@ -40,16 +41,22 @@ def test_unknown_board_lists_the_known_ones() -> None:
     assert caught.value.exit_code == 2
 
 
+class Neither:
+    traits = BoardTraits()
+    takes = "words"
+
+
 def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [
         EntryPoint("mine", "cnc.boards.loopback:Loopback", registry.GROUP),
         EntryPoint("bare", "collections:OrderedDict", registry.GROUP),
+        EntryPoint("neither", f"{__name__}:Neither", registry.GROUP),
         EntryPoint("gone", "no_such_package.x:Y", registry.GROUP),
     ]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
-    assert set(registry.board_names()) == {"bare", "gone", "mine", *registry.BUILT_IN}
+    assert set(registry.board_names()) == {"bare", "gone", "mine", "neither", *registry.BUILT_IN}
     assert registry.board_factory("mine") is Loopback
-    for name, reason in (("gone", "no_such_package"), ("bare", "traits")):
+    for name, reason in (("gone", "no_such_package"), ("bare", "traits"), ("neither", "words")):
         with pytest.raises(UsageError) as caught:
             registry.board_factory(name)
         assert caught.value.diagnostic.code == "board-not-loadable"

@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 from cnc.boards.grbl.messages import Firmware
-from cnc.boards.grbl.setting_changes import changes, differing, expected_by, names_of, parsed
+from cnc.boards.grbl.setting_changes import GrblSettings, differing, expected_by
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
+from tests.support.boards.grbl_rig import connected
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
 
@@ -93,16 +94,19 @@ def test_wrong_use_is_explained(cncrun, server: PtyServer, arguments: list[str],
 
 
 def test_a_damaged_file_is_refused_with_its_line() -> None:
-    assert parsed(["; a remark", "$11=0.01 ; mm", "", " 12 = 0.002 "]) == {11: "0.01", 12: "0.002"}
+    lines = ["; a remark", "$11=0.01 ; mm", "", " 12 = 0.002 "]
+    assert GrblSettings.parsed(lines, "board.txt") == {11: "0.01", 12: "0.002"}
     with pytest.raises(UsageError) as caught:
-        parsed(["$11=0.01", "hello"], "board.txt")
+        GrblSettings.parsed(["$11=0.01", "hello"], "board.txt")
     assert (caught.value.diagnostic.file, caught.value.diagnostic.line) == ("board.txt", 2)
 
 
 def test_texts_and_numbers_are_compared() -> None:
-    info = BoardInfo("1.1f", Firmware.HAL, settings={110: "500.000", 70: "grblHAL"})
-    assert changes(info, {110: "500", 70: "grblHAL"}) == []
-    assert [each.number for each in changes(info, {110: "501", 70: "mill"})] == [110, 70]
+    board = connected(GrblSimulator())
+    board.info.settings = {110: "500.000", 70: "grblHAL"}
+    settings = board.numbered_settings()
+    assert settings.changes({110: "500", 70: "grblHAL"}) == []
+    assert [each.number for each in settings.changes({110: "501", 70: "mill"})] == [110, 70]
 
 
 def test_travel_is_compared_where_the_board_homes() -> None:
@@ -127,7 +131,7 @@ def test_grblhal_names_its_own_settings() -> None:
                 message("[SETTING:28|1|G73 Retract distance|mm|6|#####0.000|||]"),
             ]
 
-    names = names_of(Link())  # type: ignore[arg-type]
+    names = GrblSettings(Link()).names()  # type: ignore[arg-type]
     assert names[384] == "Disable G92 persistence"
     assert names[28] == "G73 Retract distance, mm"
     assert names[11] == "junction deviation, mm"

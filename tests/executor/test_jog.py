@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cnc.boards.loopback import Loopback
+from cnc.boards.stepper.driver import STOP_LATENCY
 from cnc.executor.jog import jog
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
 from cnc.operate.jogging import REST_TIME, jog_speed
-from cnc.operate.pulse_machine import PLAYED_AHEAD
 from tests.support.boards.homing_bench import Bench, small
 from tests.support.boards.stepper_simulator import FREQUENCY
 
@@ -76,7 +76,7 @@ def test_a_jog_of_the_stepper_board_rests_in_time():
     }
     machine = machine.model_copy(update={"axes": axes})
     board, control, released = bench.driver(machine), Control(), []
-    feed = jog_speed(machine, {"x": 1.0}, REST_TIME - PLAYED_AHEAD)
+    feed = jog_speed(machine, {"x": 1.0}, REST_TIME - STOP_LATENCY)
 
     def release(progress):
         if not released and progress.time > 0.6:

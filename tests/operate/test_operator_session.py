@@ -9,6 +9,7 @@ import time
 import pytest
 
 from cnc.boards.errors import board_error
+from cnc.boards.grbl.driver import GrblBoard
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import DialogClosed, EventStream, JobEnded, OffsetsChanged, State, as_object
@@ -55,7 +56,7 @@ def test_a_released_jog_comes_to_rest_in_time(any_operator):
     moving = moves(any_operator)
     jog = any_operator.jog({"x": 1.0}, keep_alive=PATIENCE)
     wait_until(moving)
-    places = [any_operator._view.readings.position["x"]]
+    places = [any_operator._worker.view.readings.position["x"]]
     released = time.monotonic()
     jog.release()
     jog.ended.result(PATIENCE)
@@ -336,6 +337,21 @@ def test_a_board_that_fails_after_a_run_does_not_change_its_outcome(operator, mo
     def fail() -> None:
         raise board_error("board-stopped", "the board has been stopped", hint="connect it again")
 
-    monkeypatch.setattr(operator._operated, "revive", fail)
+    monkeypatch.setattr(operator._worker.operated, "revive", fail)
     assert ended(operator, "G0 X2").outcome == "done"
     assert operator.state.board == ""
+
+
+def test_a_file_is_not_operated(pulse_machine):
+    with OperatorSession(pulse_machine) as session, pytest.raises(UsageError) as caught:
+        session.connect("file").result(PATIENCE)
+    assert caught.value.diagnostic.code == "no-operation"
+
+
+def test_a_line_board_that_only_runs_programs_is_not_operated(monkeypatch):
+    monkeypatch.setattr(GrblBoard, "operation", None)
+    with OperatorSession(load_machine("grbl-uno")) as session:
+        with pytest.raises(UsageError) as caught:
+            session.connect("grbl-sim").result(PATIENCE)
+        assert session.state.board == ""
+    assert caught.value.diagnostic.code == "no-operation"

@@ -80,7 +80,7 @@ def test_a_call_has_the_parameters_in_order(tmp_path):
 
 def on(session, *solids, radius=0.0):
     """Put a workpiece below the probe; the machine is at zero."""
-    environment = session._operated.board.simulator.core.environment
+    environment = session._worker.operated.board.simulator.core.environment
     environment.workpiece = Workpiece(solids, radius)
 
 

@@ -294,12 +294,12 @@ def pulses(monkeypatch):
 def pulses_of_run(console, library, controller, pulses):
     """Run the program from X0 Y0; return its grid moves."""
     controller("POST", "/api/mdi", {"line": "G0 X0 Y0"})
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
     (library.folder / "pulses.nc").write_text(PROGRAM)
     pulses.clear()
     assert controller("POST", "/api/jobs/pulses.nc/run").status_code == 200
     wait_until(lambda: library.history()[0]["outcome"] != "running")
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
     assert library.history()[0]["outcome"] == "done"
     return pulses.copy()
 

@@ -27,7 +27,7 @@ def test_a_grid_is_probed_into_the_library(controller, console):
     """The loopback board reports each contact at the end of its move: at Z -1.5."""
     grid = {"x": [0, 4], "y": [0, 2], "step": 2, "clear": 1, "depth": 1.5, "feed": 6000}
     assert controller("POST", "/api/height-maps/plate/probe", grid).status_code == 200
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
     wait_until(lambda: "plate" in controller("GET", "/api/height-maps").json())
     found = controller("GET", "/api/height-maps/plate").json()
     assert (found["x"], found["y"]) == ([0.0, 2.0, 4.0], [0.0, 2.0])
@@ -46,7 +46,7 @@ def test_a_check_and_a_run_use_a_height_map(controller, console, library):
     assert found["ok"]
     answer = controller("POST", "/api/jobs/sloped.nc/run", {"height_map": "slope"})
     assert answer.status_code == 200
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
     assert console.session.state.machine["z"] == pytest.approx(0.4, abs=0.01)
 
 

@@ -14,7 +14,7 @@ PROGRAM = "G21 G90\nG0 X5 Y5\nG1 X20 F3000\nG2 X30 I5\nG1 X5\nM2\n"
 
 
 def idle(console):
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
 
 
 def x_of(console):
@@ -152,7 +152,7 @@ def test_a_run_is_in_the_history_before_its_end_is_told(controller, console, lib
     monkeypatch.setattr(console.hub, "publish", published)
     assert controller("POST", "/api/jobs/short.nc/run").status_code == 200
     wait_until(lambda: seen)
-    wait_until(lambda: not console.session._busy)
+    wait_until(lambda: not console.session._worker._busy)
     assert [(each["job"], each["outcome"]) for each in seen] == [("short.nc", "done")]
     assert len(library.history()) == before + 1
     library.remove("short.nc")

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Control
-from cnc.boards.grbl import operation
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
@@ -48,7 +47,7 @@ def zeroed(tmp_path: Path, settings: dict[int, float] | None = None) -> GrblSimu
     there.write_text("G21 G90\nG0 X5 Y4\nM2\n")
     assert ran(simulator, there).ok
     with connected(simulator) as board:
-        LineMachine(board, MACHINE).set_work_position("G92", {"x": 0.0, "y": 0.0})
+        LineMachine(board, board.operation, MACHINE).set_work_position("G92", {"x": 0.0, "y": 0.0})
     return simulator
 
 
@@ -84,7 +83,7 @@ def test_the_zero_holds_after_a_stop(tmp_path: Path, program: Path) -> None:
 def test_the_zero_holds_after_a_stop_in_one_connection(tmp_path: Path) -> None:
     simulator = zeroed(tmp_path)
     with connected(simulator) as board:
-        machine = LineMachine(board, MACHINE)
+        machine = LineMachine(board, board.operation, MACHINE)
         assert board.stored_offsets["G92"] == pytest.approx(SHIFT, abs=0.005)
         board.connect_operator(Control(), lambda: None)
         board.start(ORIGIN)
@@ -92,14 +91,14 @@ def test_the_zero_holds_after_a_stop_in_one_connection(tmp_path: Path) -> None:
         machine.revive()
         assert simulator.core.shift == pytest.approx(SHIFT, abs=0.005)
         assert machine.offsets()["G92"]["x"] == pytest.approx(5.0, abs=0.005)
-        operation.unlock(board)
+        board.operation.unlock()
         assert simulator.core.shift == pytest.approx(SHIFT, abs=0.005)
 
 
 def test_a_zero_that_was_removed_stays_removed(program: Path, tmp_path: Path) -> None:
     simulator = zeroed(tmp_path)
     with connected(simulator) as board:
-        LineMachine(board, MACHINE).keep_shift({})
+        LineMachine(board, board.operation, MACHINE).keep_shift({})
     assert ran(simulator, program).ok
     assert simulator.position == pytest.approx((1.0, 1.0, 0.0), abs=0.005)
 
@@ -129,7 +128,7 @@ def test_a_lost_zero_that_was_set_again_holds(program: Path, tmp_path: Path) -> 
     simulator = zeroed(tmp_path)
     simulator.power_up()
     with connected(simulator) as board:
-        LineMachine(board, MACHINE).set_work_position("G92", {"x": -1.0})
+        LineMachine(board, board.operation, MACHINE).set_work_position("G92", {"x": -1.0})
     refused(ran(simulator, program))
     assert ran(simulator, program, trust_position=True).ok
     assert simulator.position == pytest.approx((2.0, 1.0, 0.0), abs=0.005)
@@ -142,7 +141,9 @@ def test_the_zero_holds_when_the_machine_is_homed(program: Path, tmp_path: Path)
     simulator = GrblSimulator(settings=SWITCHES)
     assert run_on(simulator, file, BELOW_ZERO).ok
     with connected(simulator, BELOW_ZERO) as board:
-        LineMachine(board, BELOW_ZERO).set_work_position("G92", {"x": -7.0, "y": -7.0})
+        LineMachine(board, board.operation, BELOW_ZERO).set_work_position(
+            "G92", {"x": -7.0, "y": -7.0}
+        )
     file.write_text("$H\nG21 G90\nG0 X-10 Y-9\nM2\n")
     assert run_on(simulator, file, BELOW_ZERO).ok
     assert simulator.position[:2] == pytest.approx((-15.0, -10.0), abs=0.005)

@@ -15,11 +15,13 @@ from cnc.boards.grbl.faults import at_door, laser_mode_off, offset_differs, offs
 from cnc.boards.grbl.line_groups import groups_of
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.operation import GrblOperation
+from cnc.boards.grbl.setting_changes import GrblSettings
 from cnc.boards.grbl.setting_comparison import differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
-from cnc.boards.grbl.status import WAITING, Status
+from cnc.boards.grbl.status import CONDITIONS, INPUTS, SAME_POSITION, WAITING, Status
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import BoardTraits, Capabilities, MachineReport, OnReport
+from cnc.boards.protocols import BoardTraits, Capabilities, LineSink, MachineReport, OnReport
 from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
@@ -28,11 +30,11 @@ from cnc.model.operator_control import Control
 from cnc.model.packed_lines import PackedLines
 from cnc.model.streams import LinesSent
 
-SAME_POSITION = 0.002
-"""mm: rounding of a reported position or offset, with three decimals, of inches even."""
+STOP_LATENCY = 0.05
+"""Time from a release to the cancel of a jog at the board, s: the link, and a turn of its loop."""
 
 
-class GrblBoard:
+class GrblBoard(LineSink):
     """A GRBL board at a port; call :meth:`connect` first.
 
     Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``,
@@ -46,7 +48,7 @@ class GrblBoard:
         stream: Sends the lines.
     """
 
-    traits = BoardTraits(takes_lines=True)
+    traits = BoardTraits(has_settings=True)
     stream_type: type[LineStream] = LineStream
 
     def __init__(
@@ -136,7 +138,31 @@ class GrblBoard:
         status, offset = self.status, self.status.offset
         work = [a - b for a, b in zip(status.position or (), offset or (), strict=False)]
         axes = self._machine_axes(tuple(work))
-        return MachineReport(status.state, axes, status.feed, status.speed, status.overrides)
+        pins, letters = status.pins, [letter for letter in self._machine.axes if letter in "xyz"]
+        inputs = {f"limit {letter}": letter.upper() in pins for letter in letters}
+        inputs |= {name: pin in pins for pin, name in INPUTS.items() if pin in "PD" or pin in pins}
+        return MachineReport(
+            status.state,
+            axes,
+            status.feed,
+            status.speed,
+            status.overrides,
+            CONDITIONS.get(status.state, "idle"),
+            inputs,
+        )
+
+    @property
+    def operation(self) -> GrblOperation:
+        """Its operation at rest."""
+        return GrblOperation(self)
+
+    def numbered_settings(self) -> GrblSettings:
+        """Return its settings (``$$``). UsageError ``no-settings`` where a file has them."""
+        if not self.info.settings:
+            message = f"the board has no numbered settings ({self.info.firmware})"
+            hint = "FluidNC keeps them in its file config.yaml: change that file"
+            raise UsageError(Diagnostic("no-settings", message, hint=hint))
+        return GrblSettings(self.link)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -146,9 +172,9 @@ class GrblBoard:
             axes=len(self._machine.axes),
             max_step_rate=rate,
             tick_ns=1e9 / rate,
-            pulses=False,
-            lines=True,
             senses=True,
+            stop_latency_s=STOP_LATENCY,
+            overrides=True,
         )
 
     @property

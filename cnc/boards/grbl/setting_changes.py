@@ -7,8 +7,7 @@ Source: "Grbl v1.1 Settings" and "Interface"; grblHAL's ``$ES``.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
 
 from cnc.boards.errors import board_error
 from cnc.boards.grbl.link import GrblLink
@@ -23,6 +22,7 @@ from cnc.boards.grbl.settings import (
     TRAVELS,
     BoardInfo,
 )
+from cnc.boards.protocols import SettingChange
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -37,25 +37,113 @@ _VALUE = re.compile(r"-?(\d+\.?\d*|\.\d+)")
 _NUMBER = re.compile(r"\$?\d{1,5}")
 
 
-class Change(NamedTuple):
-    """A setting to write, with the texts of its values; ``before`` is "" where it is absent."""
+class GrblSettings:
+    """The settings of a connected board.
 
-    number: int
-    before: str
-    after: str
+    Args:
+        link: The link to the board.
+    """
 
+    def __init__(self, link: GrblLink) -> None:
+        self._link = link
 
-def names_of(link: GrblLink) -> dict[int, str]:
-    """Return the name and unit of each setting, as far as known; grblHAL lists its own."""
-    if "ENUMS" not in link.info.extensions:
-        return NAMES
-    names = dict(NAMES)
-    for answer in link.ask("$ES", LISTING):
-        if isinstance(answer, Feedback) and answer.kind == "SETTING":
-            number, _, name, unit, *_ = [*answer.text.split("|"), "", "", ""]
-            if number.isdigit() and name:
-                names[int(number)] = f"{name}, {unit}" if unit else name
-    return names
+    @property
+    def firmware(self) -> str:
+        """Name and build of the firmware."""
+        return f"{self._link.info.firmware} {self._link.info.build}"
+
+    @property
+    def values(self) -> Mapping[int, str]:
+        """Value of each setting, as the board prints it."""
+        return self._link.info.settings
+
+    def names(self) -> Mapping[int, str]:
+        """Return the name and unit of each setting, as far as known; grblHAL lists its own."""
+        if "ENUMS" not in self._link.info.extensions:
+            return NAMES
+        names = dict(NAMES)
+        for answer in self._link.ask("$ES", LISTING):
+            if isinstance(answer, Feedback) and answer.kind == "SETTING":
+                number, _, name, unit, *_ = [*answer.text.split("|"), "", "", ""]
+                if number.isdigit() and name:
+                    names[int(number)] = f"{name}, {unit}" if unit else name
+        return names
+
+    def differing(self, machine: Machine) -> Mapping[int, float]:
+        """Return the values that a machine file implies, where the board has others."""
+        return differing(self._link.info, expected_by(machine, self._link.info))
+
+    @staticmethod
+    def number_of(text: str) -> int:
+        """Return the number of a setting such as ``$110``; UsageError ``setting-unknown``."""
+        if not _NUMBER.fullmatch(text):
+            hint = "give its number, such as 110 or 110=5000"
+            raise UsageError(Diagnostic("setting-unknown", f"{text!r} is no setting", hint=hint))
+        return int(text.removeprefix("$"))
+
+    @staticmethod
+    def parsed(lines: Iterable[str], file: str) -> dict[int, str]:
+        """Return the settings in the lines of a file.
+
+        Raises:
+            UsageError: ``setting-unknown``, for a line that is none.
+        """
+        found: dict[int, str] = {}
+        for number, line in enumerate(lines, start=1):
+            text = line.partition(";")[0].strip()
+            match = _LINE.fullmatch(text)
+            if match is not None:
+                found[int(match[1])] = match[2].strip()
+            elif text:
+                hint = "a line is such as $110=5000"
+                raise UsageError(
+                    Diagnostic(
+                        "setting-unknown", f"{text!r} is no setting", file, number, hint=hint
+                    )
+                )
+        return found
+
+    def changes(self, wanted: Mapping[int, str]) -> list[SettingChange]:
+        """Return the settings to write, in their order.
+
+        Homing is the first: soft limits need it, and GRBL switches them off with it.
+
+        Raises:
+            UsageError: ``setting-unknown``, where the board does not have one; ``setting-value``
+                for a text in place of a number.
+        """
+        listed = []
+        for number, value in wanted.items():
+            before = self.values.get(number)
+            if before is None:
+                hint = "cncrun settings lists those that it has"
+                message = f"the board has no setting ${number}"
+                raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
+            if _VALUE.fullmatch(before) and not _VALUE.fullmatch(value):
+                message, hint = f"{value!r} is no number", f"give one, such as {number}={before}"
+                raise UsageError(Diagnostic("setting-value", f"${number}: {message}", hint=hint))
+            if not _same(before, value):
+                listed.append(SettingChange(number, before, value))
+        return sorted(listed, key=lambda change: change.number != HOMING)
+
+    def write(self, listed: Sequence[SettingChange]) -> bool:
+        """Write settings, and read them back; return whether one changes the steps/mm.
+
+        Raises:
+            BoardError: ``board-error`` where the board refuses one, and ``setting-not-kept`` where
+                it keeps another value.
+        """
+        link = self._link
+        for change in listed:
+            link.ask(f"${change.number}={change.after}")
+        kept = {each.number: each.value for each in link.ask("$$") if isinstance(each, Setting)}
+        link.info.settings.update(kept)
+        for number, _, after in listed:
+            if not _same(kept.get(number, ""), after):
+                message = f"the board keeps ${number}={kept.get(number, '')}, not {after}"
+                hint = "look up the values that its firmware accepts"
+                raise board_error("setting-not-kept", message, hint=hint)
+        return any(STEPS <= change.number < STEPS + len(AXIS_LETTERS) for change in listed)
 
 
 def expected_by(machine: Machine, info: BoardInfo) -> dict[int, float]:
@@ -79,77 +167,6 @@ def differing(info: BoardInfo, expected: Mapping[int, float]) -> dict[int, float
         for number, value in expected.items()
         if (own := info.number(number)) is not None and abs(own - value) > SAME * max(1.0, value)
     }
-
-
-def number_of(text: str) -> int:
-    """Return the number of a setting such as ``$110``; UsageError ``setting-unknown``."""
-    if not _NUMBER.fullmatch(text):
-        hint = "give its number, such as 110 or 110=5000"
-        raise UsageError(Diagnostic("setting-unknown", f"{text!r} is no setting", hint=hint))
-    return int(text.removeprefix("$"))
-
-
-def parsed(lines: Iterable[str], file: str = "") -> dict[int, str]:
-    """Return the settings in the lines of a file.
-
-    Raises:
-        UsageError: ``setting-unknown``, for a line that is none.
-    """
-    found: dict[int, str] = {}
-    for number, line in enumerate(lines, start=1):
-        text = line.partition(";")[0].strip()
-        match = _LINE.fullmatch(text)
-        if match is not None:
-            found[int(match[1])] = match[2].strip()
-        elif text:
-            hint = "a line is such as $110=5000"
-            raise UsageError(
-                Diagnostic("setting-unknown", f"{text!r} is no setting", file, number, hint=hint)
-            )
-    return found
-
-
-def changes(info: BoardInfo, wanted: Mapping[int, str]) -> list[Change]:
-    """Return the settings to write, in their order.
-
-    Homing is the first: soft limits need it, and GRBL switches them off with it.
-
-    Raises:
-        UsageError: ``setting-unknown``, where the board does not have one; ``setting-value`` for
-            a text in place of a number.
-    """
-    listed = []
-    for number, value in wanted.items():
-        before = info.settings.get(number)
-        if before is None:
-            hint = "cncrun settings lists those that it has"
-            message = f"the board has no setting ${number}"
-            raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
-        if _VALUE.fullmatch(before) and not _VALUE.fullmatch(value):
-            message, hint = f"{value!r} is no number", f"give one, such as {number}={before}"
-            raise UsageError(Diagnostic("setting-value", f"${number}: {message}", hint=hint))
-        if not _same(before, value):
-            listed.append(Change(number, before, value))
-    return sorted(listed, key=lambda change: change.number != HOMING)
-
-
-def write(link: GrblLink, listed: Iterable[Change]) -> None:
-    """Write settings, and read them back.
-
-    Raises:
-        BoardError: ``board-error`` where the board refuses one, and ``setting-not-kept`` where it
-            keeps another value.
-    """
-    listed = list(listed)
-    for change in listed:
-        link.ask(f"${change.number}={change.after}")
-    kept = {each.number: each.value for each in link.ask("$$") if isinstance(each, Setting)}
-    link.info.settings.update(kept)
-    for number, _, after in listed:
-        if not _same(kept.get(number, ""), after):
-            message = f"the board keeps ${number}={kept.get(number, '')}, not {after}"
-            hint = "look up the values that its firmware accepts"
-            raise board_error("setting-not-kept", message, hint=hint)
 
 
 def _same(one: str, other: str) -> bool:

@@ -14,6 +14,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cnc.boards.protocols import Condition
+
 MM_PER_INCH = 25.4
 
 MOVING = frozenset(("Run", "Jog", "Home"))
@@ -24,6 +26,22 @@ STILL_MOVING = frozenset((("Hold", 1), ("Door", 2), ("Door", 3)))
 """States of braking or resuming, in which a reset would lose the position."""
 DOOR_SHUT = 0
 """Phase of state Door: the door is closed, and the board waits for a resume."""
+CONDITIONS: dict[str, Condition] = {
+    "Idle": "idle",
+    "Run": "running",
+    "Hold": "held",
+    "Jog": "jogging",
+    "Home": "homing",
+    "Alarm": "alarm",
+    "Door": "door",
+    "Check": "check",
+    "Sleep": "sleep",
+    "Tool": "held",
+}
+INPUTS = {"P": "probe", "D": "door", "H": "hold", "R": "reset", "S": "start"}
+"""Names of the inputs by their letters, beside the limit switches."""
+SAME_POSITION = 0.002
+"""mm: rounding of a reported position or offset, with three decimals, of inches even."""
 _NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
 
 

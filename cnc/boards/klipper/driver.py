@@ -37,6 +37,8 @@ from cnc.model.streams import PulseChunk
 
 BACKGROUND_S = 0.01
 """Time between two exchanges of bytes between calls."""
+STOP_LATENCY = 0.16
+"""Motion that the board has taken in a jog when a hold is planned, with its ramp's reserve, s."""
 
 
 class Klipper(PulseBoard):
@@ -332,11 +334,12 @@ def _capabilities(machine: Machine, tick_ns: float) -> Capabilities:
         len(machine.axes),
         machine.board.max_step_rate,
         tick_ns,
-        pulses=True,
-        lines=False,
         senses=False,
+        stop_latency_s=STOP_LATENCY,
         probes=known is not None and known.probe is not None,
         slice_s=PIECE_S / 2,
         actions=actions(known),
         separate_axes=True,
+        limit_switches=True,
+        kernels=("step runs",),
     )

@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.errors import board_error
-from cnc.boards.protocols import BoardTraits, MotionState
+from cnc.boards.protocols import BoardTraits, MotionState, PulseSink
 from cnc.boards.pulse_board.supervisor import PulseSupervisor
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, Probe
@@ -24,7 +24,7 @@ from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 
 
-class PulseBoard(ABC):
+class PulseBoard(PulseSink):
     """A board on an open port.
 
     Args:
@@ -77,11 +77,6 @@ class PulseBoard(ABC):
         """State of the motion that the board plays."""
         with self._lock:
             return self._board.motion_state
-
-    @property
-    def switches(self) -> tuple[bool, ...]:
-        """Whether a limit switch of each axis is closed, for the axes that have one."""
-        return tuple(any(each) for each in self.motor_switches)
 
     @property
     @abstractmethod

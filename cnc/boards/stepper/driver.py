@@ -42,6 +42,9 @@ from cnc.model.blocks import Block, Dwell, Probe, SwitchMove
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.streams import PulseChunk
 
+STOP_LATENCY = 0.14
+"""Motion that the board has taken when a hold is planned, s."""
+
 
 class Stepper(PulseBoard):
     """A board on an open port; :meth:`from_machine` opens one.
@@ -234,10 +237,11 @@ def _capabilities(machine: Machine, spacing_ns: int) -> Capabilities:
         len(machine.axes),
         1e9 / spacing_ns,
         500.0,
-        pulses=True,
-        lines=False,
         senses=False,
+        stop_latency_s=STOP_LATENCY,
         probes=True,
         slice_s=PIECE_S,
         actions=actions(MotorOutputs(machine).count),
+        limit_switches=True,
+        kernels=("segments",),
     )

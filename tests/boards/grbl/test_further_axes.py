@@ -11,7 +11,6 @@ from cnc.api import RunOptions, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.link import GrblLink
 from cnc.boards.grbl.messages import Feedback, Firmware
-from cnc.boards.grbl.operation import read_offsets
 from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
@@ -173,7 +172,7 @@ def test_inches_in_reports_do_not_scale_rotary_axes(four_axes, mask, reported):
     assert report.ok, report.faults
     assert simulator.position == pytest.approx((10.0, 0.0, -5.0, 90.0), abs=0.01)
     assert report.end_position == pytest.approx({"x": 10, "y": 0, "z": -5, "a": 90}, abs=0.02)
-    read_offsets(board)
+    board.operation.read_offsets()
     assert board.work_offset == pytest.approx((0.0, 0.0, 0.0, 15.0), abs=0.01)
     assert f"MPos:{reported}" in status_report(simulator.core)
 

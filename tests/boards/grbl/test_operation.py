@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from cnc.boards.grbl import operation
+from cnc.boards.grbl.operation import JogLine
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.jogging import REST_TIME
@@ -31,7 +31,7 @@ def fastest(board, direction):
     """Return the speed that a session gives a jog in this direction, mm/s."""
     from cnc.operate.jogging import jog_speed
 
-    machine = LineMachine(board, MACHINE)
+    machine = LineMachine(board, board.operation, MACHINE)
     return jog_speed(machine.for_jogs(), direction, machine.rest)
 
 
@@ -44,7 +44,7 @@ def test_a_released_jog_rests_in_time(direction):
     simulator, board = rig()
     feed = fastest(board, direction)
     start = dict.fromkeys(direction, 0.0)
-    move = operation.JogLine(start, {a: 200.0 * part for a, part in direction.items()}, feed)
+    end = {a: 200.0 * part for a, part in direction.items()}
     released, rest = [], []
     begin = simulator.now
 
@@ -56,7 +56,7 @@ def test_a_released_jog_rests_in_time(direction):
             rest.append(simulator.now)
         return bool(released)
 
-    operation.jog(board, move, is_released, nothing)
+    board.operation.jog(start, end, feed, is_released, nothing)
     assert simulator.speed == 0.0
     assert rest[0] - released[0] <= REST_TIME
 
@@ -73,7 +73,7 @@ def test_the_board_rests_by_itself_when_the_computer_dies(after):
         return False
 
     with pytest.raises(Dead):
-        operation.jog(board, operation.JogLine({"x": 0.0}, {"x": 280.0}, feed), dies, nothing)
+        board.operation.jog({"x": 0.0}, {"x": 280.0}, feed, dies, nothing)
     dead = simulator.now
     simulator.advance(dead + LOST_TIME)
     assert simulator.speed == 0.0
@@ -89,7 +89,7 @@ def test_a_jog_in_pieces_is_as_fast_as_one_line():
     simulator, board = rig()
     feed, length = 30.0, 45.0
     begin = simulator.now
-    operation.jog(board, operation.JogLine({"x": 0.0}, {"x": length}, feed), lambda: False, nothing)
+    board.operation.jog({"x": 0.0}, {"x": length}, feed, lambda: False, nothing)
     trapezoid = length / feed + feed / SETTINGS[120]
     assert simulator.position[0] == pytest.approx(length, abs=0.002)
     assert simulator.now - begin <= trapezoid + 0.3
@@ -97,10 +97,9 @@ def test_a_jog_in_pieces_is_as_fast_as_one_line():
 
 def test_a_jog_that_the_board_refuses_is_an_error_at_rest():
     simulator, board = rig(settings={20: 1.0, 22: 1.0, 130: 50.0})
-    operation.unlock(board)
-    move = operation.JogLine({"x": 0.0}, {"x": -120.0}, 30.0)
+    board.operation.unlock()
     with pytest.raises(BoardError, match="board-error"):
-        operation.jog(board, move, lambda: False, nothing)
+        board.operation.jog({"x": 0.0}, {"x": -120.0}, 30.0, lambda: False, nothing)
     assert simulator.speed == 0.0
     assert simulator.position[0] >= -50.0
 
@@ -108,13 +107,11 @@ def test_a_jog_that_the_board_refuses_is_an_error_at_rest():
 @pytest.mark.parametrize("system", ["G54", "G57", "G92"])
 def test_an_offset_makes_the_place_the_wanted_position(system):
     simulator, board = rig()
-    operation.jog(
-        board, operation.JogLine({"x": 0.0, "y": 0.0}, {"x": 3.0, "y": 4.0}, 30.0), bool, nothing
-    )
-    operation.set_work_position(board, system, {"x": 1.0, "y": -2.5})
+    board.operation.jog({"x": 0.0, "y": 0.0}, {"x": 3.0, "y": 4.0}, 30.0, bool, nothing)
+    board.operation.set_work_position(system, {"x": 1.0, "y": -2.5})
     place = board.info.places[system]
     assert place[:2] == pytest.approx((2.0, 6.5), abs=0.002)
-    shown = operation.work_position(board, "G54" if system == "G92" else system)
+    shown = board.operation.work_position("G54" if system == "G92" else system)
     assert shown[:2] == pytest.approx((1.0, -2.5), abs=0.002)
     assert math.isclose(simulator.position[0], 3.0, abs_tol=0.002)
 
@@ -128,19 +125,19 @@ def test_an_offset_that_the_board_does_not_keep_is_an_error(monkeypatch):
 
     monkeypatch.setattr(board.link, "ask", loses)
     with pytest.raises(BoardError, match="offset-not-kept"):
-        operation.set_work_position(board, "G54", {"x": 5.0})
+        board.operation.set_work_position("G54", {"x": 5.0})
 
 
 def test_a_system_that_grbl_lacks_is_refused():
     _, board = rig()
     with pytest.raises(UsageError, match="no-such-system"):
-        operation.set_work_position(board, "G59.1", {"x": 5.0})
+        board.operation.set_work_position("G59.1", {"x": 5.0})
 
 
 def test_an_alarm_is_left_by_unlock():
     _, board = rig(settings={22: 1.0})
     assert board.status.state == "Alarm"
-    operation.unlock(board)
+    board.operation.unlock()
     assert board.link.refresh().state == "Idle"
 
 
@@ -155,7 +152,7 @@ def test_a_program_runs_after_a_stop():
     board.stop()
     with pytest.raises(BoardError, match="board-stopped"):
         board.start(np.zeros(3, np.int64))
-    operation.revive(board)
+    board.operation.revive()
     board.start(np.zeros(3, np.int64))
     feed(board, PREAMBLE, "G1 X1 F1500")
     board.finish()
@@ -163,7 +160,7 @@ def test_a_program_runs_after_a_stop():
 
 
 def test_a_part_of_a_jog_line_ends_on_the_line():
-    move = operation.JogLine({"x": 1.0, "y": 0.0}, {"x": 7.0, "y": 8.0}, 10.0)
+    move = JogLine({"x": 1.0, "y": 0.0}, {"x": 7.0, "y": 8.0}, 10.0)
     assert move.length == 10.0
     assert move.line(5.0) == "$J=G53G21X4.000Y4.000F600.0"
     assert move.line(99.0) == "$J=G53G21X7.000Y8.000F600.0"

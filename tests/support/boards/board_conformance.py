@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.boards.protocols import Capabilities, PulseSink, Revivable
+from cnc.boards.protocols import Capabilities, PulseSink
 from cnc.model.blocks import Dwell, Spindle
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import PulseChunk
@@ -65,13 +65,24 @@ class PulseBoardConformance:
             assert caught.value.diagnostic.line == line
 
     def test_capabilities(self, board: PulseSink) -> None:
-        assert isinstance(board, PulseSink)
         can = board.capabilities
         assert isinstance(can, Capabilities)
         assert can.axes == AXES
-        assert can.pulses
+        assert board.takes == "pulses"
+        assert 0.0 < can.stop_latency_s < 0.2
         assert can.max_step_rate == pytest.approx(1e9 / self.least)
         assert can.tick_ns > 0
+
+    def test_a_board_gives_an_answer_to_each_switch_and_position_that_it_states(
+        self, fresh: PulseSink
+    ) -> None:
+        known = fresh.known_steps
+        assert known is None or len(known) == AXES
+        assert len(fresh.switches) == len(fresh.motor_switches) <= AXES
+        if fresh.capabilities.limit_switches:
+            assert known is not None
+        else:
+            assert not fresh.switches
 
     def test_position_follows_the_pulses(self, fresh: PulseSink) -> None:
         board = fresh
@@ -192,11 +203,13 @@ class PulseBoardConformance:
     def test_a_stopped_board_takes_the_next_program_where_it_can_be_revived(
         self, board: PulseSink
     ) -> None:
-        assert isinstance(board, Revivable) is self.revives
-        if not isinstance(board, Revivable):
-            return
         board.send(chunk((0, (1, 0, 0))))
         board.stop()
+        if not self.revives:
+            with pytest.raises(BoardError) as caught:
+                board.revive()
+            assert caught.value.diagnostic.code == "board-stopped"
+            return
         board.revive()
         board.start(board.position_steps)
         board.send(chunk((0, (1, 0, 0))))

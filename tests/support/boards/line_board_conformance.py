@@ -52,10 +52,10 @@ class LineBoardConformance:
         return fresh
 
     def test_is_a_line_sink_with_capabilities(self, fresh: LineSink) -> None:
-        assert isinstance(fresh, LineSink)
         can = fresh.capabilities
         assert isinstance(can, Capabilities)
-        assert (can.axes, can.lines, can.pulses) == (AXES, True, False)
+        assert (can.axes, fresh.takes) == (AXES, "lines")
+        assert 0.0 < can.stop_latency_s < 0.2
         assert len(fresh.position) == len(fresh.work_offset) == len(fresh.resolution) == AXES
         assert all(0.0 < step < 0.1 for step in fresh.resolution)
         assert set(fresh.stored_offsets) >= {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from cnc.boards.grbl.driver import GrblBoard
@@ -30,7 +31,7 @@ class SimulatorStream(LineStream):
 class GrblSimulatorBoard(GrblBoard):
     """A simulated board with the axes of a machine file, at machine zero."""
 
-    traits = BoardTraits(has_port=False, takes_lines=True, simulated=True)
+    traits = BoardTraits(has_port=False, simulated=True, has_settings=True)
     stream_type = SimulatorStream
     simulator: GrblSimulator
 
@@ -41,7 +42,7 @@ class GrblSimulatorBoard(GrblBoard):
         return cls._connected(machine, GrblSimulatorPort(simulator))
 
     @classmethod
-    def in_real_time(cls, machine: Machine) -> GrblSimulatorBoard:
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> GrblSimulatorBoard:
         """Return a new connected board, whose clock is that of the computer."""
         simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
         port = GrblSimulatorPort(simulator, ScaledTime(simulator), boot_time=0.0)

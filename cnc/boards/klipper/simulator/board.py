@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ class KlipperSimulatorBoard(Klipper):
         return cls._connected(machine, KlipperSimulatorPort)
 
     @classmethod
-    def in_real_time(cls, machine: Machine) -> KlipperSimulatorBoard:
+    def for_operator(cls, machine: Machine, start: Sequence[float]) -> KlipperSimulatorBoard:
         """Return a new connected board, whose clock is that of the computer."""
         return cls._connected(machine, RealTimePort, background=True)
 
