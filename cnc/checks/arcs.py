@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.geometry.arcs import SAME_POINT
+from cnc.kernels.gcode.arcs import SAME_POINT
 from cnc.machine.models import Machine
 from cnc.model.blocks import PLANE_AXES, ArcFeed
 from cnc.model.diagnostics import Diagnostic

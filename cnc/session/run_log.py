@@ -8,7 +8,7 @@ from cnc.model.shown_text import printable
 from cnc.report.result import Report
 from cnc.session.context import SessionContext
 
-log = logging.getLogger("cnc.session.session")
+log = logging.getLogger(__name__)
 
 
 def log_begin(context: SessionContext, report: Report) -> None:

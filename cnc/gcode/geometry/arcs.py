@@ -18,7 +18,6 @@ from cnc.kernels.jit import interpreted
 
 Point = tuple[float, float]
 
-SAME_POINT = kernel.SAME_POINT
 _arc_of = interpreted(kernel.arc_of)
 
 
