@@ -31,7 +31,7 @@ class CompiledKernels(BuildHookInterface):  # type: ignore[type-arg, misc]
         system = platform.replace("linux", LINUX, 1)
         build_data["pure_python"] = False
         build_data["tag"] = f"{python}-{python}{sys.abiflags if os.name != 'nt' else ''}-{system}"
-        build_data["force_include"][folder] = "cnc/kernels/compiled"
+        build_data["force_include"][folder] = "cnc/compiled/code"
         for file in write_tables(Path(folder).parent / "tables"):
             build_data["force_include"][str(file)] = f"cnc/grammars/{file.name}"
 

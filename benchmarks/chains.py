@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from benchmarks.optimum import times_of
-from cnc.kernels.path.curve import curve_eval, curve_range
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, Block, NurbsFeed, PathMode, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import curve_eval, curve_range
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.session.kernel_cache import ensure_compiled

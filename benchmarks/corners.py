@@ -38,11 +38,11 @@ from numpy.typing import NDArray
 from benchmarks import heading_optimum
 from benchmarks.optimum import times_of
 from benchmarks.tube_optimum import Guess, Tube, optimum, states
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, Block, PathMode, Polyline
 from cnc.path.build import build
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from benchmarks import corners, optimum_cases
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import LINE, curve_eval_s
-from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
 from cnc.model.operator_control import Control
 from cnc.path.build import build
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import LINE, curve_eval_s
 from cnc.planner.joints import Joints
+from cnc.planner.kernels.timed import is_timed
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.motion_time import motion_time

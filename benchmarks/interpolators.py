@@ -20,7 +20,7 @@ from time import perf_counter, process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.model.choices import Algorithm

@@ -28,10 +28,10 @@ from unittest.mock import patch
 
 from benchmarks import cam_programs
 from cnc.cli.options import NEW_OBJECTS
-from cnc.gcode.program import line_steps
-from cnc.gcode.program.program import interpret
-from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core import line_steps
+from cnc.gcode.core.program import interpret
+from cnc.gcode.core.tool_table import ToolTable
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import READING

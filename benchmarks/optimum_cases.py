@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.optimum import Times, times_of
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 from cnc.model.blocks import ArcFeed, AxisLetter, Block, NurbsFeed, PathMode, Polyline
 
 Floats = NDArray[np.float64]

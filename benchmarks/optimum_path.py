@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import LINE, METRIC, METRICS, curve_eval_s
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import LINE, METRIC, METRICS, curve_eval_s
 from cnc.planner.known_path import KnownPath
 from cnc.planner.limits import Limits
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cnc.machine.load import load_machine
 from cnc.model.blocks import NurbsFeed
-from cnc.papers.algorithms.nurbs_lookahead import interpolate
+from cnc.papers.nurbs_lookahead import interpolate
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk

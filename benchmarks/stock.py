@@ -12,13 +12,12 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from cnc.kernels.stock.cutter import BALL, BULL, CONE, FLAT, Cutter
-from cnc.kernels.stock.sweep import Assembly
 from cnc.machine.models import Stock
 from cnc.model.blocks import Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.stock.material import Material
+from cnc.stock.kernels.sweep import BALL, BULL, CONE, FLAT, Assembly, Cutter
+from cnc.stock.simulation import Material
 
 WIDTH = 200.0
 """mm. Side of the stock."""

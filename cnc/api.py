@@ -26,7 +26,6 @@ import numpy as np
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
@@ -39,16 +38,16 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
+from cnc.session.context import Callbacks
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
-from cnc.session.observer import Callbacks
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import start_position
+from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
 
 if TYPE_CHECKING:
-    from cnc.executor.homing_cycles import AxisHoming
-    from cnc.executor.squaring import Squared
+    from cnc.session.homing import AxisHoming, Squared
 
 __all__ = [
     "Block",
@@ -286,7 +285,7 @@ def home(
 
             return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
-        from cnc.executor import homing
+        from cnc.session import homing
 
         positions = homing.home(
             opened,

@@ -13,9 +13,9 @@ from typing import Any
 
 import mkdocs_gen_files
 
-from cnc.checks.catalogue import markdown
+from cnc.checks.selection import markdown
 from cnc.cli.commands import app
-from cnc.machine.schema import machine_schema
+from cnc.machine.load import machine_schema
 from docs import dialect_tables, grammar_diagrams
 
 

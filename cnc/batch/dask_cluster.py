@@ -24,7 +24,7 @@ from typing import Any
 from cnc.batch.task import Task
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.report.result import Report
-from cnc.session.source import InlineProgram, display_name, readable_file
+from cnc.session.program_reader import InlineProgram, display_name, readable_file
 from cnc.version import __version__
 
 TIMEOUT = 10.0

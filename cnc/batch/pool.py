@@ -19,7 +19,7 @@ from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
 from cnc.session.options import RunOptions
-from cnc.session.source import STANDARD_INPUT
+from cnc.session.program_reader import STANDARD_INPUT
 
 ATTEMPTS = 2
 """Attempts for a program whose worker dies: another program may have used the memory."""
@@ -28,7 +28,7 @@ END_TIMEOUT = 2.0
 
 START = (
     f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); "
-    "from cnc.batch.worker import main; main()"
+    "from cnc.batch.task import main; main()"
 )
 """Code of a worker. It runs with ``python -P``, which ignores modules beside the programs."""
 

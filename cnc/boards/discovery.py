@@ -16,17 +16,15 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from cnc.boards.grbl.faults import OtherFirmware
-from cnc.boards.grbl.link import GrblLink
-from cnc.boards.grbl.port_report import grbl_report
+from cnc.boards.grbl.link import GrblLink, grbl_report
+from cnc.boards.grbl.messages import Status
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.status import Status
 from cnc.boards.klipper.connection import BAUD as KLIPPER_BAUD
 from cnc.boards.klipper.connection import Connection as KlipperConnection
-from cnc.boards.klipper.port_report import KlipperInfo, klipper_report, read_info
+from cnc.boards.klipper.connection import KlipperInfo, klipper_report, read_info
 from cnc.boards.port import PortLost, SystemClock
 from cnc.boards.serial_port import BY_NUMBER, FoundPort, found_ports, open_port, port_of
-from cnc.boards.stepper.connection import BAUD, MIN_BAUD, Connection
-from cnc.boards.stepper.port_report import stepper_report
+from cnc.boards.stepper.connection import BAUD, MIN_BAUD, Connection, stepper_report
 from cnc.boards.stepper.protocol import Welcome
 from cnc.model.diagnostics import BoardError
 

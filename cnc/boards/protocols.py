@@ -26,13 +26,19 @@ from typing import ClassVar, Literal, NamedTuple, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.errors import board_error
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.model.packed_lines import PackedLines
-from cnc.model.streams import LinesSent, PulseChunk
+from cnc.model.streams import LinesSent, PackedLines, PulseChunk
+
+# The faults of boards.
+
+
+def board_error(code: str, message: str, *, line: int = 0, hint: str = "") -> BoardError:
+    """Return a fault of the board, with its source line where it is known."""
+    return BoardError(Diagnostic(code, message, line=line, hint=hint))
+
 
 Action = Literal[
     "spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"

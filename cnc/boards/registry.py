@@ -24,9 +24,9 @@ BUILT_IN = {
         ("loopback", "cnc.boards.loopback:Loopback"),
         ("file", "cnc.boards.file:FileBoard"),
         ("grbl", "cnc.boards.grbl.driver:GrblBoard"),
-        ("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSimulatorBoard"),
+        ("grbl-sim", "cnc.simulators.grbl.ports:GrblSimulatorBoard"),
         ("klipper", "cnc.boards.klipper.driver:Klipper"),
-        ("klipper-sim", "cnc.boards.klipper.simulator.board:KlipperSimulatorBoard"),
+        ("klipper-sim", "cnc.simulators.klipper.ports:KlipperSimulatorBoard"),
         ("stepper", "cnc.boards.stepper.driver:Stepper"),
     )
 }

@@ -13,10 +13,9 @@ import os
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cnc.checks.catalogue import REPORTED_ONCE
-from cnc.model.diagnostics import SEVERITIES, Diagnostic, UsageError
-from cnc.model.shown_text import shown_name
-from cnc.report.changes import Changes
+from cnc.checks.selection import REPORTED_ONCE
+from cnc.model.diagnostics import SEVERITIES, Diagnostic, UsageError, shown_name
+from cnc.report.result import Changes
 
 if TYPE_CHECKING:
     from cnc.report.result import Report

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.gcode.dialects import NAMES
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Block, Polyline
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.motion_commands import apart

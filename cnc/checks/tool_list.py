@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from cnc.gcode.state.tool_table import MAX_TOOL
-from cnc.model.shown_text import printable
+from cnc.gcode.core.tool_table import MAX_TOOL
+from cnc.model.diagnostics import printable
 from cnc.model.units import MM_PER_INCH
 
 _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)|;(.*)")

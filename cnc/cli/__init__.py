@@ -13,7 +13,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 
-from cnc.cli.streams import prepare_streams
+from cnc.cli.signals import prepare_streams
 
 __all__ = ["exit_code", "main"]
 

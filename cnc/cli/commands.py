@@ -7,17 +7,35 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from cyclopts import CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.argument import ArgumentCollection
 
-from cnc.cli.application import Application
-from cnc.cli.board_commands import boards, home
-from cnc.cli.checking import check_listed, check_one, find_programs
-from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
+from cnc.cli.checking import (
+    EXIT_PIPE,
+    check_listed,
+    check_one,
+    end,
+    fail,
+    find_programs,
+    internal_error,
+    show,
+    usage,
+    write_summary,
+)
 from cnc.cli.keyboard import Keyboard
-from cnc.cli.log_output import close_log
-from cnc.cli.operate_commands import height_map, jog, mdi, unlock, zero
+from cnc.cli.operate_commands import (
+    boards,
+    height_map,
+    home,
+    jog,
+    mdi,
+    serve,
+    settings,
+    unlock,
+    zero,
+)
 from cnc.cli.options import (
     HYPHEN,
     BoardOptions,
@@ -27,21 +45,102 @@ from cnc.cli.options import (
     MachineOption,
     TerminalOptions,
     check_files,
+    close_log,
     library,
     option,
     output,
 )
 from cnc.cli.progress import ProgressDisplay
-from cnc.cli.serve_command import serve
-from cnc.cli.settings_command import settings
-from cnc.cli.signals import OperatorSignals, report_hang_up
-from cnc.cli.streams import NO_SPACE
-from cnc.cli.tools import tools
+from cnc.cli.signals import NO_SPACE, OperatorSignals, report_hang_up
 from cnc.model.choices import DialectName, Pauses
-from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
+from cnc.model.diagnostics import (
+    EXIT_STOPPED,
+    CncError,
+    Diagnostic,
+    Severity,
+    UsageError,
+    printable,
+    shown_name,
+)
 from cnc.model.operator_control import Control, HomingStopped
-from cnc.model.shown_text import printable, shown_name
 from cnc.version import __version__
+
+# The application of cyclopts, with a quicker ``--help``.
+
+
+class Application(App):
+    """An application whose options have their texts in ``Parameter(help=...)``."""
+
+    collections: ClassVar[dict[int, ArgumentCollection] | None] = None
+    """Options of each command (its ``id``) while help is printed, else None.
+
+    cyclopts assembles them three times to print help: to parse, for the usage, and for the text.
+    They are not shared by other command lines, because parsing fills them with values.
+    """
+
+    def assemble_argument_collection(
+        self,
+        *,
+        default_parameter: Parameter | None = None,
+        parse_docstring: bool = False,
+    ) -> ArgumentCollection:
+        """Return the options of a command.
+
+        Docstrings have no texts of options, so their source is not searched for them.
+
+        Args:
+            default_parameter: Settings of all options.
+            parse_docstring: Ignored.
+        """
+        known = self.collections
+        if known is None or default_parameter is not None:
+            return super().assemble_argument_collection(default_parameter=default_parameter)
+        if id(self) not in known:
+            known[id(self)] = super().assemble_argument_collection()
+        return known[id(self)]
+
+
+# The command ``cncrun tools``: a skeleton of the tool table from a program.
+
+
+def tools(
+    program: Annotated[str, output("The program (- is standard input).")],
+    /,
+    *,
+    file: Annotated[
+        str | None,
+        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
+    ] = None,
+) -> int:
+    """Write a skeleton of the tool table of a program.
+
+    The tools come from T, H and D words and from the comments of CAM systems. Measure each tool,
+    add its length, and name the file in the machine file: tool_table under [program].
+    """
+    check_files((file,), (program,))
+    from cnc.checks.tool_list import ToolList
+    from cnc.gcode.reader.source_text import Text
+    from cnc.report.targets import TextTarget
+    from cnc.session.program_reader import display_name, readable_file
+
+    with readable_file(program) as path:
+        name = display_name(program)
+        found = ToolList.of(Text.of_file(path, name).all_lines())
+    if not found.tools:
+        message, hint = "the program has no T word", "a program without tools needs no table"
+        raise UsageError(Diagnostic("no-tools", message, name, hint=hint))
+    text = "".join(line + "\n" for line in found.skeleton(name))
+    if file is None:
+        print(text, end="")
+        return 0
+    target = TextTarget(file)
+    try:
+        target.write(text)
+        target.close()
+    finally:
+        target.discard()
+    return 0
+
 
 app = Application(
     name="cncrun",
@@ -163,7 +262,7 @@ def check(
         if name is not None:
             write_summary(name, reports if listed else reports[0])
     if format != "text" and format != "json":
-        from cnc.outputs.findings import write_findings
+        from cnc.report.findings import write_findings
 
         write_findings(format, reports)
     if not listed:
@@ -204,7 +303,7 @@ def diff(
     library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine
-    from cnc.outputs.summary_json import write_object
+    from cnc.report.summary import write_object
 
     with ProgressDisplay(Control(), quiet=terminal.quiet) as display:
         known = load_machine(machine)
@@ -291,7 +390,7 @@ def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False)
 
     The command prints the folder of the compiled code.
     """
-    from cnc.kernels.code_cache import cache_folder
+    from cnc.compiled.code_cache import cache_folder
 
     _compile(quiet=quiet)
     if not quiet:
@@ -324,7 +423,7 @@ def schema(
     import json
 
     from cnc.machine.height_map import height_map_schema
-    from cnc.machine.schema import machine_schema
+    from cnc.machine.load import machine_schema
     from cnc.report.models import summary_schema
     from cnc.session.checkpoint import checkpoint_schema
 
@@ -355,7 +454,7 @@ def exit_code(arguments: Sequence[str]) -> int:
         if error.errno not in NO_SPACE or error.filename is not None:
             return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
         _drop_output()
-        from cnc.outputs.targets import write_error  # imports numpy, which --help does without
+        from cnc.report.targets import write_error  # imports numpy, which --help does without
 
         return fail(write_error("-", error))
     except Exception as error:

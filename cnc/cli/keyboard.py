@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.model.operator_control import (
     MAX_FEED_OVERRIDE,
     MAX_SPINDLE_OVERRIDE,
@@ -26,7 +26,6 @@ from cnc.model.operator_control import (
     RAPID_OVERRIDES,
     Control,
 )
-from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input

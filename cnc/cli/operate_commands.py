@@ -7,10 +7,13 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
+from cnc.cli.checking import fail
+from cnc.cli.keyboard import Keyboard
 from cnc.cli.options import (
     BoardOption,
     MachineOption,
@@ -19,23 +22,28 @@ from cnc.cli.options import (
     library,
     option,
 )
-from cnc.cli.signals import OperatorSignals
+from cnc.cli.progress import ProgressDisplay
+from cnc.cli.signals import OperatorSignals, report_hang_up
 from cnc.model.choices import Interpolation
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
     CncError,
     Diagnostic,
     UsageError,
+    printable,
 )
 from cnc.model.operator_control import Control
-from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
+    from cnc.boards.protocols import BoardSettings
+    from cnc.machine.models import Machine
     from cnc.operate.events import Event, Finding, JobEnded
     from cnc.operate.height_mapping import Grid
     from cnc.operate.operator_session import OperatorSession
+    from cnc.server.serve import Address
+
 
 TERMINAL = TerminalOptions()
 PortOption = Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")]
@@ -295,3 +303,248 @@ def _diagnostic(found: Finding) -> Diagnostic:
         found.code, found.message, found.file, found.line, found.column, found.length, found.text,
         found.hint, found.severity,
     )  # fmt: skip
+
+
+# The commands ``cncrun boards`` and ``cncrun home``.
+
+
+def boards(
+    *ports: Annotated[
+        str,
+        Parameter(
+            help="Ports to examine, also pyserial URLs; by default all serial ports of this "
+            "computer."
+        ),
+    ],
+    baud: Annotated[
+        int,
+        option(
+            "Baud rate. Boards that do not answer at this one are tried as stepper boards at "
+            "1000000 and as Klipper boards at 250000."
+        ),
+    ] = 115200,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """List the serial ports and the board at each.
+
+    For a GRBL board its settings and a machine file made from them are printed (redirect the output
+    into a file), for a stepper board its version, axes, tick and buffer, for a Klipper board its
+    pins and the tables of a machine file. Opening a port resets most boards; nothing moves.
+    """
+    terminal.open_log()
+    from cnc.boards.discovery import port_report, probe_ports
+    from cnc.boards.serial_port import identity
+    from cnc.session.position_check import write_offsets
+
+    found = probe_ports(ports, baud)
+    for each in found:
+        if each.info is not None:
+            write_offsets(identity(each.port), each.info.named_places())
+        print(*map(printable, port_report(each, baud)), sep="\n", flush=True)
+    if not found:
+        print("# this computer has no serial port; is the board plugged in and switched on?")
+    return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)
+
+
+def home(
+    *axes: Annotated[str, Parameter(help="Axes to home; by default all that have a switch.")],
+    machine: MachineOption = None,
+    board: BoardOption = None,
+    port: Annotated[
+        str | None, option("Port of the board (/dev/ttyUSB0); by default the machine file's.")
+    ] = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Home the machine on its limit switches.
+
+    With a stepper or Klipper board each axis moves to its switch twice, then off it. A GRBL board
+    homes all axes in its own cycle ($H). The loopback board rehearses homing: it has simulated
+    switches at the ends of the travels.
+    """
+    terminal.open_log(machine)
+    api = library()
+    control = Control()
+    keys = Keyboard(control, report_hang_up)
+    with ProgressDisplay(control, quiet=terminal.quiet) as display, keys:
+        if not keys.available:
+            display.without_keys()
+        positions = api.home(
+            machine,
+            axes,
+            board=board,
+            port=port,
+            callbacks=display.callbacks(),
+            control=control,
+            on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
+            on_squared=None if terminal.quiet else lambda it: print(it.description, flush=True),
+        )
+    if not terminal.quiet:
+        from cnc.report.result import position
+
+        known = {axis.upper(): value for axis, value in positions.items() if value is not None}
+        if known:
+            print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
+        lost = [axis.upper() for axis, value in positions.items() if value is None]
+        if lost:
+            print("not known:", *lost)
+    return 0
+
+
+# The command ``cncrun settings``: show, change, save and restore the settings of a GRBL board.
+
+
+def settings(
+    name: Annotated[
+        str | None, Parameter(help="A setting, such as 110, or 110=5000 to change it.")
+    ] = None,
+    /,
+    *,
+    save: Annotated[str | None, option("Write all settings to FILE.")] = None,
+    load: Annotated[str | None, option("Write the settings of FILE to the board.")] = None,
+    yes: Annotated[bool, option("Do not ask before the board is changed.")] = False,
+    machine: MachineOption = None,
+    board: BoardOption = None,
+    port: Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")] = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Show the settings ($$) of a GRBL board, or change them.
+
+    Settings that differ from the machine file are marked. A change is shown, confirmed, written,
+    and read back.
+    """
+    terminal.open_log(machine, load)
+    if sum(each is not None for each in (name, save, load)) > 1:
+        message, hint = "settings does one thing at a time", "give a setting, --save, or --load"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
+    known = library().load_machine(machine)
+    with _opened(known, board, port) as found:
+        if save is not None:
+            _save(found, save)
+        elif load is not None:
+            _change(found, found.parsed(_lines_of(load), load), yes=yes)
+        elif name is not None and "=" in name:
+            number, _, value = name.partition("=")
+            _change(found, {found.number_of(number.strip()): value.strip()}, yes=yes)
+        else:
+            _show(found, known, name)
+    return 0
+
+
+@contextmanager
+def _opened(machine: Machine, board: str | None, port: str | None) -> Iterator[BoardSettings]:
+    """Give the settings of a board; UsageError ``no-settings`` for a board without them."""
+    from cnc.boards.registry import board_factory, open_board
+
+    kind = board or machine.board.kind
+    if board is None and not board_factory(kind).traits.has_settings:
+        kind = "grbl"
+    if not board_factory(kind).traits.has_settings:
+        message, hint = f"the board {kind!r} has no settings", "name a GRBL board with --board grbl"
+        raise UsageError(Diagnostic("no-settings", message, hint=hint))
+    opened = open_board(machine, kind=kind, port=port)
+    try:
+        yield opened.numbered_settings()
+    finally:
+        opened.close()
+
+
+def _show(board: BoardSettings, machine: Machine, name: str | None) -> None:
+    values, names, other = board.values, board.names(), board.differing(machine)
+    wanted = sorted(values) if name is None else [board.number_of(name)]
+    for number in wanted:
+        if number not in values:
+            message, hint = f"the board has no setting ${number}", "cncrun settings lists them"
+            raise UsageError(Diagnostic("setting-unknown", message, hint=hint))
+        mark = f"  (machine file: {other[number]:.10g})" if number in other else ""
+        print(f"${number} = {values[number]}  {printable(names.get(number, ''))}".rstrip() + mark)
+    if name is None and other:
+        count = "1 setting differs" if len(other) == 1 else f"{len(other)} settings differ"
+        print(f"{count} from those of the machine file {machine.name!r}")
+
+
+def _change(board: BoardSettings, wanted: dict[int, str], *, yes: bool) -> None:
+    listed = board.changes(wanted)
+    if not listed:
+        print("the board has these values already")
+        return
+    names = board.names()
+    steps = [f"${n} {names.get(n, '')}: {before} -> {after}" for n, before, after in listed]
+    with Keyboard(Control()) as keys:
+        if not keys.confirm(["change on the board:", *steps], yes=yes):
+            print("nothing was changed")
+            return
+    other_steps = board.write(listed)
+    print(*(f"${number} = {after}" for number, _, after in listed), sep="\n")
+    if other_steps:
+        print("home the machine: with other steps/mm its position is another one")
+
+
+def _save(board: BoardSettings, name: str) -> None:
+    text = "".join(f"${number}={value}\n" for number, value in sorted(board.values.items()))
+    try:
+        Path(name).write_text(f"; {board.firmware}\n{text}", "utf-8")
+    except OSError as error:
+        message, hint = f"{name} is not writable: {error.strerror}", "name another file"
+        raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
+    print(f"{len(board.values)} settings in {printable(name)}")
+
+
+def _lines_of(name: str) -> list[str]:
+    try:
+        return Path(name).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        message, hint = f"{name} cannot be read: {error.strerror}", "check the name"
+        raise UsageError(Diagnostic("can-not-read", message, hint=hint)) from error
+
+
+# The command ``cncrun serve``: the operator's console in a browser.
+
+
+def serve(
+    *,
+    host: Annotated[
+        str, option("Address to listen at; with any other than this, a token is compulsory.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int,
+        Parameter(
+            help="Port to listen at; 0 for a free one, which the first line names.",
+            validator=validators.Number(gte=0, lte=65535),
+        ),
+    ] = 8080,
+    token: Annotated[
+        str | None, option("Token of every request; by default a new one where one is needed.")
+    ] = None,
+    folder: Annotated[
+        str | None,
+        Parameter(name="--library", help="Folder of the jobs, with a folder of macros."),
+    ] = None,
+    machine: MachineOption = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Serve the operator's console: jog, zero, check, run.
+
+    It needs the extra: pip install 'cncrun[serve]'. It ends with Ctrl-C; the machine comes to rest.
+    """
+    terminal.open_log(machine)
+    known = library().load_machine(machine)
+    try:
+        from cnc.server import serve as server
+    except ImportError as error:
+        message = f"the console needs {error.name}, which is not installed"
+        hint = "pip install 'cncrun[serve]'"
+        raise UsageError(Diagnostic("serve-missing", message, hint=hint)) from error
+    from cnc.model.state_file import folder as state_folder
+
+    def announce(address: Address) -> None:
+        print(address.link, flush=True)
+        if address.access.token is not None and not terminal.quiet:
+            print(server.qr_code(address.link), flush=True)
+        if not terminal.quiet:
+            print(
+                "This console is no emergency stop: the machine needs one of its own.", flush=True
+            )
+
+    place = Path(folder) if folder is not None else state_folder().parent / "jobs"
+    server.serve(known, server.open_address(host, port, token), place, announce=announce)
+    return 0

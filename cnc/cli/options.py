@@ -3,25 +3,115 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
+import platform
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter, validators
 
-from cnc.cli.log_output import open_log
 from cnc.model.choices import Algorithm, DialectName, Interpolator, ToolLengths, UnknownCodes
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
+from cnc.version import __version__
 
 if TYPE_CHECKING:
     from cyclopts import Token
 
     from cnc.machine.models import Machine
     from cnc.session.options import RunOptions
+
+
+# Log of a command: to a file in full, and to standard error with ``--verbose``.
+#
+# The modules log to loggers of their own names (``cnc.session.session``, ``cnc.boards.grbl.link``).
+# Nothing is printed by default.
+#
+#     INFO     stages of the run with their times, operator requests, findings, the result
+#     DEBUG    each line or frame that is sent to a board or received from it
+
+FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
+TIME_FORMAT = "%Y-%m-%d %H:%M:%S"
+
+log = logging.getLogger(__name__)
+
+_root = logging.getLogger("cnc")
+_handlers: list[logging.Handler] = []
+
+
+class _StandardError(logging.Handler):
+    """Prints each record to the present ``sys.stderr``, which a progress bar may replace."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr, flush=True)
+
+
+class _LogFile(logging.FileHandler):
+    """The file of the log. A full disk ends the log with one warning, and never the run."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report that the log ends here."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)
+            return
+        _root.removeHandler(self)
+        message = f"{self.baseFilename} cannot be written: {error.strerror or error}"
+        hint = "the log ends here; choose a file on a disk that has space"
+        found = Diagnostic("log-ends", message, hint=hint, severity="warning")
+        print(f"{found.severity}: {found.render()}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the file. What a full disk did not take is lost, which was reported."""
+        with suppress(OSError):
+            super().close()
+
+
+def open_log(file: str | None, *, verbose: bool) -> None:
+    """Begin to log.
+
+    Args:
+        file: The file to write, or None.
+        verbose: Whether to print the stages to standard error.
+
+    Raises:
+        UsageError: ``can-not-write``.
+    """
+    close_log()
+    if file is not None:
+        try:
+            handler: logging.Handler = _LogFile(file, "w", encoding="utf-8")
+        except OSError as error:
+            message = f"{file} cannot be written: {error.strerror or error}"
+            hint = "choose a file in a folder that you may write to"
+            raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
+        _add(handler, logging.DEBUG)
+    if verbose:
+        _add(_StandardError(), logging.INFO)
+    log.info("cncrun %s, Python %s, %s", __version__, platform.python_version(), sys.platform)
+
+
+def close_log() -> None:
+    """End the log."""
+    for handler in _handlers:
+        _root.removeHandler(handler)
+        handler.close()
+    _handlers.clear()
+    _root.setLevel(logging.NOTSET)
+
+
+def _add(handler: logging.Handler, level: int) -> None:
+    handler.setLevel(level)
+    handler.setFormatter(logging.Formatter(FORMAT, TIME_FORMAT))
+    _handlers.append(handler)
+    _root.addHandler(handler)
+    _root.setLevel(min(level, _root.level or level))
+
 
 HYPHEN = "\0-"
 """Replaces a lone ``-`` while cyclopts parses, which would take it for an option.
@@ -316,8 +406,7 @@ class CheckOptions:
 
     def machine(self, name: str | None) -> Machine:
         """Return the machine of a file, with the raw part."""
-        from cnc.machine.load import load_machine
-        from cnc.machine.stock import with_stock
+        from cnc.machine.load import load_machine, with_stock
 
         machine = load_machine(name)
         return machine if self.stock is None else with_stock(machine, self.stock)

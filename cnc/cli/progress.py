@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING
 from cnc.cli.keyboard import HELP, NO_TERMINAL
 from cnc.cli.run_screen import PlainLines, RunScreen
 from cnc.cli.signals import OperatorSignals, report_hang_up
-from cnc.model.diagnostics import Diagnostic
+from cnc.model.diagnostics import Diagnostic, shown_name
 from cnc.model.operator_control import Control
-from cnc.model.shown_text import shown_name
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from cnc.executor.run import Progress as Sent
-    from cnc.session.observer import Callbacks, Stage
+    from cnc.session.context import Callbacks, Stage
+    from cnc.session.run_pulses import Progress as Sent
 
 
 class ProgressDisplay:
@@ -46,7 +45,7 @@ class ProgressDisplay:
 
     def callbacks(self) -> Callbacks:
         """Return the callbacks that keep the display up to date."""
-        from cnc.session.observer import Callbacks
+        from cnc.session.context import Callbacks
 
         return Callbacks(
             on_progress=self._on_progress,

@@ -9,14 +9,14 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from cnc.cli.keyboard import HELP
+from cnc.model.diagnostics import printable
 from cnc.model.operator_control import Control
-from cnc.model.shown_text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.live import Live
 
-    from cnc.executor.run import Progress
+    from cnc.session.run_pulses import Progress
 
 DELAY = 1.0
 """Seconds of a run until the screen appears: a short run needs none."""

@@ -16,7 +16,7 @@ Both passes are sums and minima of whole arrays. The backward pass takes as many
 known ahead. The forward pass, with S the sum of 2 a d so far, is v_k^2 = S_k + min over j <= k of
 (bound_j - S_j).
 
-Short lines may arrive too slowly for this: :mod:`cnc.grbl_lines.line_arrival` adds the time that is
+Short lines may arrive too slowly for this: :mod:`cnc.grbl_lines.grbl_timing` adds the time that is
 lost then.
 
 All other lines wait until the motion has come to rest (GRBL synchronises for M codes, dwells,
@@ -29,19 +29,128 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable
+from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.board_limits import BoardLimits
-from cnc.grbl_lines.largest_values import Largest
-from cnc.grbl_lines.line_arrival import LINE_END, LineArrival
-from cnc.grbl_lines.moves import Point
-from cnc.grbl_lines.number_format import PLANE_COLUMNS
-from cnc.kernels.grbl_lines.arrival import Moves
+from cnc.grbl_lines.kernels.arrival import RING, STATE, Link, Moves, times_of
+from cnc.grbl_lines.number_format import PLANE_COLUMNS, Point
+from cnc.grbl_lines.writer import BITS_PER_BYTE, BYTE_TIME, LINE_TIME
 from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind, effects_of
 from cnc.model.streams import GcodeLine
+
+# The largest speeds and accelerations of the motion of a GRBL board.
+
+
+@dataclass(slots=True)
+class Largest:
+    """Largest values of the motion at 100 %.
+
+    Attributes:
+        speed: Along the path, mm/s.
+        acceleration: Along the path, mm/s^2.
+        velocities: Of each axis (n,), mm/s.
+        accelerations: Of each axis (n,), mm/s^2, along the path.
+    """
+
+    velocities: list[float]
+    accelerations: list[float]
+    speed: float = 0.0
+    acceleration: float = 0.0
+
+    @classmethod
+    def of_axes(cls, axes: int) -> Largest:
+        """Return zeros."""
+        return cls([0.0] * axes, [0.0] * axes)
+
+    def add(self, units: Floats, speeds: Floats, accelerations: Floats) -> None:
+        """Add moves: directions (k, n), highest speeds (k,), accelerations (k,), 0 without one."""
+        self.speed = max(self.speed, float(speeds.max()))
+        self.acceleration = max(self.acceleration, float(accelerations.max()))
+        sizes = np.abs(units)
+        for mine, new in (
+            (self.velocities, (sizes * speeds[:, None]).max(axis=0)),
+            (self.accelerations, (sizes * accelerations[:, None]).max(axis=0)),
+        ):
+            mine[:] = np.maximum(mine, new).tolist()
+
+
+# The times at which the lines of a program arrive at a GRBL board, and their moves end.
+#
+# A board that gets short lines too slowly brakes for lack of moves, and may come to rest. See
+# :mod:`cnc.grbl_lines.kernels.arrival` for the model.
+
+LINE_END = 1
+"""Bytes of the end of a line."""
+BUFFER = 124
+"""Bytes that may be on their way. GRBL's receive buffer holds 128, one of which stays free, and the
+sender keeps three for a question.
+"""
+ANSWER_BYTES = 4
+"""Bytes of an answer."""
+USB_DELAY = 1e-3
+"""Time of an answer in the USB port, s: a frame."""
+GATHERING, LONGEST_GATHERING = 0.25, 8e-3
+"""Average time in which the sender lets answers gather: part of the time of a full buffer on the
+wire, and its limit, s.
+"""
+CHECK_BYTES = 3.0 / 20.0
+"""Bytes for each line that the sender adds: ``$G`` and the line end for 20 lines."""
+
+
+class LineArrival:
+    """Follows the lines of one program.
+
+    Attributes:
+        sizes: Bytes of the lines since the last call of :meth:`times`; the caller appends to it.
+
+    Args:
+        limits: The board.
+        cases: Number of pairs of overrides.
+    """
+
+    def __init__(self, limits: BoardLimits, cases: int) -> None:
+        self.sizes: list[int] = []
+        self._lines = 0
+        self._states = np.zeros(cases, STATE)
+        planner = min(limits.blocks + 1, RING - 1)
+        if limits.baud:
+            byte_time = BITS_PER_BYTE / limits.baud
+            gathering = min(GATHERING * BUFFER * byte_time, LONGEST_GATHERING)
+            answer = ANSWER_BYTES * byte_time + USB_DELAY + gathering
+            self._link = Link(byte_time, CHECK_BYTES, BYTE_TIME, LINE_TIME, answer, BUFFER, planner)
+        else:
+            self._link = Link(0.0, 0.0, 0.0, 0.0, 0.0, BUFFER, planner)
+
+    def times(self, moves: Moves, lines: NDArray[np.int64], done: int, total: Floats) -> Floats:
+        """Return the time from the end of the move before to that of each of the first moves.
+
+        Args:
+            moves: The moves, with those that the board looks ahead; their lines are not used.
+            lines: Numbers of the lines of the moves in the program (n,), from 0.
+            done: Number of the first moves.
+            total: Time of the program before them in each case (c,), s.
+
+        Returns:
+            Times (done, c), s.
+        """
+        self._states["end"] = total
+        times = np.empty((done, len(self._states)))
+        sizes = np.array(self.sizes, np.int64)
+        moves = moves._replace(line=lines - self._lines)
+        times_of(self._states, moves, sizes, done, self._link, times)
+        self._lines += len(sizes)
+        self.sizes.clear()
+        return times
+
+    def rest(self, total: Floats) -> None:
+        """Note that the board rests until a time in each case (c,), s, and reads on then."""
+        self._states["board"] = np.maximum(self._states["board"], total)
+        self._states["speed"] = 0.0
+
 
 Floats = NDArray[np.float64]
 
@@ -376,3 +485,56 @@ class BoardTime:
         while len(self._marks) > MOST_MARKS:
             self._stride *= 2
             self._marks = self._marks[::2]
+
+
+# The time that is left of a program while a GRBL board carries it out.
+
+UNREPORTED_LINES = 2
+"""Lines that the board may have carried out since its last report."""
+
+
+class Countdown:
+    """Counts down the time of a program.
+
+    The board reports the line that it is on, but not how far along it is, and the report is as old
+    as the interval between two. So the clock runs on between two bounds: the time left after the
+    next lines, and the time left before the present line. It stands while the motion is held.
+    """
+
+    def __init__(self, time: BoardTime) -> None:
+        """``time``: of all the lines of the program."""
+        self._time = time
+        self._overrides = (100.0, 100.0)
+        self._left = time.remaining(0)
+        self._at: float | None = None
+
+    def left(
+        self,
+        now: float,
+        done: int,
+        *,
+        held: bool,
+        feed_override: float = 100.0,
+        rapid_override: float = 100.0,
+    ) -> float:
+        """Return the time that is left, s.
+
+        Args:
+            now: Present time, s.
+            done: Lines that the board has carried out.
+            held: Whether the motion is held.
+            feed_override: In per cent.
+            rapid_override: In per cent.
+        """
+        overrides = feed_override, rapid_override
+        most = self._time.remaining(done, *overrides)
+        if overrides != self._overrides:
+            before = self._time.remaining(done, *self._overrides)
+            self._left *= most / before if before > 0.0 else 1.0
+            self._overrides = overrides
+        if self._at is not None and not held:
+            self._left -= now - self._at
+        self._at = now
+        least = self._time.remaining(done + UNREPORTED_LINES, *overrides)
+        self._left = min(max(self._left, least), most)
+        return self._left

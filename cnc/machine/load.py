@@ -3,35 +3,260 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
-from cnc.machine.board import Board
-from cnc.machine.consistency import inconsistencies
+from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.kinematics import KINEMATICS, OF_TIP
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
-from cnc.machine.locate import locate
 from cnc.machine.models import (
     Axis,
+    Board,
     Header,
     Homing,
     HomingOrder,
     Machine,
+    Motor,
     PathLimits,
+    Program,
     Stock,
+    gantry_inconsistencies,
+    switch_end,
 )
-from cnc.machine.motors import Motor
-from cnc.machine.program import Program
 from cnc.machine.program_codes import with_absolute_files
-from cnc.model.blocks import AXIS_LETTERS
-from cnc.model.diagnostics import Diagnostic, MachineFileError
-from cnc.model.section import Section
+from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, AxisLetter
+from cnc.model.diagnostics import Diagnostic, MachineFileError, UsageError
+from cnc.model.section import Inconsistency, Section
+
+# Line and column of a key in a TOML file, for messages.
+#
+# The TOML parser of the standard library does not give locations. This search reads tables, dotted
+# and quoted keys, arrays over several lines and the first level of inline tables. For other keys it
+# gives the nearest enclosing table.
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DOTTED = rf"{_PART}(?:\s*\.\s*{_PART})*"
+_TABLE = re.compile(rf"\s*\[{{1,2}}\s*({_DOTTED})\s*\]")
+_PAIR = re.compile(rf"\s*({_DOTTED})\s*=")
+_INLINE_PAIR = re.compile(rf"[{{,]\s*({_DOTTED})\s*=")
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|' + r"'[^']*'")
+
+
+@dataclass(frozen=True, slots=True)
+class KeyLocation:
+    """Line and column of a key from 1, its length, and the text of the line."""
+
+    line: int
+    column: int
+    length: int
+    text: str
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip("\"'") for part in re.findall(_PART, dotted))
+
+
+def _depth(text: str) -> int:
+    """Return the number of unclosed brackets in a value, outside strings and comments."""
+    bare = _STRING.sub("", text).split("#", 1)[0]
+    return sum((c in "[{") - (c in "]}") for c in bare)
+
+
+def key_locations(text: str) -> dict[tuple[str, ...], KeyLocation]:
+    """Return the location of every key and table of a TOML text, by its full path."""
+    found: dict[tuple[str, ...], KeyLocation] = {}
+    table: tuple[str, ...] = ()
+    open_brackets = 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        if open_brackets > 0:
+            open_brackets += _depth(line)
+            continue
+        if heading := _TABLE.match(line):
+            table = _parts(heading[1])
+            for depth in range(1, len(table) + 1):
+                found.setdefault(
+                    table[:depth], KeyLocation(number, heading.start(1) + 1, len(heading[1]), line)
+                )
+        elif pair := _PAIR.match(line):
+            key = table + _parts(pair[1])
+            for depth in range(len(table) + 1, len(key) + 1):
+                found.setdefault(
+                    key[:depth], KeyLocation(number, pair.start(1) + 1, len(pair[1]), line)
+                )
+            value = line[pair.end() :]
+            if value.lstrip().startswith("{"):
+                for inner in _INLINE_PAIR.finditer(line, pair.end()):
+                    found.setdefault(
+                        key + _parts(inner[1]),
+                        KeyLocation(number, inner.start(1) + 1, len(inner[1]), line),
+                    )
+            open_brackets = _depth(value)
+    return found
+
+
+def locate(text: str, key: tuple[str, ...]) -> KeyLocation | None:
+    """Return the location of ``key`` or of its nearest enclosing table; None without either."""
+    found = key_locations(text)
+    while key:
+        if key in found:
+            return found[key]
+        key = key[:-1]
+    return None
+
+
+# Contradictions between keys of a machine file, which each table alone does not show.
+
+RATE_ROUNDING = 1e-12
+"""Relative rounding error that the product of a speed and a resolution may have."""
+
+
+def inconsistencies(machine: Machine) -> Iterator[Inconsistency]:
+    """Yield the contradictions between keys; none for a machine that can run."""
+    yield from _joint_names(machine)
+    yield from _start(machine)
+    for table, name, joint in _motors(machine):
+        yield from _axis_limits(machine, table, name, joint)
+        pull_off = (joint.homing or Homing()).pull_off
+        towards = switch_end(name, joint.homing)
+        yield from gantry_inconsistencies((table, name), joint.motors, towards * pull_off)
+    if machine.diameters is not None and machine.kind != "lathe":
+        yield Inconsistency(
+            ("machine", "diameters"), f"the machine is a {machine.kind}", "remove the key"
+        )
+    for letter, axis in machine.axes.items():
+        yield from _homing_position(machine, letter)
+        if axis.wrap is not None and letter not in ROTARY_LETTERS:
+            yield Inconsistency(
+                ("axes", letter, "wrap"), f"{letter} is not a rotary axis", "remove the key"
+            )
+    for letter in (machine.homing.order or ()) if machine.homing is not None else ():
+        if letter not in machine.axes:
+            yield Inconsistency(
+                ("homing", "order"),
+                f"the machine has no axis {letter}",
+                f"its axes are {', '.join(machine.axes)}",
+            )
+    if machine.board.klipper is not None:
+        motors = {name: len(joint.motors) for name, joint in machine.joint_tables.items()}
+        yield from machine.board.klipper.inconsistencies(motors)
+    elif machine.board.kind == "klipper":
+        yield Inconsistency(
+            ("board", "kind"),
+            "a Klipper board needs the pins of its motors",
+            "write the tables [board.klipper.x], ...; cncrun boards lists the pins of a board",
+        )
+    if machine.stock is not None and not {"x", "y", "z"} <= machine.axes.keys():
+        yield Inconsistency(
+            ("stock",),
+            "the machine does not have the axes x, y and z",
+            "remove the table",
+        )
+
+
+def _motors(machine: Machine) -> Iterator[tuple[str, str, Axis]]:
+    """Yield table, name and limits of each joint."""
+    for name, joint in machine.joint_tables.items():
+        yield "joints" if name in machine.kinematics.joints else "axes", name, joint
+
+
+def _joint_names(machine: Machine) -> Iterator[Inconsistency]:
+    """Compare the tables of the joints, and the axes, with those of the kinematics."""
+    wanted, kind = machine.kinematics.joints, machine.kinematics.type
+    hint = f"the joints of {kind} are {', '.join(wanted)}" if wanted else f"{kind} has none"
+    moved = machine.kinematics.axes
+    if isinstance(machine.kinematics, FiveAxis):
+        moved = machine.kinematics.tip_axes
+        for reversed_axis in machine.kinematics.reverse:
+            if reversed_axis not in moved:
+                message = f"{kind} has no axis {reversed_axis}"
+                yield Inconsistency(("kinematics", "reverse"), message, "remove it")
+    for letter in moved:
+        if letter not in machine.axes:
+            message = f"{kind} moves the axis {letter}, which the machine does not have"
+            yield Inconsistency(("kinematics", "type"), message, f"add [axes.{letter}]")
+    for name in machine.joints:
+        if name not in wanted:
+            yield Inconsistency(("joints", name), "there is no such joint", hint)
+    for name in wanted:
+        if name not in machine.joints:
+            yield Inconsistency(("kinematics", "type"), f"[joints.{name}] is missing", hint)
+        if name in machine.axes and name not in machine.kinematics.axes:
+            message = f"the kinematics has a joint {name}, too"
+            yield Inconsistency(("axes", name), message, "choose another kinematics or axis")
+
+
+def _start(machine: Machine) -> Iterator[Inconsistency]:
+    """Compare the start with the axes and joints, and with their travel."""
+    tables = machine.axes | machine.joint_tables
+    moved = [name for name in machine.start if name in machine.kinematics.axes]
+    joints = [name for name in machine.start if name in machine.kinematics.joints]
+    for name, place in machine.start.items():
+        key = ("machine", "start", name)
+        if name not in tables:
+            hint = f"there are {', '.join(tables)}"
+            yield Inconsistency(key, "there is no such axis or joint", hint)
+            continue
+        travel = tables[name].travel
+        if travel is not None and not travel[0] <= place <= travel[1]:
+            message = f"{place:g} is outside the travel, {travel[0]:g} to {travel[1]:g}"
+            yield Inconsistency(key, message, "give a place within the travel")
+    if moved and joints:
+        message = f"the joints {', '.join(joints)} move {', '.join(moved)}"
+        hint = "give places of the axes or of the joints, not of both"
+        yield Inconsistency(("machine", "start"), message, hint)
+
+
+def _axis_limits(machine: Machine, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:
+    most = machine.board.max_step_rate
+    if axis.step_rate > most * (1 + RATE_ROUNDING):
+        yield Inconsistency(
+            (table, letter, "max_velocity"),
+            f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is "
+            f"{axis.step_rate:.7g} steps/s, but board.max_step_rate is {most:.7g}",
+            f"lower it to {most / axis.steps_per_mm:g}, "
+            "or raise board.max_step_rate if the board supports it",
+        )
+    path = machine.path
+    if axis.max_acceleration is None and (
+        path.max_tangential_acceleration is None or path.max_normal_acceleration is None
+    ):
+        yield Inconsistency(
+            (table, letter, "max_acceleration"),
+            "nothing limits the acceleration of this axis",
+            f"set {table}.{letter}.max_acceleration, "
+            "or path.max_tangential_acceleration and path.max_normal_acceleration",
+        )
+    if axis.max_jerk is None and path.max_jerk is None:
+        yield Inconsistency(
+            (table, letter, "max_jerk"),
+            "nothing limits the jerk of this axis",
+            f"set {table}.{letter}.max_jerk, or path.max_jerk",
+        )
+
+
+def _homing_position(machine: Machine, letter: AxisLetter) -> Iterator[Inconsistency]:
+    axis = machine.axes[letter]
+    position = None if axis.homing is None else axis.homing.position
+    if position is None or axis.travel is None:
+        return
+    if not axis.travel[0] <= position <= axis.travel[1]:
+        yield Inconsistency(
+            ("axes", letter, "homing", "position"),
+            f"{position:g} is outside the travel, {axis.travel[0]:g} to {axis.travel[1]:g} mm",
+            f"give a coordinate within axes.{letter}.travel",
+        )
+
 
 DEFAULT = "default"
 
@@ -337,3 +562,116 @@ def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Mach
         }
     )
     return machine.model_copy(update={"program": absolute})
+
+
+# JSON Schema of the machine file, for editors and for the reference.
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+class _TomlSchema(GenerateJsonSchema):
+    """A generator for TOML, which has no null: an optional key is left out instead."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        """Return False: the keys are their own titles."""
+        return False
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        """Return the schema of the value."""
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        """Return the schema of the value, with its default unless that is null or a table."""
+        found = super().default_schema(schema)
+        if isinstance(found.get("default"), dict | None):
+            found.pop("default", None)
+        return found
+
+
+def machine_schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a machine file.
+
+    The properties are the tables of the file. Every key has a description with its unit, and its
+    default where it has one. The schema does not cover contradictions between keys
+    (:func:`cnc.machine.load.inconsistencies`).
+    """
+    tables = Machine.model_json_schema(schema_generator=_TomlSchema)
+    header = Header.model_json_schema(schema_generator=_TomlSchema)
+    keys = tables.pop("properties")
+    for own in (*Header.model_fields, "file"):
+        del keys[own]
+    _allow_axes_of_joints(tables["$defs"], keys["axes"])
+    return {
+        "$schema": DRAFT,
+        **tables,
+        "title": "Machine file",
+        "description": "A machine file of cncrun. Lengths in mm (degrees for rotary axes), "
+        "times in s.",
+        "properties": {"machine": header, **keys},
+    }
+
+
+def _allow_axes_of_joints(models: dict[str, Any], axes: dict[str, Any]) -> None:
+    """Let an axis that joints move have only the keys of its place."""
+    place = {key: models["Axis"]["properties"][key] for key in OF_TIP}
+    models["AxisOfJoints"] = {
+        "description": "An axis that joints of the kinematics move.",
+        "type": "object",
+        "additionalProperties": False,
+        "properties": place,
+    }
+    other = {"$ref": "#/$defs/AxisOfJoints"}
+    axes["additionalProperties"] = {"anyOf": [axes["additionalProperties"], other]}
+
+
+def schema_text() -> str:
+    """Return the schema as the text of its shipped file, ``docs/schemas/machine.schema.json``."""
+    return json.dumps(machine_schema(), indent=2) + "\n"
+
+
+# The raw part as a command-line argument: ``X0:100,Y0:60,Z-12:0``.
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+_SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNORECASE)
+
+
+def with_stock(machine: Machine, text: str, zero: Mapping[str, float] | None = None) -> Machine:
+    """Return the machine with the raw part that ``text`` describes.
+
+    Args:
+        machine: The machine.
+        text: The raw part.
+        zero: Machine position of the zero of its coordinates by axis, mm; None for machine zero.
+
+    Raises:
+        UsageError: ``stock-malformed``.
+    """
+    stock = _stock(text)
+    if zero is not None:
+        spans = {"x": stock.x, "y": stock.y, "z": stock.z}
+        moved = {
+            letter: (low + zero.get(letter, 0.0), high + zero.get(letter, 0.0))
+            for letter, (low, high) in spans.items()
+        }
+        stock = stock.model_copy(update=moved)
+    found = machine.model_copy(update={"stock": stock})
+    for wrong in inconsistencies(found):
+        raise UsageError(Diagnostic("stock-malformed", wrong.message, hint=wrong.hint))
+    return found
+
+
+def _stock(text: str) -> Stock:
+    spans = [_SPAN.fullmatch(part) for part in text.split(",")]
+    named = {span[1].lower(): (float(span[2]), float(span[3])) for span in spans if span}
+    if all(spans) and len(named) == len(spans):
+        try:
+            return Stock.model_validate(named)
+        except ValidationError:
+            pass
+    hint = (
+        "give the lowest and highest machine coordinate of each axis in mm, "
+        "such as X0:100,Y0:60,Z-12:0"
+    )
+    raise UsageError(
+        Diagnostic("stock-malformed", f"{text!r} does not describe a cuboid", hint=hint)
+    )

@@ -5,24 +5,27 @@ times in s. A limit that is absent does not limit. The acceleration and the jerk
 limit of the axis itself or of the path.
 
 The descriptions of the fields are those in the JSON Schema of the machine file
-(:func:`cnc.machine.schema.machine_schema`) and in the reference.
+(:func:`cnc.machine.load.machine_schema`) and in the reference.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
-from cnc.machine.board import Board
 from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
-from cnc.machine.motors import Motor, Motors
-from cnc.machine.program import Program
+from cnc.machine.klipper import KlipperBoard
+from cnc.machine.program_codes import Codes, RunFile
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import MachineKind, WrapRule
+from cnc.model.choices import DialectName, GcodeSystem, MachineKind, WrapRule
 from cnc.model.section import (
+    FilePath,
+    Inconsistency,
     MotionLimit,
     NonNegative,
     Positive,
@@ -30,6 +33,210 @@ from cnc.model.section import (
     Span,
     as_tuple,
 )
+
+# The motors of an axis: one, or several that move it together, as in a gantry.
+
+MOST_MOTORS = 4
+
+
+class Motor(Section):
+    """One motor of an axis."""
+
+    offset: FiniteFloat = Field(
+        default=0.0,
+        description=(
+            "Coordinate at which its limit switch closes less that of the first motor's switch, "
+            "while the gantry is square, mm."
+        ),
+    )
+    invert: bool = Field(
+        default=False,
+        description="Whether its direction pin has the other level than that of the axis.",
+    )
+
+
+def _motors(value: Any) -> Any:
+    """Return a number of motors, or a list of tables, as a tuple of tables."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if not 1 <= value <= MOST_MOTORS:
+            raise ValueError(f"must be 1 to {MOST_MOTORS}")
+        return (Motor(),) * value
+    return as_tuple(value)
+
+
+Motors = Annotated[
+    tuple[Motor, ...],
+    BeforeValidator(_motors),
+    Field(min_length=1, max_length=MOST_MOTORS),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "integer", "minimum": 1, "maximum": MOST_MOTORS},
+                {
+                    "type": "array",
+                    "items": {
+                        "type": "object",
+                        "properties": {
+                            "offset": {"type": "number"},
+                            "invert": {"type": "boolean"},
+                        },
+                        "additionalProperties": False,
+                    },
+                    "minItems": 1,
+                    "maxItems": MOST_MOTORS,
+                },
+            ]
+        }
+    ),
+]
+"""The motors of an axis."""
+
+
+def gantry_inconsistencies(
+    key: tuple[str, str], motors: tuple[Motor, ...], pull_off: float
+) -> Iterator[Inconsistency]:
+    """Yield the contradictions between the motors of an axis and its homing.
+
+    Args:
+        key: Table of the axis.
+        motors: Its motors.
+        pull_off: Distance from the place of rest to the first switch, mm; negative at the low end.
+    """
+    if motors[0].offset:
+        message = "the offset of the first motor is not 0"
+        hint = "the offsets of the other motors count from its switch"
+        yield Inconsistency((*key, "motors"), message, hint)
+    towards = 1 if pull_off > 0 else -1
+    for number, motor in enumerate(motors[1:], start=2):
+        if (pull_off + motor.offset) * towards <= 0.0:
+            message = (
+                f"with the offset {motor.offset:g}, the switch of motor {number} is closed "
+                f"{abs(pull_off):g} mm off that of motor 1, where homing ends"
+            )
+            hint = f"raise {'.'.join(key)}.homing.pull_off above {abs(motor.offset):g}"
+            yield Inconsistency((*key, "motors"), message, hint)
+
+
+# The table [program] of a machine file: how programs are read.
+
+
+class Program(Section):
+    """How programs are read. File names are relative to the machine file."""
+
+    dialect: DialectName = Field(
+        default="auto", description="Dialect of G-code; auto recognises it in the program."
+    )
+    g_code_system: GcodeSystem = Field(
+        default="A",
+        description=(
+            "System of the G-codes of a FANUC or Haas lathe: in A G98 and G99 are the feed modes "
+            "and G90, G92 and G94 cycles; in B and C G94 and G95 are the feed modes."
+        ),
+    )
+    tool_table: FilePath | None = Field(
+        default=None,
+        description="File with the tool table. A run that changes the table writes the file.",
+    )
+    parameters: FilePath | None = Field(
+        default=None,
+        description=(
+            "File with the parameters that are kept between programs. A run that changes "
+            "them writes it."
+        ),
+    )
+    subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(as_tuple)] = Field(
+        default=(),
+        description="Folders with subprograms, searched after the folder of the program.",
+    )
+    codes: Codes = Field(
+        default={},
+        description=(
+            'Effects of a builder\'s M-codes, such as M31 = "ignore", "pass-on" (to a GRBL board), '
+            '"pause", { file = "m31.ngc" } or { output = 3, on = true }.'
+        ),
+    )
+    max_repeated_lines: Annotated[int, Field(gt=0)] = Field(
+        default=2_000_000,
+        description="Repeated lines in loops and calls after which the program counts as endless.",
+    )
+    max_call_depth: Annotated[int, Field(gt=0, le=1000)] = Field(
+        default=100, description="Nesting of calls beyond which the program counts as endless."
+    )
+
+    def files(self) -> Iterator[tuple[str, Path]]:
+        """Yield key and path of each file that must exist; the first run makes the parameters."""
+        if self.tool_table is not None:
+            yield "tool_table", self.tool_table
+        for path in self.subroutines:
+            yield "subroutines", path
+        for action in self.codes.values():
+            if isinstance(action, RunFile):
+                yield "codes", action.file
+
+
+# The table [board] of a machine file.
+
+InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
+"""Inputs of the stepper board that have a switch; ``limits`` are the switches of all axes."""
+PulseTime = Annotated[FiniteFloat, Field(gt=0, le=60e-6)]
+"""Seconds, within the range of the board's 8-bit timer."""
+
+
+class Board(Section):
+    """The board that takes the motion.
+
+    ``max_spindle_rpm`` and the keys after it are for the stepper board. GRBL has its own settings.
+    """
+
+    kind: Annotated[str, Field(min_length=1)] = Field(
+        default="loopback",
+        description="Name of the board driver, such as loopback, file, grbl, stepper or klipper.",
+    )
+    port: str | None = Field(
+        default=None,
+        description=(
+            "Serial port of the board, such as /dev/ttyUSB0 or COM3; usb:NUMBER for the device "
+            "with this serial number; a pyserial URL such as socket://host:port; a WebSocket such "
+            "as ws://host:port; or the file of the file board."
+        ),
+    )
+    baud: Annotated[int, Field(gt=0)] = Field(
+        default=115200,
+        description=(
+            "Speed of the serial port, bits/s. Without it, a stepper board has 1000000, a Klipper "
+            "board 250000."
+        ),
+    )
+    max_step_rate: Positive = Field(
+        default=200_000.0, description="Highest step rate of one axis, steps/s."
+    )
+    max_spindle_rpm: Positive = Field(
+        default=1000.0,
+        description="Speed of a PWM spindle while its output (D11) is on all the time, rpm.",
+    )
+    normally_closed: Annotated[tuple[InputName, ...], BeforeValidator(as_tuple)] = Field(
+        default=(),
+        description=(
+            "Inputs with a switch that opens when it is pressed, so that a broken wire "
+            "counts as pressed (limits: $5 = 1 in GRBL, probe: $6 = 1)."
+        ),
+    )
+    invert_enable: bool = Field(
+        default=False,
+        description=(
+            "Whether the motor drivers are on while the enable pin (D8) is high ($4 = 1 in GRBL)."
+        ),
+    )
+    step_pulse: PulseTime = Field(
+        default=5e-6,
+        description="Time for which a step pin stays high ($0 in GRBL), and low after that, s.",
+    )
+    direction_setup: PulseTime = Field(
+        default=5e-6, description="Time from a change of direction to the next step, s."
+    )
+    klipper: KlipperBoard | None = Field(
+        default=None, description="Pins and motor drivers of a Klipper board."
+    )
 
 
 class Header(Section):

@@ -15,7 +15,31 @@ import re
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cnc.model.shown_text import printable, shown_name
+# Text from outside, such as names of files, shown so that it controls nothing.
+#
+# A terminal obeys control characters. The runner of GitHub obeys lines that begin with ``::``, and
+# ``##[`` anywhere in a line (actions/runner, ``ActionCommand.cs``).
+
+
+def printable(text: str) -> str:
+    """Return text on one line whose control characters are escapes."""
+    if not text.isprintable():
+        text = "".join(
+            each if each.isprintable() else each.encode("unicode_escape").decode() for each in text
+        )
+    return text.replace("##[", "#\\x23[")
+
+
+def shown_name(name: str) -> str:
+    """Return the name of a file for the beginning of a line."""
+    text = printable(name)
+    return f"'{text}'" if text.lstrip().startswith(":") else text
+
+
+def shown_json(text: str) -> str:
+    """Return the same JSON without a command of the runner; ``##[`` occurs in strings alone."""
+    return text.replace("##[", "#\\u0023[")
+
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
@@ -91,7 +115,7 @@ class Diagnostic:
             shown = "".join(
                 c if c.isprintable() else " " for c in self.text[first : first + SHOWN_CHARACTERS]
             )
-            # As in cnc.model.shown_text, but each character keeps its column.
+            # As in cnc.model.diagnostics, but each character keeps its column.
             shown = re.sub(r"^\s*:+(?=:)", lambda found: " " * len(found[0]), shown)
             lines.append("  " + shown.replace("##[", "# ["))
             if self.column:

@@ -13,8 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.blocks import AnalogOutput, Block, DigitalOutput, Polyline, Spindle
-from cnc.model.many_blocks import polylines_of
+from cnc.model.blocks import AnalogOutput, Block, DigitalOutput, Polyline, Spindle, polylines_of
 
 Commands = NDArray[np.object_]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.line_effects import LineEffect
+from cnc.model.line_effects import LineEffect, rows_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,3 +88,41 @@ new_line: Callable[[tuple[str, int, LineEffect | None]], GcodeLine] = partial(
     tuple.__new__, GcodeLine
 )
 """Make a line of all its fields. A call of the type would take a function of Python."""
+
+
+# Lines for a board, packed so that a long program fits in memory.
+
+
+@dataclass(frozen=True, slots=True)
+class PackedLines:
+    """A sequence of lines.
+
+    Attributes:
+        text: The lines, each with its line end.
+        rows: Source line and effect of each line (n,), see
+            :func:`~cnc.model.line_effects.row_type`.
+    """
+
+    text: str
+    rows: NDArray[np.void]
+
+    @classmethod
+    def of(cls, lines: Sequence[GcodeLine]) -> PackedLines:
+        """Pack lines."""
+        text = "".join([line.text + "\n" for line in lines])
+        rows = rows_of([line.line for line in lines], [line.effect for line in lines])
+        return cls(text, rows)
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Bytes of each line with its end (n,)."""
+        ends = np.flatnonzero(np.frombuffer(self.text.encode(), np.uint8) == ord("\n"))
+        return np.diff(ends, prepend=-1)
+
+    @property
+    def size(self) -> int:
+        """Bytes of memory."""
+        return len(self.text) + self.rows.nbytes
+
+    def __len__(self) -> int:
+        return len(self.rows)

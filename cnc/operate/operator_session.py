@@ -1,18 +1,20 @@
 """The operator session: it operates one machine, from the connection to the end.
 
 It is put together from parts: the worker carries out one activity at a time
-(:mod:`cnc.operate.worker`), and :mod:`cnc.operate.program_session` runs programs.
+(:mod:`cnc.operate.program_session`), and :mod:`cnc.operate.program_session` runs programs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar
 
 from cnc.boards.port import Clock, SystemClock
+from cnc.boards.protocols import LineSink, PulseSink
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
@@ -26,12 +28,143 @@ from cnc.operate.events import (
     State,
 )
 from cnc.operate.height_mapping import Grid
-from cnc.operate.live_boards import open_live, operated
-from cnc.operate.program_session import Programs
-from cnc.operate.session_access import answered
-from cnc.operate.settings import BoardSetting, change_setting, read_settings
-from cnc.operate.worker import KEEP_ALIVE, Jog, Worker
+from cnc.operate.machines import open_live, operated
+from cnc.operate.program_session import KEEP_ALIVE, Jog, Programs, Worker
 from cnc.session.options import RunOptions
+
+# Numbered settings (``$$``) of the board of a session.
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSetting:
+    """A setting.
+
+    Attributes:
+        number: Its number.
+        value: Its value, as the board prints it.
+        name: Its name; "" if it is not known.
+        unit: Its unit; "" without one.
+        machine_file: The value that the machine file implies, where that is another one.
+    """
+
+    number: int
+    value: str
+    name: str
+    unit: str
+    machine_file: float | None
+
+
+def read_settings(board: PulseSink | LineSink, machine: Machine) -> list[BoardSetting]:
+    """Return the settings of a board by number. UsageError ``no-settings``."""
+    settings = board.numbered_settings()
+    names, other = settings.names(), settings.differing(machine)
+    found = []
+    for number, value in sorted(settings.values.items()):
+        name, _, unit = names.get(number, "").partition(", ")
+        found.append(BoardSetting(number, value, name, unit, other.get(number)))
+    return found
+
+
+def change_setting(board: PulseSink | LineSink, number: int, value: str) -> None:
+    """Write a setting, and read it back.
+
+    Raises:
+        UsageError: ``no-settings``, ``setting-unknown``.
+        BoardError: ``board-error``, ``setting-not-kept``.
+    """
+    settings = board.numbered_settings()
+    settings.write(settings.changes({number: value}))
+
+
+# Access to an operator session, in this process or in one of its own.
+#
+# :class:`cnc.operate.operator_session.OperatorSession` operates the machine in the process that
+# makes it. :class:`cnc.operate.remote_session.RemoteSession` lets a process of its own do so.
+
+Offsets = dict[str, dict[str, float]]
+
+
+class JogBegun(NamedTuple):
+    """A jog that lasts until its release.
+
+    Attributes:
+        id: Its number.
+        feed: Its speed, mm/s, which may be less than was asked for.
+    """
+
+    id: int
+    feed: float
+
+
+class SessionAccess(Protocol):
+    """What the users of a session need, wherever it is.
+
+    All properties are the last known ones. They cost the session nothing.
+    """
+
+    machine: Machine
+    history: list[str]
+
+    @property
+    def state(self) -> State:
+        """The state."""
+
+    @property
+    def dialog(self) -> Event | None:
+        """The open question to the operator."""
+
+    @property
+    def offsets(self) -> Offsets:
+        """Offsets by name and axis, mm; empty without a board."""
+
+    @property
+    def limited_machine(self) -> Machine:
+        """The machine with the travel of the board, and the kind of the board."""
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Call ``listener`` with each event; the result ends this."""
+
+    def ask(
+        self,
+        method: Callable[Concatenate[OperatorSession, P], T],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> Future[T]:
+        """Call a method of the session.
+
+        Returns:
+            What the method returns or raises. An activity returns a future of its own.
+        """
+
+    def close(self) -> None:
+        """Come to rest, release the board, and end the session."""
+
+
+def begin_jog(
+    session: OperatorSession,
+    directions: Mapping[str, float],
+    feed: float | None = None,
+    *,
+    unhomed: bool = False,
+    keep_alive: float = KEEP_ALIVE,
+) -> JogBegun:
+    """Begin a jog as :meth:`OperatorSession.jog`; ``keep_jog`` and ``release_jog`` end it."""
+    jog = session.jog(directions, feed, unhomed=unhomed, keep_alive=keep_alive)
+    return JogBegun(jog.id, jog.feed)
+
+
+def answered(action: Callable[[], Any]) -> Future[Any]:
+    """Return the result of an action as a future."""
+    future: Future[Any] = Future()
+    future.set_running_or_notify_cancel()
+    try:
+        found = action()
+    except Exception as error:
+        future.set_exception(error)
+    else:
+        future.set_result(found)
+    return future
+
 
 MOST_HISTORY = 1000
 """Entered lines that are kept."""

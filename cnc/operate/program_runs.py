@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.executor.run import Progress
 from cnc.model.diagnostics import CncError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.operate.events import (
@@ -26,8 +25,9 @@ from cnc.operate.events import (
     Outcome,
 )
 from cnc.report.result import Report
-from cnc.session.observer import Callbacks, Stage
-from cnc.session.source import MDI_NAME
+from cnc.session.context import Callbacks, Stage
+from cnc.session.program_reader import MDI_NAME
+from cnc.session.run_pulses import Progress
 
 QUESTIONS = itertools.count(1)
 PROGRESS_PERIOD = 0.1

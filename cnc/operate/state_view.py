@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from cnc.executor.run import Progress
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.parameter_numbers import SYSTEMS
 from cnc.operate.events import Activity, MachineState, Overrides, State
 from cnc.operate.machines import OperatedMachine, Readings
+from cnc.session.run_pulses import Progress
 
 MS_PER_S = 1000.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cnc.papers.experiments import enclosing_line, half_step, nurbs_lookahead, pulse_rates
+from cnc.papers import enclosing_line, half_step, nurbs_lookahead, pulse_rates
 from cnc.papers.page import Section
 
 

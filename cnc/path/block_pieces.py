@@ -2,19 +2,346 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import START
 from cnc.model.blocks import PLANE_AXES, ArcFeed, Block, NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
-from cnc.model.motion_commands import Commands
-from cnc.path.gatherer import MOST_PIECES
-from cnc.path.records import Floats, Records, arc_records, line_records, moving, spline_records
-from cnc.path.standing_tip import with_standing_tip
+from cnc.model.motion_commands import Commands, command_array, places_of
+from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import METRIC, METRICS, SPAN_BODY, START, U0, U1
+from cnc.path.records import (
+    Floats,
+    Ints,
+    Records,
+    arc_records,
+    line_records,
+    moving,
+    spline_records,
+)
+
+# Pieces of a path that follow each other, before they are gathered into chunks.
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Pieces that follow each other, one entry each.
+
+    Attributes:
+        kind: LINE, ARC or SPAN.
+        at: index of the record in ``data``.
+        data: the records.
+        length: mm.
+        feed: mm/s, NaN for a traverse.
+        line: source line.
+        tolerance: of the joint behind the piece, mm.
+        before: largest tolerance of the joint before the first piece, mm.
+    """
+
+    kind: Ints
+    at: Ints
+    data: Floats
+    length: Floats
+    feed: Floats
+    line: NDArray[np.int32]
+    tolerance: Floats
+    before: float = math.inf
+
+
+# Records of a path, gathered into chunks.
+
+MOST_PIECES = 4096
+MOST_NUMBERS = 1 << 18
+"""A chunk is closed when its records are this many, or have this many numbers."""
+
+
+class Gatherer:
+    """Gathers records into chunks."""
+
+    def __init__(self, axes: tuple[str, ...]) -> None:
+        self.axes = axes
+        self.file = ""
+        self.timed = False
+        self.waiting: list[Block] = []
+        """Commands that take effect at the start of the next piece."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all pieces and commands but those that wait."""
+        self.parts: list[Pieces] = []
+        self.stops: list[NDArray[np.bool_]] = []
+        self.pieces = 0
+        self.numbers = 0
+        self.commands: dict[int, tuple[Block, ...]] = {}
+
+    def add(
+        self,
+        records: Records,
+        feeds: Floats,
+        lines: NDArray[np.int32],
+        stops: NDArray[np.bool_],
+        tolerance: float,
+        commands: Commands | None = None,
+    ) -> None:
+        """Add records of one kind.
+
+        Args:
+            records: the records.
+            feeds: (m,): mm/s, NaN for a traverse.
+            lines: (m,): source lines.
+            stops: (m,): whether motion rests behind each.
+            tolerance: of their joints, mm.
+            commands: (m,): commands that go with each.
+        """
+        for place in places_of(commands):
+            assert commands is not None
+            self.commands[self.pieces + place] = commands[place]
+        kind = np.full(len(records.at), records.kind)
+        self.put(
+            Pieces(
+                kind,
+                records.at,
+                records.data,
+                records.length,
+                feeds,
+                lines,
+                np.where(stops, 0.0, tolerance),
+            ),
+            stops,
+        )
+
+    def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
+        """Add pieces; motion rests behind those with a stop (m,)."""
+        if self.waiting and len(pieces.at):
+            self.commands[self.pieces] = (*self.waiting, *self.commands.get(self.pieces, ()))
+            self.waiting.clear()
+        self.parts.append(pieces)
+        self.stops.append(stops)
+        self.pieces += len(pieces.at)
+        self.numbers += len(pieces.data)
+
+    def full(self) -> bool:
+        """Return whether the chunk is to be closed."""
+        return self.pieces >= MOST_PIECES or self.numbers >= MOST_NUMBERS
+
+    def take(self) -> PathChunk:
+        """Return everything gathered as one chunk, and empty the gatherer."""
+        parts = self.parts
+        offsets = np.cumsum([0] + [len(part.data) for part in parts[:-1]])
+        chunk = PathChunk(
+            axes=self.axes,
+            file=self.file,
+            kind=np.concatenate([part.kind for part in parts]),
+            at=np.concatenate(
+                [part.at + offset for part, offset in zip(parts, offsets, strict=True)]
+            ),
+            data=np.concatenate([part.data for part in parts]),
+            length=np.concatenate([part.length for part in parts]),
+            feed=np.concatenate([part.feed for part in parts]),
+            line=np.concatenate([part.line for part in parts]),
+            stop_after=np.concatenate(self.stops),
+            tolerance=np.concatenate([part.tolerance for part in parts]),
+            commands=command_array(self.pieces, self.commands),
+            timed=self.timed,
+        )
+        self.clear()
+        return chunk
+
+
+# Ends of NURBS spans at which the tool tip stands while other axes move on.
+#
+# The tip measures the length s of a path. Near a cusp of the tip, or near a doubled control point,
+# the tip goes like t^k while an axis that rides along goes like t^j with j < k. Its slope dq/ds
+# grows like s^(j/k - 1), without bound: no speed of the tip above zero keeps the axis within its
+# limits.
+#
+# The end of such a span is cut off, and the axes that ride along measure the length of the part:
+#
+#     tip measures       axes that ride along measure       tip measures
+#     ────────────────|──────────────── cusp ────────────|──────────────
+#                   RATIO                               RATIO
+#
+# There the tip is a smooth function of the length. Motion stops where the measure changes. The feed
+# of the part is scaled, so that the tip does not exceed the feed of the program.
+
+ZERO = 1e-7
+"""Part of the extent below which a control point is on the end of the span."""
+RATIO = 0.125
+"""The part ends where the tip has this share of its mean speed, against that of the other axes."""
+STEEPEST = 1.0
+"""mm a degree, the largest ratio at the end of a part: the tip goes no farther than the length."""
+ROUNDING = 1e-9
+"""mm or degrees; a control point nearer than this to the end is on it, too."""
+SHARES = 2.0 ** np.arange(-20.0, 0.0)
+"""Shares of the span at which the part may end."""
+SAMPLES = np.linspace(0.0, 1.0, 33)
+
+
+class _Span(NamedTuple):
+    """A span in Bernstein form, measured from its start.
+
+    Attributes:
+        weight: (p + 1,).
+        points: (n, p + 1): control points, mm or degrees.
+        start: (n,).
+        end: (n,).
+        metric: columns that measure the length.
+        low: parameter at the start.
+        high: parameter at the end.
+    """
+
+    weight: Floats
+    points: Floats
+    start: Floats
+    end: Floats
+    metric: Ints
+    low: float
+    high: float
+
+
+class _Cut(NamedTuple):
+    """A part of a span.
+
+    Attributes:
+        first: share of the span at its start.
+        last: share at its end.
+        measure: class of the axes that measure its length.
+    """
+
+    first: float
+    last: float
+    measure: int
+
+
+def with_standing_tip(
+    runs: Iterable[Records], classes: Ints, accuracy: float
+) -> Iterator[tuple[Records, float]]:
+    """Yield the records of a NURBS, cut where the tip stands, and a factor of the feed of each.
+
+    Args:
+        runs: records of its spans.
+        classes: (n,): class of each axis.
+        accuracy: largest error of the inverse arc length, mm.
+    """
+    for records in runs:
+        cuts = [_cuts(_span(records, at, len(classes)), classes) for at in records.at.tolist()]
+        if not any(cuts):
+            yield records, 1.0
+            continue
+        for place, cut in enumerate(cuts):
+            if cut:
+                span = _span(records, int(records.at[place]), len(classes))
+                yield from _parts(span, cut, classes, accuracy)
+            else:
+                yield _one(records, place), 1.0
+
+
+def _span(records: Records, at: int, n: int) -> _Span:
+    data = records.data
+    first = at + START + 2 * n
+    p = int(data[first])
+    first += SPAN_BODY
+    rows = data[first : first + (n + 1) * (p + 1)].reshape(n + 1, p + 1)
+    metric = data[at + METRIC : at + METRIC + int(data[at + METRICS])].astype(np.int64)
+    start, end = data[at + START : at + START + n], data[at + START + n : at + START + 2 * n]
+    return _Span(rows[0], rows[1:] / rows[0], start, end, metric, data[at + U0], data[at + U1])
+
+
+def _one(records: Records, place: int) -> Records:
+    """Return one of the pieces."""
+    at = int(records.at[place])
+    end = int(records.at[place + 1]) if place + 1 < len(records.at) else len(records.data)
+    length = records.length[place : place + 1]
+    return Records(records.kind, np.zeros(1, np.int64), records.data[at:end].copy(), length.copy())
+
+
+def _cuts(span: _Span, classes: Ints) -> list[_Cut]:
+    """Return the parts at the ends at which the tip stands."""
+    found = []
+    extent = np.abs(span.points - span.points[:, :1]).max(axis=1)
+    least = np.maximum(ZERO * extent, ROUNDING)[:, None]
+    for at_end in (False, True):
+        away = np.abs(span.points - span.points[:, -1 if at_end else 0, None])
+        leaves = (away[:, ::-1] if at_end else away) > least
+        order = np.where(leaves.any(axis=1), leaves.argmax(axis=1), leaves.shape[1])
+        earlier = np.flatnonzero(order < int(order[span.metric].min()))
+        if len(earlier) == 0:
+            continue
+        measure = int(classes[earlier[np.argmin(order[earlier])]])
+        riders = np.flatnonzero(classes == measure)
+        speeds = _speed(span, span.metric, SAMPLES), _speed(span, riders, SAMPLES)
+        wanted = min(RATIO * speeds[0].mean() / speeds[1].mean(), STEEPEST)
+        place = 1.0 - SHARES if at_end else SHARES
+        far = _speed(span, span.metric, place) >= wanted * _speed(span, riders, place)
+        width = float(SHARES[max(int(np.argmax(far)) - 1, 0)]) if far.any() else 0.5
+        first, last = (1.0 - width, 1.0) if at_end else (0.0, width)
+        found.append(_Cut(first, last, measure))
+    if len(found) == 2 and found[0].last >= found[1].first:
+        return [_Cut(0.0, 1.0, found[0].measure)]
+    return found
+
+
+def _parts(
+    span: _Span, cuts: list[_Cut], classes: Ints, accuracy: float
+) -> Iterator[tuple[Records, float]]:
+    """Yield the records of a span that is cut, and the factors of the feed."""
+    tip = int(classes[span.metric[0]])
+    between = [0.0, *(place for cut in cuts for place in (cut.first, cut.last)), 1.0]
+    each = [*cuts, *(_Cut(a, b, tip) for a, b in zip(between[::2], between[1::2], strict=True))]
+    position = span.start
+    for cut in sorted(cut for cut in each if cut.first < cut.last):
+        part = _part(span, cut)
+        swapped, factor = classes, 1.0
+        if cut.measure != tip:
+            swapped = np.where(classes == tip, cut.measure, classes)
+            swapped[classes == cut.measure] = tip
+            places = cut.first + SAMPLES * (cut.last - cut.first)
+            riders = _speed(span, np.flatnonzero(classes == cut.measure), places)
+            moves = riders > 0.0
+            ratio = _speed(span, span.metric, places[moves]) / riders[moves]
+            factor = 1.0 / float(ratio.max())
+        points = (part[1:] / part[0]).T + span.start
+        points[0] = position
+        if cut.last == 1.0:
+            points[-1] = span.end
+        position = points[-1]
+        degree = len(part[0]) - 1
+        u = span.low + np.array([cut.first, cut.last]) * (span.high - span.low)
+        knots = np.repeat(u, degree + 1)
+        for records in spline_records(degree, knots, points, part[0], swapped, accuracy):
+            yield records, factor
+
+
+def _part(span: _Span, cut: _Cut) -> Floats:
+    """Return the homogeneous Bernstein coefficients (n + 1, p + 1) of a part of a span."""
+    rows = np.concatenate((span.weight[None], span.points * span.weight))
+    rest, left, right = rows, [], []
+    for _ in range(rows.shape[1]):
+        left.append(rest[:, 0])
+        rest = rest[:, :-1] + cut.last * np.diff(rest, axis=1)
+    rest = np.stack(left, axis=1)
+    for _ in range(rows.shape[1]):
+        right.append(rest[:, -1])
+        rest = rest[:, :-1] + cut.first / cut.last * np.diff(rest, axis=1)
+    return np.stack(right[::-1], axis=1)
+
+
+def _speed(span: _Span, columns: Ints, t: Floats) -> Floats:
+    """Return the speed (m,) of some columns by the share of the span, at shares t (m,)."""
+    rows = np.concatenate((span.weight[None], span.points[columns] * span.weight))[..., None]
+    degree = rows.shape[1] - 1
+    while rows.shape[1] > 2:
+        rows = rows[:, :-1] + t * np.diff(rows, axis=1)
+    value, slope = rows[:, 0] + t * (rows[:, 1] - rows[:, 0]), degree * (rows[:, 1] - rows[:, 0])
+    found = (slope[1:] - slope[0] * value[1:] / value[0]) / value[0]
+    speed: Floats = np.sqrt(np.sum(np.square(found), axis=0))
+    return speed
+
 
 JOIN = 1e-6
 """mm. A NURBS whose first control point is this near to the position is moved there. A larger

@@ -1,7 +1,7 @@
 """A section of a path as arrays, from the path layer down to the pulses.
 
 Each piece is smooth inside: a line, an arc or helix, or one knot span of a NURBS. It is a record in
-``data`` that the kernels of :mod:`cnc.kernels.path.curve` read. Pieces follow each other without a
+``data`` that the kernels of :mod:`cnc.path.kernels.curve` read. Pieces follow each other without a
 gap. Where two meet, the direction or the curvature may jump.
 """
 
@@ -12,6 +12,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.path.kernels.curve import piece_boxes
+
 
 @dataclass(frozen=True, slots=True)
 class PathChunk:
@@ -20,7 +22,7 @@ class PathChunk:
     Attributes:
         axes: names, one for each column of a position.
         file: source file.
-        kind: (m,): LINE, ARC or SPAN of :mod:`cnc.kernels.path.curve`.
+        kind: (m,): LINE, ARC or SPAN of :mod:`cnc.path.kernels.curve`.
         at: (m,): index in ``data`` at which the record of each piece begins.
         data: the records.
         length: (m,): arc length in mm (degrees for a move of rotary axes alone), > 0.
@@ -59,3 +61,14 @@ class PathChunk:
         }
         commands = None if self.commands is None else self.commands[first:last]
         return replace(self, **each, commands=commands)
+
+
+# Bounding boxes of pieces: exact, with the bulges of arcs and splines between their end points.
+
+
+def bounding_box(chunk: PathChunk) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and the largest coordinate (m, n) of each piece in each axis, mm."""
+    low = np.empty((len(chunk), len(chunk.axes)))
+    high = np.empty_like(low)
+    piece_boxes(chunk.kind, chunk.at, chunk.data, low, high)
+    return low, high

@@ -1,7 +1,7 @@
 """Smooth splines within the tolerance for chains of moves under G64.
 
     moves ──► chains: feed moves that the same axes measure ──► windows
-          ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
+          ──► spline (cnc.path.kernels.fit) ──► records (cnc.path.kernels.fit_pieces)
 
 Arcs and NURBS are members too, as chords (:mod:`cnc.path.fit_curves`). An arc waits until it is
 known what follows. At a corner, at the end of a chain and in the middle of a long arc it is exact.
@@ -14,22 +14,400 @@ second derivative at the end of the spans that were issued. So the spline is C2 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.fit_chain import KNOT, SHARPEST, Chain, Knots, find_corners, find_polygons
-from cnc.kernels.path.fit_pieces import Moves
-from cnc.kernels.path.fit_spline import DEGREE, Spline
-from cnc.kernels.path.fit_stretches import first_knots
-from cnc.path.block_pieces import Frame
-from cnc.path.fit_choice import Choice, Duration
+from cnc.path.block_pieces import Frame, Gatherer, Pieces
+from cnc.path.chunk import PathChunk
 from cnc.path.fit_curves import LEFT, SPARE, Arc
-from cnc.path.fit_pieces import Pieces
-from cnc.path.fit_window import fitted, with_short_ends
-from cnc.path.fit_writing import spline_pieces
+from cnc.path.kernels.fit_pieces import Moves, Written, joint_tolerances, new_writer, write_pieces
+from cnc.path.kernels.fit_program import improve
+from cnc.path.kernels.fit_proof import far_off, prove
+from cnc.path.kernels.fit_spline import (
+    DEGREE,
+    KNOT,
+    LEAST,
+    ORDER,
+    SHARPEST,
+    SLIGHT,
+    Chain,
+    Flags,
+    Knots,
+    Spline,
+    find_corners,
+    find_polygons,
+    new_spline,
+    transfer,
+)
+from cnc.path.kernels.fit_squares import (
+    NEAR,
+    cut_spans,
+    least_squares,
+    near_spans,
+    with_cuts,
+    with_knots,
+)
+from cnc.path.kernels.fit_stretches import first_knots
 from cnc.path.records import Floats, line_records, move_classes
+
+# The spline of a window of a chain: knots, control points, and the proof of the tolerance.
+#
+#     corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
+#       ──► least squares; spans that miss a vertex are cut at one               fit_squares
+#       ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
+#       ──► proof; the spline near a span that fails is made anew                  fit_proof
+#
+# A span that is refused for the first time, and is little off, gets more places where its distance
+# is limited. Others are cut, at a vertex if there is one inside, else in the middle. A knot inside
+# a move makes the spline less smooth there. A span too short to be cut is left to the polyline.
+# There, and at corners, the spline is broken.
+
+ALLOWED = 0.999
+"""Part of the tolerance that is proved."""
+MOVES_AT_END = 4
+"""Most moves of a span at an end whose derivatives are given,"""
+SPANS_AT_END = 6
+"""and the number of such spans."""
+CUT = 1.05
+"""In tolerances. A span that is refused is cut if it is farther off; else places are added."""
+ROUNDS = 16
+"""Rounds after which spans that still fail are left to the polyline."""
+NONE = np.empty((0, ORDER, ORDER))
+"""No extractions."""
+
+
+def fitted(chain: Chain, knots: Knots, states: Floats, tolerance: float) -> Spline:
+    """Return the spline of a window, all of it within the tolerance.
+
+    Args:
+        chain: the chain.
+        knots: its first knots.
+        states: (2, 5, n): position and derivatives 1 to 4 by t at start and end, or NaN.
+        tolerance: mm.
+    """
+    feet = chain.along.copy()
+    speck = np.diff(knots["t"]) <= 0.0
+    knots["polyline"][:-1] |= speck
+    knots["ends"][:-1] |= speck
+    spline = new_spline(chain, knots, states, np.empty(0), np.empty(0, np.int64), NONE)
+    spline = with_knots(chain, spline, ~spline.fixed, states, tolerance)
+    free = ~spline.fixed
+    turn = 0
+    while True:
+        improve(chain, spline, free, tolerance)
+        changed = _touched(spline, free) | _determined(spline)
+        wrong = prove(chain, spline, feet, changed, ALLOWED * tolerance)
+        if not wrong.any():
+            return spline
+        turn += 1
+        short = wrong & (np.diff(spline.knots["t"]) < 2.0 * LEAST * tolerance)
+        left = wrong if turn > ROUNDS else short
+        # A span without a free control point would not change.
+        again = ~spline.knots["refused"][:-1] & _touched(spline, ~spline.fixed)
+        cut = wrong & ~again | far_off(chain, spline, wrong, CUT * tolerance)
+        spline.knots["refused"][:-1] |= wrong
+        if left.any():
+            spline, free = _broken(chain, spline, left, wrong, states, tolerance)
+        elif cut.any():
+            spline, free = cut_spans(chain, spline, cut, wrong, states)
+            least_squares(chain, spline, ~free)
+        else:
+            free = near_spans(spline, np.flatnonzero(wrong), NEAR)
+
+
+def with_short_ends(chain: Chain, knots: Knots, ends: Flags) -> Knots:
+    """Return knots with short spans at the ends where derivatives are given (2,).
+
+    These determine five control points, so as many spans must be there beside others.
+    """
+    while ends.any():
+        moves = np.diff(knots["vertex"])
+        wide = (moves > MOVES_AT_END) & ~knots["straight"][:-1]
+        near = np.zeros(len(moves), np.bool_)
+        near[:SPANS_AT_END] = ends[0]
+        near[-SPANS_AT_END:] |= ends[1]
+        wide &= near
+        if not wide.any():
+            break
+        knots = with_cuts(chain, knots, wide)
+    return knots
+
+
+def _touched(spline: Spline, free: Flags) -> Flags:
+    """Return the spans that have a free control point."""
+    free_before = np.concatenate(([0], np.cumsum(free)))
+    touched: Flags = free_before[spline.first + ORDER] > free_before[spline.first]
+    return touched
+
+
+def _determined(spline: Spline) -> Flags:
+    """Return the curved spans whose control points are all given, by what is beside them.
+
+    What is beside them changes when spans are left to the polyline.
+    """
+    knots = spline.knots[:-1]
+    curved: Flags = ~_touched(spline, ~spline.fixed) & ~knots["straight"] & ~knots["polyline"]
+    return curved
+
+
+def _broken(
+    chain: Chain, spline: Spline, left: Flags, wrong: Flags, states: Floats, tolerance: float
+) -> tuple[Spline, Flags]:
+    """Leave spans to the polyline, and lay the parts with spans that are wrong anew.
+
+    Returns:
+        The spline, and the control points of these parts.
+    """
+    knots = spline.knots.copy()
+    part = np.cumsum(knots["ends"][:-1]) - 1
+    anew = np.isin(part, part[wrong])
+    knots["polyline"][:-1] |= left
+    knots["ends"][:-1] |= left
+    knots["ends"][1:] |= left
+    following = new_spline(chain, knots, states, spline.t, spline.first, spline.extract)
+    transfer(spline, following)
+    free = near_spans(following, np.flatnonzero(anew), 0)
+    following = with_knots(chain, following, free, states, tolerance)
+    before = np.searchsorted(knots["t"], following.knots["t"][:-1], "right") - 1
+    # A last span of no length begins at the last knot.
+    before = np.minimum(before, len(anew) - 1)
+    return following, near_spans(following, np.flatnonzero(anew[before]), 0)
+
+
+# Pieces of the spline of a window.
+
+NUMBERS = 1 << 18
+"""Numbers in an array of records to begin with."""
+
+
+def spline_pieces(
+    chain: Chain,
+    spline: Spline,
+    moves: Moves,
+    last: int,
+    here: Floats,
+    accuracy: float,
+    tolerance: float,
+) -> Iterator[Pieces]:
+    """Yield the pieces of the first spans of a spline.
+
+    Args:
+        chain: the chain.
+        spline: its spline.
+        moves: feed and line of the moves.
+        last: number of spans.
+        here: (n,): start of the first span, mm; moved along.
+        accuracy: largest error of the inverse arc length, mm.
+        tolerance: of the corners between spans, mm.
+    """
+    joints = joint_tolerances(chain, spline, tolerance)
+    numbers = NUMBERS
+    span = 0
+    most = len(spline.knots) + len(chain.x)
+    while span < last:
+        writer = new_writer(np.empty(numbers), chain.metric, here, accuracy)
+        out = Written(
+            np.empty(most, np.int64),
+            np.empty(most, np.int64),
+            np.empty(most),
+            np.empty(most),
+            np.empty(most, np.int64),
+            np.empty(most),
+        )
+        following, pieces, used = write_pieces(
+            chain, spline, moves, joints, span, last, writer, out
+        )
+        if following == span:
+            numbers *= 2
+            continue
+        before = joints[0] if span == 0 else math.inf
+        span = following
+        if pieces:
+            some = slice(pieces)
+            yield Pieces(
+                out.kind[some],
+                out.at[some],
+                writer.data[:used].copy(),
+                out.length[some],
+                out.feed[some],
+                out.line[some].astype(np.int32),
+                out.joint[some].copy(),
+                before,
+            )
+
+
+# The faster of spline and corners, for parts of a chain with few moves and sharp turns.
+#
+# Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
+# faster there than a motion that passes the turns one by one depends on the limits of the machine.
+# So the planner times both, from rest to rest. A corner between a spline and a move is a stop, too.
+# Elsewhere the spline is faster: in parts with many moves, with small turns alone, or with moves of
+# many tolerances beside each sharp turn.
+#
+# With the spline alone, 100 polygons with legs of 3 to 24 tolerances take 1.057 times as long in
+# the median (limits along the path). Of 800 random walks the worst takes 2.98 times as long.
+
+Duration = Callable[[PathChunk], float]
+"""Returns the time of the motion along a path from rest to rest, s."""
+MOST_MOVES = 12
+"""Most moves of a part that is timed."""
+SHARP = math.cos(math.radians(40.0))
+"""Cosine of a turn that such a part has at least once, or a corner at an end."""
+SHORT = 20.0
+"""In tolerances. Beside that turn or corner a move is shorter than this."""
+SHORT_ALONE = 100.0
+"""In tolerances. So it is in a part with one turn."""
+FASTER = 0.99
+"""Corners are chosen where the motion takes less than this part of the time along the spline."""
+
+
+class Part(NamedTuple):
+    """A part of a chain between corners or ends, with the vertices that would be corners.
+
+    Attributes:
+        first: its first vertex.
+        last: its last vertex.
+        turning: (last - first + 1,): vertices inside that turn.
+    """
+
+    first: int
+    last: int
+    turning: Flags
+
+
+class Choice:
+    """Chooses between spline and corners.
+
+    Args:
+        frame: axes and accuracy.
+        tolerance: largest distance from the moves, mm.
+        duration: times a motion.
+    """
+
+    def __init__(self, frame: Frame, tolerance: float, duration: Duration) -> None:
+        self._frame, self._tolerance, self._duration = frame, tolerance, duration
+
+    def mark(
+        self, x: Floats, moves: Moves, metrics: Flags, corner: Flags, whole: tuple[bool, bool]
+    ) -> None:
+        """Mark the vertices at which the motion is faster with corners.
+
+        Args:
+            x: (m, n): vertices, mm.
+            moves: feed and line of the moves.
+            metrics: (n,): whether an axis is a metric one.
+            corner: (m,): the corners so far, to which these are added.
+            whole: whether the chain begins at the first vertex, and ends at the last one.
+        """
+        slower: set[tuple[int, int, bytes]] = set()
+        again = True
+        while again:
+            # What is faster in one part depends on the parts beside it.
+            again = False
+            for part in _parts(x[:, metrics], corner, self._tolerance):
+                first, last = part.first, part.last
+                if (first > 0 or whole[0]) and (last < len(x) - 1 or whole[1]):
+                    # With the moves beside it, corners at its ends are passed as they will be.
+                    low, high = _beside(corner, first, -1), _beside(corner, last, 1)
+                    key = first, low, corner[low : high + 1].tobytes()
+                    if key in slower:
+                        # Nothing has changed beside it, and each timing takes long.
+                        continue
+                    if self._faster_broken(part, (low, high), x, moves, metrics, corner):
+                        corner[first : last + 1] |= part.turning
+                        again = True
+                    else:
+                        slower.add(key)
+
+    def _faster_broken(
+        self,
+        part: Part,
+        beside: tuple[int, int],
+        x: Floats,
+        moves: Moves,
+        metrics: Flags,
+        corner: Flags,
+    ) -> bool:
+        """Return whether the motion is faster if the vertices of a part are corners.
+
+        ``beside``: the first and the last vertex of what is timed.
+        """
+        low, high = beside
+        inside = slice(low, high + 1)
+        some = Moves(moves.feed[low:high], moves.line[low:high])
+        smooth = corner[inside].copy()
+        smooth[0] = smooth[-1] = False
+        broken = smooth.copy()
+        broken[part.first - low : part.last + 1 - low] |= part.turning
+        spline = self._time(x[inside], some, metrics, smooth)
+        return self._time(x[inside], some, metrics, broken) < FASTER * spline
+
+    def _time(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> float:
+        """Return the time of the motion along the fitted path of a part, s."""
+        chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
+        knots = first_knots(chain, corner, self._tolerance, np.zeros(0, KNOT))
+        free_ends = np.full((2, DEGREE, x.shape[1]), math.nan)
+        spline = fitted(chain, knots, free_ends, self._tolerance)
+        gatherer = Gatherer(self._frame.axes)
+        for pieces in spline_pieces(
+            chain,
+            spline,
+            moves,
+            len(spline.knots) - 1,
+            x[0].copy(),
+            self._frame.accuracy,
+            self._tolerance,
+        ):
+            gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
+        chunk = gatherer.take()
+        chunk.stop_after[-1] = True
+        chunk.tolerance[-1] = 0.0
+        return self._duration(chunk)
+
+
+def _beside(corner: Flags, edge: int, way: int) -> int:
+    """Return the farthest corner or end within MOST_MOVES of a corner, or the vertex next to it.
+
+    Args:
+        corner: (m,): corners of the chain.
+        edge: the corner, or the end of the chain.
+        way: 1 or -1: direction along the chain.
+    """
+    last = len(corner) - 1 if way > 0 else 0
+    if edge == last:
+        return edge
+    far = edge + way * min(MOST_MOVES, abs(last - edge))
+    found = [k for k in range(far, edge, -way) if corner[k] or k == last]
+    return found[0] if found else edge + way
+
+
+def _parts(x: Floats, corner: Flags, tolerance: float) -> Iterator[Part]:
+    """Yield the parts of a chain that are timed.
+
+    Args:
+        x: (m, metric axes): vertices, mm.
+        corner: (m,): its corners.
+        tolerance: mm.
+    """
+    is_end = corner.copy()
+    is_end[0] = is_end[-1] = True
+    ends = np.flatnonzero(is_end)
+    few = np.flatnonzero((np.diff(ends) > 1) & (np.diff(ends) <= MOST_MOVES))
+    for first, last in zip(ends[few].tolist(), ends[few + 1].tolist(), strict=True):
+        step = np.diff(x[first : last + 1], axis=0)
+        size = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+        cosine = np.ones(last - first + 1)
+        cosine[1:-1] = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
+        sharp = np.concatenate(([corner[first]], cosine[1:-1] < SHARP, [corner[last]]))
+        beside = np.minimum(np.append(size, math.inf), np.append(math.inf, size))
+        turning = cosine < SLIGHT
+        short = SHORT_ALONE if last - first == 2 else SHORT
+        if turning.any() and (beside[sharp] < short * tolerance).any():
+            yield Part(first, last, turning)
+
 
 LEAST_TOLERANCE = 1e-6
 """mm. A smaller tolerance gives the exact path."""

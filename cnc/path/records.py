@@ -1,4 +1,4 @@
-"""Records of pieces, as :mod:`cnc.kernels.path.curve` reads them, from end points, arcs and NURBS.
+"""Records of pieces, as :mod:`cnc.path.kernels.curve` reads them, from end points, arcs and NURBS.
 
 A :class:`Records` is a run of pieces that follow each other. The streaming builder and the classes
 of the Curve protocol both make their records here.
@@ -14,10 +14,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path import curve
-from cnc.kernels.path.arclength import MAX_ROWS, measure
-from cnc.kernels.path.bspline import NUMBERS_PER_AXIS, RECORD_NUMBERS, Nurbs, nurbs_records
-from cnc.kernels.path.span_shape import MAX_CUTS, NEGLIGIBLE, NOTICEABLE
+from cnc.path.kernels import curve
+from cnc.path.kernels.arclength import MAX_ROWS, measure
+from cnc.path.kernels.bspline import NUMBERS_PER_AXIS, RECORD_NUMBERS, Nurbs, nurbs_records
+from cnc.path.kernels.span_shape import MAX_CUTS, NEGLIGIBLE, NOTICEABLE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +40,244 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import command_array, places_of
-from cnc.path.arc import arc_chords
 from cnc.path.block_pieces import Frame
+from cnc.path.curve import arc_chords
 from cnc.path.fit_curves import SAGITTA, nurbs_chords
 from cnc.path.records import axis_classes
-from cnc.path.surface import Surface
-from cnc.path.surface_pieces import Cutter, Moves
+
+# A surface over a grid in X and Y, bilinear or a bicubic natural spline.
+#
+# Each cell of the grid is a bicubic polynomial in Bernstein form; a bilinear cell is one of degree
+# 1, raised to degree 3. The second differences of its 16 coefficients bound its second derivatives,
+# because a polynomial lies in the hull of its coefficients (Farin, Curves and Surfaces for CAGD,
+# section 6.3). The natural spline solves the usual equations of its slopes (de Boor, A Practical
+# Guide to Splines, chapter IV).
+
+
+class Bends(NamedTuple):
+    """Upper bounds of the second derivatives in each cell (rows, columns), 1/mm."""
+
+    xx: Floats
+    xy: Floats
+    yy: Floats
+
+
+class Surface:
+    """Heights over a rectangle.
+
+    Args:
+        x: Positions of the columns (m,), ascending, mm.
+        y: Positions of the rows (n,), ascending, mm.
+        heights: Heights (n, m), mm.
+        smooth: Whether it is the bicubic natural spline; else it is bilinear.
+
+    Attributes:
+        bends: Bounds of the second derivatives in each cell.
+        highest: Upper bound of the heights, mm.
+    """
+
+    def __init__(self, x: Floats, y: Floats, heights: Floats, *, smooth: bool) -> None:
+        self.x, self.y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+        values = np.asarray(heights, np.float64)
+        self._cells = _cells(self.x, self.y, values, smooth=smooth)
+        self.bends = _bends(self.x, self.y, self._cells)
+        self.highest = float(self._cells.max())
+
+    def inside(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Return whether points lie on the grid; rounding of 1e-6 mm is allowed."""
+        found: NDArray[np.bool_] = (
+            (x >= self.x[0] - 1e-6)
+            & (x <= self.x[-1] + 1e-6)
+            & (y >= self.y[0] - 1e-6)
+            & (y <= self.y[-1] + 1e-6)
+        )
+        return found
+
+    def cell_of(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return row and column of the cells of points."""
+        column = np.clip(np.searchsorted(self.x, x, "right") - 1, 0, len(self.x) - 2)
+        row = np.clip(np.searchsorted(self.y, y, "right") - 1, 0, len(self.y) - 2)
+        return row, column
+
+    def heights(self, x: Floats, y: Floats) -> Floats:
+        """Return the heights at points on the grid, mm."""
+        row, column = self.cell_of(x, y)
+        u = _basis((x - self.x[column]) / (self.x[column + 1] - self.x[column]))
+        v = _basis((y - self.y[row]) / (self.y[row + 1] - self.y[row]))
+        found: Floats = np.einsum("nb,nba,na->n", v, self._cells[row, column], u)
+        return found
+
+
+def _basis(u: Floats) -> Floats:
+    """Return the cubic Bernstein polynomials (n, 4) at u (n,), limited to 0 to 1."""
+    u = np.clip(u, 0.0, 1.0)
+    w = 1.0 - u
+    return np.stack((w * w * w, 3.0 * w * w * u, 3.0 * w * u * u, u * u * u), axis=1)
+
+
+def _cells(x: Floats, y: Floats, values: Floats, *, smooth: bool) -> Floats:
+    """Return the coefficients of the cells (rows, columns, 4 in y, 4 in x)."""
+    if not smooth:
+        along = _raised(values)
+        return np.swapaxes(_raised(np.swapaxes(along, 0, 2)), 0, 2).transpose(0, 1, 3, 2)
+    along_x, along_y = _slopes(x), _slopes(y)
+    in_x = _hermite(values, values @ along_x.T, np.diff(x))
+    slope_y = along_y @ values
+    slope_in_x = _hermite(slope_y, slope_y @ along_x.T, np.diff(x))
+    wide = np.moveaxis(in_x, 0, -1), np.moveaxis(slope_in_x, 0, -1)
+    both = _hermite(*wide, np.diff(y))
+    return np.moveaxis(both, (2, 0, 3, 1), (0, 1, 2, 3))
+
+
+def _raised(values: Floats) -> Floats:
+    """Return straight lines between the last axis' values as cubics (..., n - 1, 4)."""
+    part = np.arange(4.0) / 3.0
+    found: Floats = values[..., :-1, None] * (1.0 - part) + values[..., 1:, None] * part
+    return found
+
+
+def _hermite(values: Floats, slopes: Floats, steps: Floats) -> Floats:
+    """Return cubics (..., n - 1, 4) of the values and slopes along the last axis."""
+    third = steps / 3.0
+    first, last = values[..., :-1], values[..., 1:]
+    found: Floats = np.stack(
+        (first, first + slopes[..., :-1] * third, last - slopes[..., 1:] * third, last), axis=-1
+    )
+    return found
+
+
+def _slopes(x: Floats) -> Floats:
+    """Return the matrix (n, n) from the values of the natural spline to its slopes."""
+    n, steps = len(x), np.diff(x)
+    left, right = np.zeros((n, n)), np.zeros((n, n))
+    for end, inner, first in ((0, 1, 0), (n - 1, n - 2, n - 2)):
+        left[end, end], left[end, inner] = 2.0, 1.0
+        right[end, first], right[end, first + 1] = -3.0 / steps[first], 3.0 / steps[first]
+    for k in range(1, n - 1):
+        before, behind = 1.0 / steps[k - 1], 1.0 / steps[k]
+        left[k, k - 1 : k + 2] = before, 2.0 * (before + behind), behind
+        a, b = 3.0 * before * before, 3.0 * behind * behind
+        right[k, k - 1 : k + 2] = -a, a - b, b
+    return np.asarray(np.linalg.solve(left, right), np.float64)
+
+
+def _bends(x: Floats, y: Floats, cells: Floats) -> Bends:
+    """Return the bounds of the second derivatives of cells."""
+    wide, high = np.diff(x)[None, :], np.diff(y)[:, None]
+
+    def largest(differences: Floats) -> Floats:
+        found: Floats = np.abs(differences).max(axis=(2, 3))
+        return found
+
+    return Bends(
+        6.0 * largest(np.diff(cells, 2, axis=3)) / wide**2,
+        9.0 * largest(np.diff(np.diff(cells, axis=3), axis=2)) / (wide * high),
+        6.0 * largest(np.diff(cells, 2, axis=2)) / high**2,
+    )
+
+
+# Cutting of straight moves above a surface into pieces within a tolerance.
+#
+# A move is cut where it crosses a line of the grid, and between these places into equal parts.
+# Their number follows from the bend of the surface: a chord over a length h is off by h^2 / 8 times
+# it.
+
+APART = 1e-9
+"""Least difference of two places on a move, as a part of its length."""
+
+
+class Moves(NamedTuple):
+    """Straight moves, each wholly on the grid or wholly off it.
+
+    Attributes:
+        begin: Programmed begin (n, axes), mm.
+        end: Programmed end (n, axes), mm.
+        origin: Number of the move of the block (n,).
+        follows: Whether the move follows the surface (n,).
+        excess: Raise at the begin beyond the surface; it ends with the move (n,), mm.
+        last: Raise at the end of a move that does not follow the surface (n,), mm.
+    """
+
+    begin: Floats
+    end: Floats
+    origin: NDArray[np.intp]
+    follows: NDArray[np.bool_]
+    excess: Floats
+    last: Floats
+
+
+class Cutter:
+    """Cuts moves into pieces.
+
+    Args:
+        surface: The surface.
+        x: Column of X.
+        y: Column of Y.
+        tolerance: Largest distance of a piece from the warped move, mm.
+    """
+
+    def __init__(self, surface: Surface, x: int, y: int, tolerance: float) -> None:
+        self._surface, self._x, self._y, self._tolerance = surface, x, y, tolerance
+
+    def cut(self, moves: Moves) -> tuple[Floats, NDArray[np.intp], Floats]:
+        """Return place (n,), move (n,) and raise (n,) of the ends of all pieces."""
+        at, move = self._crossings(moves)
+        first = np.r_[True, np.diff(move) != 0]
+        before = np.where(first, 0.0, np.r_[0.0, at[:-1]])
+        counts = np.where(moves.follows[move], self._counts(moves, move, before, at), 1)
+        index = np.repeat(np.arange(len(at)), counts)
+        step = np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+        share = step / counts[index]
+        places = before[index] + share * (at - before)[index]
+        places[step == counts[index]] = at
+        move = move[index]
+        points = moves.begin[move] + places[:, None] * (moves.end - moves.begin)[move]
+        raised = moves.last[move] * places
+        follows = moves.follows[move]
+        left = moves.excess[move] * (1.0 - places)
+        raised[follows] = (
+            self._surface.heights(points[follows, self._x], points[follows, self._y])
+            + left[follows]
+        )
+        return places, move, raised
+
+    def _crossings(self, moves: Moves) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the places (n,) and moves (n,) of the ends and of the crossings of grid lines."""
+        count = len(moves.begin)
+        numbers = np.arange(count)
+        places, owners = [np.ones(count)], [numbers]
+        for column, knots in ((self._x, self._surface.x), (self._y, self._surface.y)):
+            a, b = moves.begin[:, column], moves.end[:, column]
+            low = np.searchsorted(knots, np.minimum(a, b), "right")
+            crossed = np.searchsorted(knots, np.maximum(a, b), "left") - low
+            crossed = np.where(moves.follows, np.maximum(crossed, 0), 0)
+            owner = np.repeat(numbers, crossed)
+            nth = np.arange(len(owner)) - np.repeat(np.cumsum(crossed) - crossed, crossed)
+            places.append((knots[low[owner] + nth] - a[owner]) / (b - a)[owner])
+            owners.append(owner)
+        at, move = np.concatenate(places), np.concatenate(owners)
+        order = np.lexsort((at, move))
+        at, move = at[order], move[order]
+        before = np.r_[0.0, at[:-1]]
+        before[np.r_[True, np.diff(move) != 0]] = 0.0
+        # The end of a move stays; a crossing next to it, or next to another one, does not.
+        keep = (at == 1.0) | ((at - before > APART) & (at < 1.0 - APART))
+        ends = np.r_[np.diff(move) != 0, True]
+        keep &= ends | (at < 1.0)
+        return at[keep], move[keep]
+
+    def _counts(
+        self, moves: Moves, move: NDArray[np.intp], before: Floats, at: Floats
+    ) -> NDArray[np.int64]:
+        """Return the number of pieces of each span, by the bend of the surface along it."""
+        way = (moves.end - moves.begin)[move] * (at - before)[:, None]
+        middle = moves.begin[move] + 0.5 * (at + before)[:, None] * (moves.end - moves.begin)[move]
+        cell = self._surface.cell_of(middle[:, self._x], middle[:, self._y])
+        dx, dy = np.abs(way[:, self._x]), np.abs(way[:, self._y])
+        bends = self._surface.bends
+        bend = bends.xx[cell] * dx * dx + 2.0 * bends.xy[cell] * dx * dy + bends.yy[cell] * dy * dy
+        return np.maximum(np.ceil(np.sqrt(bend / (8.0 * self._tolerance))), 1.0).astype(np.int64)
+
 
 Floats = NDArray[np.float64]
 MOVES_AT_ONCE = 1024

@@ -1,7 +1,7 @@
 """Comparison of a refined plan with the path itself, before the plan is accepted.
 
 The refinement reads the path from samples of its intervals. They are close enough up to a speed,
-``reliable`` of :class:`cnc.kernels.planner.intervals.Intervals`. Faster phases are examined here as
+``reliable`` of :class:`cnc.planner.kernels.intervals.Intervals`. Faster phases are examined here as
 the audit does it. A plan that exceeds a limit is made again from finer intervals, and in the end
 without refinement.
 """
@@ -11,17 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.audit import audit_phases
-from cnc.kernels.planner.intervals import Intervals
-from cnc.kernels.planner.lookahead import PLANNED
-from cnc.kernels.planner.phases import Phases, phase_at
-from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.path.kernels.curve import Pieces
 from cnc.planner.audit import TOLERANCE, largest_values, values_allowed
-from cnc.planner.known_path import KnownPath
+from cnc.planner.kernels.arrays import Phases, PlanArrays, phase_at
+from cnc.planner.kernels.audit import audit_phases
+from cnc.planner.kernels.intervals import Intervals
+from cnc.planner.kernels.lookahead import PLANNED
+from cnc.planner.known_path import KnownPath, Section
 from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length, plan_to_rest
-from cnc.planner.section import Section
 
 ACCEPTED = 0.5 * TOLERANCE
 """Relative; an accepted plan may exceed a limit by this, where the audit allows twice as much."""

@@ -1,6 +1,6 @@
 """The audit: a check of every finished plan, by other means than those that made it.
 
-The kernels (:mod:`cnc.kernels.planner.audit`) compute the largest values that a plan reaches. Here
+The kernels (:mod:`cnc.planner.kernels.audit`) compute the largest values that a plan reaches. Here
 they are compared with the limits. A plan that breaks one is an error of the planner: it is never
 sent on.
 """
@@ -14,9 +14,9 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import START
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.audit import (
+from cnc.model.diagnostics import Diagnostic, MotionLimitError
+from cnc.path.kernels.curve import START, Pieces
+from cnc.planner.kernels.audit import (
     ACCEL,
     CHORD_ERROR,
     ENTRIES,
@@ -30,8 +30,7 @@ from cnc.kernels.planner.audit import (
     audit_phases,
     continuity,
 )
-from cnc.kernels.planner.audit_samples import audit_samples
-from cnc.model.diagnostics import Diagnostic, MotionLimitError
+from cnc.planner.kernels.audit_samples import audit_samples
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 

@@ -23,17 +23,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.corner_known import Known
-from cnc.kernels.planner.corner_places import MOST_CORNERS
-from cnc.kernels.planner.corner_room import only_along
-from cnc.kernels.planner.legs import record_end
 from cnc.model.diagnostics import MotionLimitError
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import LINE, Pieces
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
+from cnc.planner.kernels.corner_known import Known
+from cnc.planner.kernels.corner_places import MOST_CORNERS
+from cnc.planner.kernels.corner_room import only_along
+from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 from cnc.planner.window import LONG, Window
 

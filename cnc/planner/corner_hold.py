@@ -1,6 +1,6 @@
 r"""Requests inside a motion past corners.
 
-For a hold, the fastest motion to rest is sought (:mod:`cnc.kernels.planner.corner_hold`). For an
+For a hold, the fastest motion to rest is sought (:mod:`cnc.planner.kernels.corner_hold`). For an
 override the curve stays, and its clock changes: with r(u) the motion as planned, the motion is
 r(u(t)), with
 
@@ -14,7 +14,7 @@ along a path with these derivatives, and the plan so far is u' = 1:
         |       `-------   a slower copy, to the end of the chain
         +-----------------
 
-The clock slows as that of the window's plan does (:mod:`cnc.kernels.planner.slowed_clock`). At
+The clock slows as that of the window's plan does (:mod:`cnc.planner.kernels.slowed_clock`). At
 u' > 1 the limits leave no room at any instant with an axis at its limit. So a motion may be made
 faster only as far as all of it stays inside the limits, and behind the ramp up it comes back to
 u' = 1 at the end of the chain.
@@ -29,23 +29,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import curve_eval
-from cnc.kernels.planner.corner_hold import Chained, stop_within
-from cnc.kernels.planner.corner_legs import LEG_STEPS, MOST_STEPS
-from cnc.kernels.planner.corner_pieces import steps_size
-from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
-from cnc.kernels.planner.limit_arrays import LimitArrays
-from cnc.kernels.planner.phases import PHASE, Phases, phase_at
-from cnc.kernels.planner.timed import timed_motion
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import ChainLeft
+from cnc.planner.kernels.arrays import PHASE, LimitArrays, Phases, phase_at
+from cnc.planner.kernels.corner_hold import Chained, stop_within
+from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_STEPS
+from cnc.planner.kernels.corner_pieces import steps_size
+from cnc.planner.kernels.intervals import LEVELS, SAMPLES, Intervals
+from cnc.planner.kernels.timed import timed_motion
 from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length
-from cnc.planner.plan import PlanChunk
-from cnc.planner.plan_parts import empty_plan, first_piece
-from cnc.planner.slowing import KEPT
-from cnc.planner.stop_ramp import copy_by_clock
+from cnc.planner.plan import PlanChunk, empty_plan, first_piece
+from cnc.planner.slowing import KEPT, copy_by_clock
 
 Floats = NDArray[np.float64]
 

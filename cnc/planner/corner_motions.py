@@ -1,4 +1,4 @@
-r"""Motions past corners in finished plans (:mod:`cnc.kernels.planner.corner_stops`).
+r"""Motions past corners in finished plans (:mod:`cnc.planner.kernels.corner_stops`).
 
 A plan may end anywhere, so the part that the next plan may still change is held back: from the
 place on at which the motion past a chain of corners may begin, until its end is known.
@@ -20,23 +20,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE, SPAN
-from cnc.kernels.planner.corner_known import Known, new_known
-from cnc.kernels.planner.corner_places import count_corners, first_undecided, leaves_path
-from cnc.kernels.planner.corner_stops import (
-    CORNER_STEPS,
-    PassedChains,
-    corner_size,
-    pass_corners,
-)
-from cnc.kernels.planner.legs import REST
+from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
+from cnc.planner.kernels.corner_known import Known, new_known
+from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
+from cnc.planner.kernels.corner_stops import CORNER_STEPS, PassedChains, corner_size, pass_corners
+from cnc.planner.kernels.legs import REST
 from cnc.planner.limits import Limits
-from cnc.planner.plan import PlanChunk
-from cnc.planner.plan_parts import (
+from cnc.planner.plan import (
     SAME,
+    PlanChunk,
     cut_at_time,
     empty_plan,
     first_piece,

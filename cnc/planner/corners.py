@@ -1,7 +1,7 @@
 """Blends at corners under a tolerance.
 
 :class:`CornerBlending` works on the path before the window. It chooses the treatment of each corner
-and inserts blends (:mod:`cnc.kernels.planner.corners`). Motions past stops are made behind the
+and inserts blends (:mod:`cnc.planner.kernels.corners`). Motions past stops are made behind the
 window (:mod:`cnc.planner.corner_motions`).
 """
 
@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.corners import MOST_PIECES, round_corners
-from cnc.kernels.planner.legs import record_end
-from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.model.blocks import Block, Message
 from cnc.model.motion_commands import carried_over
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import Pieces
+from cnc.planner.kernels.arrays import PathArrays
+from cnc.planner.kernels.corners import MOST_PIECES, round_corners
+from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 
 Floats = NDArray[np.float64]

@@ -19,15 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.planner.corner_legs import LEG_STEPS
-from cnc.kernels.planner.corner_places import leaves_path
-from cnc.kernels.planner.timed import is_timed
 from cnc.planner.audit import Audit
 from cnc.planner.corners import path_arrays
+from cnc.planner.kernels.corner_legs import LEG_STEPS
+from cnc.planner.kernels.corner_places import leaves_path
+from cnc.planner.kernels.timed import is_timed
 from cnc.planner.phases import INSTANT
-from cnc.planner.plan import PlanChunk
-from cnc.planner.plan_parts import (
+from cnc.planner.plan import (
     SAME,
+    PlanChunk,
     cut_at_time,
     first_piece,
     joined_plans,

@@ -12,9 +12,9 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.machine.models import Machine
 from cnc.path.chunk import PathChunk
+from cnc.planner.kernels.arrays import LimitArrays
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class Limits:
     Attributes:
         max_feed: mm/s.
         tangential_acceleration: and the following: see
-            :class:`cnc.kernels.planner.limit_arrays.LimitArrays`.
+            :class:`cnc.planner.kernels.arrays.LimitArrays`.
         travel: (2, columns): lowest and highest position, for motion beside the programmed path;
             infinite for an axis that repeats after a turn.
         tip_columns: number of columns of the tool tip in front of those of the joints, which have

@@ -5,9 +5,9 @@
                           |
                        control: hold, override, between two slices
 
-- The window (window.py) makes plans with the kernels of :mod:`cnc.kernels.planner.lookahead`, under
+- The window (window.py) makes plans with the kernels of :mod:`cnc.planner.kernels.lookahead`, under
   bounds that are constant on short intervals of the path (intervals.py, phases.py).
-- Where limits for each axis bind on a curve, :mod:`cnc.kernels.planner.refine` makes them faster.
+- Where limits for each axis bind on a curve, :mod:`cnc.planner.kernels.refine` makes them faster.
 - For a hold or a lower feed it replaces its plan by one that slows (slowing.py).
 - Where the audit refuses what the window has settled, the planner returns to the state before. It
   makes the plan again more slowly, or follows the plan before for longer.
@@ -18,11 +18,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from enum import Enum
 from functools import partial
 from math import inf
 from typing import NamedTuple
 
-from cnc.kernels.planner.corner_known import new_known
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Probe, SpindleSync
 from cnc.model.diagnostics import MotionLimitError
@@ -34,12 +34,110 @@ from cnc.planner.corner_hold import stop_inside, under_clock
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.finished import Finished, FinishedPart
+from cnc.planner.kernels.corner_known import new_known
+from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
-from cnc.planner.requests import Beginning
-from cnc.planner.rewind import Rewind
-from cnc.planner.section import with_feeds_in_effect
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
+
+# Where a request of the operator may begin.
+#
+# handed out │ finished, in slices │ held back │ window
+#            ^                     ^           ^
+#   INSIDE_CHAIN, FINISHED     HELD_BACK     WINDOW
+
+
+class Beginning(Enum):
+    """Places at which a request of the operator may begin."""
+
+    INSIDE_CHAIN = 1
+    """Where the next slice of the finished motion begins, if that is inside a chain of corners."""
+    FINISHED = 2
+    """Where that slice begins, or at the end of the chain."""
+    HELD_BACK = 3
+    """At the start of what corners hold back."""
+    WINDOW = 4
+    """At the start of the window."""
+
+
+# Earlier states of the window, for a part of the plan that is held back.
+#
+# Corners hold back what a later plan may change (:mod:`cnc.planner.corner_motions`). Nothing of it
+# was sent, so a hold or an override may begin where it begins. The window has left that place, but
+# a copy of it has not.
+#
+#     sent │ held back, in slices  │ window
+#          |     ^           ^     ^
+#          |    copy        copy   now
+#        hold
+
+ROUNDING = 1e-12
+"""s; rounding error of a time. A slice of no length would be a whole phase."""
+
+SAME = 1e-10
+"""s; the window is at a time that differs by no more."""
+
+Added = tuple[PathChunk, PathChunk | None, PathChunk | None]
+
+
+class Rewind:
+    """Copies of the window before each slice of which a part is held back."""
+
+    def __init__(self) -> None:
+        self._copies: list[tuple[float, Window, int]] = []
+        """Time in the plan, the window there, and the number of chunks noted before."""
+        self._added: list[Added] = []
+
+    def note(self, path: PathChunk, previous: PathChunk | None, item: PathChunk | None) -> None:
+        """Note a chunk that was added to the window, with its neighbours."""
+        if self._copies:
+            self._added.append((path, previous, item))
+
+    def keep(self, window: Window) -> None:
+        """Keep a copy of the window before a slice is taken."""
+        self._copies.append((window.clock.seconds, window.copy(), len(self._added)))
+
+    def up_to(self, time: float) -> Rewind:
+        """Return the copies before a time: behind it another plan follows."""
+        other = Rewind()
+        other._copies = [each for each in self._copies if each[0] < time - SAME]
+        other._added = self._added[:]
+        return other
+
+    def leave_out(self, time: float | None) -> None:
+        """Leave out the copies that a return to ``time`` does not need; None for no return."""
+        if time is None:
+            self._copies.clear()
+            self._added.clear()
+            return
+        while len(self._copies) > 1 and self._copies[1][0] <= time:
+            self._copies.pop(0)
+        first = self._copies[0][2] if self._copies else len(self._added)
+        del self._added[:first]
+        self._copies = [(begin, window, number - first) for begin, window, number in self._copies]
+
+    def window_at(self, time: float | None) -> Window | None:
+        """Return the window as it was at ``time`` in the plan; None if it is not known.
+
+        A time just beside the end of a phase is none at which the window can be. The window goes on
+        from the last copy before that time: a request may have changed the plan of earlier ones.
+        """
+        if time is None:
+            return None
+        earlier = [each for each in self._copies if each[0] <= time + ROUNDING]
+        if not earlier:
+            return None
+        _, kept, number = earlier[-1]
+        window = kept.copy()
+        for added in self._added[number:]:
+            window.add(*added)
+        while window.clock.seconds < time - ROUNDING and window.settled:
+            before = window.clock.seconds
+            window.take(time - before, 0.0)
+            if window.clock.seconds <= before:
+                break
+        return window if abs(window.clock.seconds - time) <= SAME else None
+
 
 MOST_CAUTION = 12
 """Number of times that a plan is made again more slowly."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from cnc.kernels.path.curve import START
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import MotionLimitError
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import START
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

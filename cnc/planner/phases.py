@@ -1,16 +1,15 @@
-"""Plans of a window as arrays of phases (:data:`cnc.kernels.planner.phases.PHASE`)."""
+"""Plans of a window as arrays of phases (:data:`cnc.planner.kernels.arrays.PHASE`)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cnc.kernels.planner.intervals import Intervals
-from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
-from cnc.kernels.planner.phases import PHASE, Phases, phase_at
-from cnc.kernels.planner.refine import refine
-from cnc.kernels.planner.scurve import phase_time
-from cnc.planner.intervals import between, lowered
-from cnc.planner.known_path import rounding_of
+from cnc.planner.kernels.arrays import PHASE, Phases, phase_at
+from cnc.planner.kernels.intervals import Intervals
+from cnc.planner.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
+from cnc.planner.kernels.refine import refine
+from cnc.planner.kernels.scurve import phase_time
+from cnc.planner.known_path import between, lowered, rounding_of
 from cnc.planner.limits import Limits
 
 TOUCHING = 1e-6
@@ -49,7 +48,7 @@ def plan_to_rest(
         refined: whether the plan may be refined. Without a refinement there is none behind a lead.
 
     Returns:
-        The status of :func:`cnc.kernels.planner.lookahead.plan_window`, and the phases.
+        The status of :func:`cnc.planner.kernels.lookahead.plan_window`, and the phases.
     """
     whole = known
     if len(lead):

@@ -5,13 +5,18 @@ It is the one timing model: estimates, samples and pulses are computed from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.model.blocks import Block, Dwell
+from cnc.model.motion_commands import joined
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import Pieces
+from cnc.planner.kernels.arrays import PlanArrays
+from cnc.planner.kernels.corner_places import state_at
+from cnc.planner.kernels.legs import REST, record_end
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +58,175 @@ class PlanChunk:
         return PlanArrays(
             self.piece_s, self.phase_t, self.phase_s, self.phase_v, self.phase_a, self.phase_j
         )
+
+
+# Parts of plans, and plans that follow each other as one.
+#
+# A plan may begin and end anywhere, also inside a piece of its path.
+
+Floats = NDArray[np.float64]
+
+SAME = 1e-9
+"""s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
+
+
+def cut_at_time(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
+    """Return the number of phases before a time, and the plan with an end of a phase there."""
+    t = plan.phase_t
+    k = int(np.searchsorted(t, time - SAME))
+    if k >= len(t) or abs(float(t[k]) - time) <= SAME:
+        return min(k, len(t) - 1), plan
+    s, v, a = state_at(time, k - 1, plan.arrays)
+    return k, replace(
+        plan,
+        phase_t=np.insert(t, k, time),
+        phase_s=np.insert(plan.phase_s, k, s),
+        phase_v=np.insert(plan.phase_v, k, v),
+        phase_a=np.insert(plan.phase_a, k, a),
+        phase_j=np.insert(plan.phase_j, k, plan.phase_j[k - 1]),
+    )
+
+
+def first_piece(plan: PlanChunk, phase: int) -> int:
+    """Return the piece on which a phase begins; the number of pieces for the end of the plan."""
+    at = plan.phase_s[phase] + REST
+    return max(int(np.searchsorted(plan.piece_s, at, side="right")) - 1, 0)
+
+
+def part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
+    """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
+    if end - first == len(plan.phase_j):
+        return plan
+    piece_s = plan.piece_s
+    # A motion may begin at the end of the path but for rounding.
+    begin = min(first_piece(plan, first), len(plan.path) - 1)
+    after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
+    zero = float(piece_s[begin])
+    span = slice(first, end + 1)
+    return PlanChunk(
+        path=plan.path.part(begin, after),
+        piece_s=piece_s[begin : after + 1] - zero,
+        t0=plan.t0 + float(plan.phase_t[first]),
+        s0=plan.s0 + zero,
+        phase_t=plan.phase_t[span] - plan.phase_t[first],
+        phase_s=plan.phase_s[span] - zero,
+        phase_v=plan.phase_v[span],
+        phase_a=plan.phase_a[span],
+        phase_j=plan.phase_j[first:end],
+    )
+
+
+def with_own_end(plan: PlanChunk) -> PlanChunk:
+    """Return a part of a plan that ends with the speed of its own last phase.
+
+    Where a timed piece follows, the coordinate of the plan has another speed there. A rest stays
+    exactly one.
+    """
+    if plan.phase_v[-1] == 0.0:
+        return plan
+    last = len(plan.phase_j) - 1
+    _, v, a = state_at(float(plan.phase_t[-1]), last, plan.arrays)
+    return replace(
+        plan, phase_v=np.append(plan.phase_v[:-1], v), phase_a=np.append(plan.phase_a[:-1], a)
+    )
+
+
+def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
+    """Return two plans that follow each other as one.
+
+    A phase or a piece that continues from one to the other becomes one. Where the operator has
+    changed the feed within a piece, the higher one counts for all of it.
+    """
+    a, b = before.path, after.path
+    s = after.s0 - before.s0
+    t = after.t0 - before.t0
+    same = (
+        before.phase_j[-1] == after.phase_j[0]
+        and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
+        and after.phase_v[0] > 0.0
+    )
+    shared = bool(after.phase_s[0] > REST)
+    path = joined_paths(a.part(0, len(a) - 1) if shared else a, b)
+    if shared:
+        path.feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
+    phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
+    rest = slice(1 if same else 0, None)
+    return PlanChunk(
+        path=path,
+        piece_s=np.concatenate((before.piece_s[: len(path) - len(b)], after.piece_s + s)),
+        t0=before.t0,
+        s0=before.s0,
+        phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
+        phase_s=np.concatenate((before.phase_s[:-1], after.phase_s[rest] + s)),
+        phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
+        phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
+        phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
+    )
+
+
+def joined_paths(a: PathChunk, b: PathChunk) -> PathChunk:
+    """Return two paths that follow each other as one, with the file of the second."""
+    data, at = _records(a)
+    more, at_more = _records(b)
+    return PathChunk(
+        a.axes,
+        b.file,
+        np.concatenate((a.kind, b.kind)),
+        np.concatenate((at, at_more + len(data))),
+        np.concatenate((data, more)),
+        np.concatenate((a.length, b.length)),
+        np.concatenate((a.feed, b.feed)),
+        np.concatenate((a.line, b.line)),
+        np.concatenate((a.stop_after, b.stop_after)),
+        np.concatenate((a.tolerance, b.tolerance)),
+        joined(((a.commands, len(a)), (b.commands, len(b)))),
+        b.timed,
+    )
+
+
+def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the records of these pieces alone, and the index of each."""
+    pieces = Pieces(path.kind, path.at, path.data)
+    if not len(path):
+        return path.data[:0], path.at
+    lowest = int(path.at.min())
+    end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
+    return path.data[lowest:end], path.at - lowest
+
+
+def empty_plan(pieces: int, phases: int) -> PlanArrays:
+    """Return space for a plan over so many pieces, with so many phases."""
+    return PlanArrays(
+        np.empty(pieces + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases),
+    )
+
+
+# The clock of a run: machine time since its first motion, dwells included.
+
+
+class RunClock:
+    """Machine time after the items of a plan that were added so far.
+
+    A plan chunk sets the clock to its end, because each chunk carries its own start time. A dwell
+    adds its duration. Holds and other blocks take no machine time.
+
+    Attributes:
+        seconds: The machine time, s.
+    """
+
+    __slots__ = ("seconds",)
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def add(self, item: PlanChunk | Block) -> None:
+        """Advance the clock to the end of the next item of the plan."""
+        if isinstance(item, PlanChunk):
+            self.seconds = item.t0 + item.duration
+        elif isinstance(item, Dwell):
+            self.seconds += item.seconds

@@ -1,6 +1,6 @@
 """Taylor series of the tool tip along pieces of a path, by the parameter of the pieces.
 
-The kinds of pieces and their records are those of :mod:`cnc.kernels.path.curve`. A series is taken
+The kinds of pieces and their records are those of :mod:`cnc.path.kernels.curve`. A series is taken
 at a place of a piece, or over a part of it: then its terms are intervals that hold the term of
 every place in the part.
 """
@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.curve import LINE, SPAN, SPAN_BODY, START, U0, U1
 from cnc.kinematics.interval import Interval, cosine
 from cnc.kinematics.series import Series, Term
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import LINE, SPAN, SPAN_BODY, START, U0, U1
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

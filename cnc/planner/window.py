@@ -16,18 +16,17 @@ about twice. Memory: the window holds a few stopping distances and two chunks of
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
-from cnc.kernels.planner.intervals import Intervals
-from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST
-from cnc.kernels.planner.phases import Phases
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.planner.acceptance import accepted_plan
-from cnc.planner.current_plan import CurrentPlan
+from cnc.planner.kernels.arrays import Phases
+from cnc.planner.kernels.intervals import Intervals
+from cnc.planner.kernels.lookahead import PLANNED, START_TOO_FAST
 from cnc.planner.known_path import KnownPath, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import (
@@ -40,8 +39,7 @@ from cnc.planner.phases import (
     last_bound,
     slice_end,
 )
-from cnc.planner.plan import PlanChunk
-from cnc.planner.run_clock import RunClock
+from cnc.planner.plan import PlanChunk, RunClock
 from cnc.planner.slowing import (
     Request,
     SlowedPlan,
@@ -51,6 +49,35 @@ from cnc.planner.slowing import (
     slower_plan,
     time_before,
 )
+
+# The plan of the window at present.
+
+
+@dataclass(slots=True)
+class CurrentPlan:
+    """The plan from where the next slice begins.
+
+    Attributes:
+        phases: they lead to rest.
+        rest_at: where the motion rests, mm.
+        settled: number of phases that may be sent on.
+        unsettled: number of intervals behind them, at the time of planning.
+        arrived: number of intervals that arrived since.
+        follow: where no new plan begins, at least so many phases are followed; twice as many each
+            time, since each attempt costs a whole plan.
+        slow_from: from here on the limits in effect hold, mm.
+        slowing: the limits before.
+    """
+
+    phases: Phases
+    rest_at: float
+    settled: int
+    unsettled: int
+    arrived: int
+    follow: int
+    slow_from: float
+    slowing: Limits
+
 
 STOPS_KEPT = 2.0
 """Stopping distances between the settled part and the end of the plan."""

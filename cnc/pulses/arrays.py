@@ -7,9 +7,9 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import Pieces
+from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.plan import PlanChunk
 
 Number = TypeVar("Number", bound=np.generic)

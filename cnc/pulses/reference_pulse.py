@@ -1,6 +1,6 @@
 """Reference pulses of a plan: every grid move of a path, in any number of axes, with its time.
 
-:mod:`cnc.kernels.pulses.reference_pulse` explains the algorithms.
+:mod:`cnc.pulses.kernels.reference_pulse` explains the algorithms.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval, curve_range
-from cnc.kernels.pulses import reference_pulse as kernel
-from cnc.kernels.pulses.grid_moves import Grid, Moves
-from cnc.kernels.pulses.spacing import Buffers
 from cnc.model.choices import Algorithm
 from cnc.model.streams import PulseChunk
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval, curve_range
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
+from cnc.pulses.kernels import reference_pulse as kernel
+from cnc.pulses.kernels.grid_moves import Grid, Moves
+from cnc.pulses.kernels.reference_pulse import Buffers
 
 ROWS = 65536
 """Most rows in a chunk of pulses."""

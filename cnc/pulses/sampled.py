@@ -11,12 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cnc.kernels.jit import interpreted
-from cnc.kernels.path.curve import START
-from cnc.kernels.pulses import sampled as kernel
+from cnc.compiled.jit import interpreted
 from cnc.model.streams import SampleChunk
+from cnc.path.kernels.curve import START
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
+from cnc.pulses.kernels import sampled as kernel
 
 ROWS = 16384
 """Most rows in a chunk of samples."""

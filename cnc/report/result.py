@@ -7,10 +7,122 @@ from typing import TYPE_CHECKING, Any
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import EXIT_REJECTED, CncError, Diagnostic
-from cnc.report.changes import Changes, finding_model
 
 if TYPE_CHECKING:
+    from cnc.report import models
     from cnc.report.models import PathDynamics
+
+
+# Numbers, times and coordinates as text for people.
+
+
+def clock(seconds: float) -> str:
+    """Return seconds as h:mm:ss; below a minute as seconds with milliseconds."""
+    if seconds < 60.0 and round(seconds, 3) < 60.0:
+        return f"{seconds:.3f} s"
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def number(value: float | None) -> str:
+    """Return a number with about six digits, with spaces from 10 000 on; a dash for None."""
+    if value is None:
+        return "-"
+    if abs(value) >= 1e4:
+        return spaced(round(value))
+    if value != 0 and abs(value) < 1e-3:
+        return f"{value:.3g}"
+    return f"{value:.6g}"
+
+
+def spaced(count: int) -> str:
+    """Return a whole number; from 10 000 on with spaces between the thousands."""
+    return f"{count:,}".replace(",", " ") if abs(count) >= 10_000 else str(count)
+
+
+def position(value: float) -> str:
+    """Return a coordinate in mm to 0.1 micrometres."""
+    digits = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if digits == "-0" else digits
+
+
+# Differences between a program's baseline and its present check.
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Differences of one program.
+
+    Attributes:
+        known: whether the baseline has the program. If not, every finding is new.
+        new: findings that the baseline lacks.
+        kept: findings that the baseline has as well.
+        gone: findings of the baseline that have disappeared.
+        figures: (then, now) of ``duration_s`` and ``path_length_mm`` where they differ.
+        box: (then, now) extent in mm of each axis with another one; None where it did not move.
+    """
+
+    known: bool
+    new: list[Diagnostic]
+    kept: list[Diagnostic]
+    gone: list[Diagnostic]
+    figures: dict[str, tuple[float, float]]
+    box: dict[str, tuple[list[float] | None, list[float] | None]]
+
+    def as_model(self) -> models.Changes:
+        """Return the differences as a part of the summary."""
+        from cnc.report import models
+
+        figures: dict[str, Any] = {name: list(pair) for name, pair in self.figures.items()}
+        return models.Changes.model_construct(
+            known=self.known,
+            new=[finding_model(each) for each in self.new],
+            gone=[finding_model(each) for each in self.gone],
+            **figures,
+            bounding_box={axis: list(pair) for axis, pair in self.box.items()},
+        )
+
+    def lines(self) -> list[str]:
+        """Return the differences as lines of text; none if nothing changed."""
+        if not self.known:
+            return ["not in the baseline"]
+        lines = []
+        for name, (then, now) in self.figures.items():
+            share = f" ({100.0 * (now - then) / then:+.1f} %)" if then else ""
+            if name == "duration_s":
+                lines.append(f"time: {clock(then)} -> {clock(now)}{share}")
+            else:
+                lines.append(f"path length: {number(then)} -> {number(now)} mm{share}")
+        for axis, pair in self.box.items():
+            ends = [" .. ".join(map(position, each)) if each else "none" for each in pair]
+            lines.append(f"{axis.upper()}: {ends[0]} -> {ends[1]}")
+        for word, findings in ("new", self.new), ("gone", self.gone):
+            lines += [
+                f"{word}: {each.severity} {each.line or '-'}: {each.code}: {each.message}"
+                for each in findings
+            ]
+        return lines
+
+
+def finding_model(found: Diagnostic, *, with_hint: bool = False) -> models.Finding:
+    """Return a finding as a part of the summary.
+
+    Args:
+        found: the finding.
+        with_hint: whether the part has the column and the hint.
+    """
+    from cnc.report import models
+
+    more: dict[str, Any] = {"column": found.column, "hint": found.hint} if with_hint else {}
+    return models.Finding.model_construct(
+        code=found.code,
+        message=found.message,
+        file=found.file,
+        line=found.line,
+        severity=found.severity,
+        **more,
+    )
+
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")
 AXIS_LIMIT_NAMES = ("velocity", "acceleration", "jerk")

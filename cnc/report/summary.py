@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TextIO
+import json
+import os
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any, Literal, TextIO
 
 from cnc.model.blocks import ROTARY_LETTERS
-from cnc.model.shown_text import printable, shown_name
-from cnc.report.number_format import clock, number, position, spaced
+from cnc.model.diagnostics import printable, shown_json, shown_name
 from cnc.report.result import (
     AXIS_LIMIT_NAMES,
     LIMIT_NAMES,
@@ -15,8 +17,57 @@ from cnc.report.result import (
     AssumedOffset,
     Extremes,
     Report,
+    clock,
+    number,
+    position,
+    spaced,
 )
-from cnc.report.text_table import aligned, has_styles, join, styled
+from cnc.report.targets import TextTarget
+
+# Tables of text for a terminal or a file: aligned columns, and styles where they are shown.
+
+GAP = "  "
+"""Text between two columns."""
+_CODES = {"bold": "1", "red": "31", "green": "32"}
+
+Style = Literal["bold", "red", "green"]
+
+
+def has_styles(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal that shows bold and coloured text.
+
+    The console of Windows shows the codes of styles as text unless a program asks otherwise.
+    """
+    plain = os.environ.get("TERM") == "dumb" or bool(os.environ.get("NO_COLOR"))
+    return stream.isatty() and sys.platform != "win32" and not plain
+
+
+def styled(text: str, style: Style) -> str:
+    """Return text with a style (SGR codes of ECMA-48, section 8.3.117)."""
+    return f"\x1b[{_CODES[style]}m{text}\x1b[0m"
+
+
+def aligned(rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> list[list[str]]:
+    """Return rows whose cells are as wide as their columns.
+
+    Args:
+        rows: cells of each row; all rows have as many.
+        right: columns that are aligned at their right end.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        [
+            cell.rjust(width) if index in right else cell.ljust(width)
+            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        for row in rows
+    ]
+
+
+def join(cells: Sequence[str]) -> str:
+    """Return the cells of a row as a line."""
+    return GAP.join(cells).rstrip()
+
 
 TRAVEL_NOT_CHECKED = "not checked: the machine file gives none"
 """The statement on a machine without travel."""
@@ -223,3 +274,30 @@ def _nearest(largest: Extremes, limits: Extremes, name: str) -> tuple[str, float
         and (limit := limits.axes.get(letter, {}).get(name))
     ]
     return max(found)[1:] if found else None
+
+
+# Summaries as JSON.
+
+
+def write_json(name: str, summary: Report | Sequence[Report]) -> None:
+    """Write the summary of a program, or a list of the summaries of several."""
+    write_object(
+        name,
+        summary.as_json()
+        if isinstance(summary, Report)
+        else [report.as_json() for report in summary],
+    )
+
+
+def write_object(name: str, value: Any) -> None:
+    """Write ``value`` (numbers, texts, lists, tables) as JSON to the file ``name``.
+
+    Raises:
+        UsageError: ``can-not-write``.
+    """
+    target = TextTarget(name)
+    try:
+        target.write(shown_json(json.dumps(value, indent=2, allow_nan=False)) + "\n")
+        target.close()
+    finally:
+        target.discard()

@@ -3,29 +3,210 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import hmac
+import json
+import secrets
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cnc.machine.height_map import HeightMap, save_height_map
-from cnc.machine.stock import with_stock
+from cnc.machine.load import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
-from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice
+from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid
-from cnc.operate.operator_session import OperatorSession
+from cnc.operate.operator_session import OperatorSession, SessionAccess
 from cnc.operate.program_runs import failed
-from cnc.operate.session_access import SessionAccess
 from cnc.operate.state_view import work_zero
-from cnc.server.checking import Checker, CheckOrder, check_job, parameters_of, prepare, sketch_job
-from cnc.server.control import ControlOfMachine
-from cnc.server.cutting import CutOrder, cut_job
-from cnc.server.hub import Hub
+from cnc.server.checking import (
+    Checker,
+    CheckOrder,
+    CutOrder,
+    check_job,
+    cut_job,
+    parameters_of,
+    prepare,
+    sketch_job,
+)
 from cnc.server.library import Library, Run, TextLines
 from cnc.session.options import RunOptions
+
+# Control of the machine: one client has it, the others watch.
+
+KEY_BYTES = 16
+
+
+class ControlOfMachine:
+    """The client that has control.
+
+    Args:
+        on_change: Called with the name of the new holder, None for none.
+
+    Attributes:
+        holder: Its name; None for nobody.
+    """
+
+    def __init__(self, on_change: Callable[[str | None], None]) -> None:
+        self.holder: str | None = None
+        self._key: str | None = None
+        self._on_change = on_change
+
+    def take(self, client: str) -> str:
+        """Give control to a client; return its key. The key before is void."""
+        self.holder, self._key = client, secrets.token_urlsafe(KEY_BYTES)
+        self._on_change(client)
+        return self._key
+
+    def release(self) -> None:
+        """Give control up."""
+        self.holder = self._key = None
+        self._on_change(None)
+
+    def has(self, key: str | None) -> bool:
+        """Return whether a key is that of the client that has control."""
+        return (
+            key is not None
+            and self._key is not None
+            and hmac.compare_digest(key.encode(), self._key.encode())
+        )
+
+
+# Distribution of events to the clients, in batches, without a wait for a slow one.
+#
+#    machine threads ──► pending ──► every 20 ms one batch, encoded once ──► a queue for each client
+#
+# A client whose queue is full reads too slowly: it is disconnected. The queues are bounded, so that
+# clients cost a bounded amount of memory.
+
+BATCH_PERIOD = 0.02
+"""Time in which events are gathered, s."""
+MOST_PENDING = 5000
+"""Events that wait for the next batch; of more, the oldest console lines are lost."""
+MOST_BATCHES = 64
+"""Batches that wait for a client."""
+MOST_CLIENTS = 64
+"""Connections for events."""
+MOST_OF_ADDRESS = 16
+"""Connections for events of one address."""
+DIGITS = 4
+"""Decimals of the positions."""
+
+
+class Client:
+    """The queue of one client.
+
+    Attributes:
+        number: Number of the connection.
+        address: Where it comes from.
+        lost: Whether the client read too slowly.
+        dropped: Set when it is lost.
+    """
+
+    def __init__(self, number: int, address: str) -> None:
+        self.number, self.address, self.lost = number, address, False
+        self.dropped = asyncio.Event()
+        self._queue: asyncio.Queue[str] = asyncio.Queue(MOST_BATCHES)
+
+    def put(self, batch: str) -> None:
+        """Add a batch; a full queue ends the connection."""
+        if self.lost:
+            return
+        try:
+            self._queue.put_nowait(batch)
+        except asyncio.QueueFull:
+            self.drop()
+
+    def drop(self) -> None:
+        """End the connection, even while it waits for its client."""
+        self.lost = True
+        self.dropped.set()
+
+    async def next(self) -> str:
+        """Return the next batch."""
+        return await self._queue.get()
+
+
+class Hub:
+    """Takes events from any thread, and hands them to the clients in the event loop."""
+
+    def __init__(self) -> None:
+        self._pending: deque[dict[str, Any]] = deque(maxlen=MOST_PENDING)
+        self._lock = threading.Lock()
+        self._clients: dict[int, Client] = {}
+        self._numbers = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._scheduled = False
+
+    def start(self) -> None:
+        """Use the running event loop from here on."""
+        self._loop = asyncio.get_running_loop()
+
+    def stop(self) -> None:
+        """End all clients."""
+        self._loop = None
+        for client in self._clients.values():
+            client.drop()
+
+    def publish(self, event: Event) -> None:
+        """Take an event of the session, from any thread."""
+        self.publish_object(as_object(event))
+
+    def publish_object(self, found: dict[str, Any]) -> None:
+        """Take an event in its JSON form, from any thread."""
+        loop = self._loop
+        if loop is None or not self._clients:
+            return
+        with self._lock:
+            self._pending.append(found)
+            scheduled, self._scheduled = self._scheduled, True
+        if not scheduled:
+            with contextlib.suppress(RuntimeError):  # The loop may be closed by now.
+                loop.call_soon_threadsafe(loop.call_later, BATCH_PERIOD, self._send)
+
+    def join(self, address: str) -> Client | None:
+        """Return a new client; None if there are too many, or too many of its address."""
+        of_address = sum(each.address == address for each in self._clients.values())
+        if len(self._clients) >= MOST_CLIENTS or of_address >= MOST_OF_ADDRESS:
+            return None
+        self._numbers += 1
+        client = Client(self._numbers, address)
+        self._clients[client.number] = client
+        return client
+
+    def leave(self, client: Client) -> None:
+        """Forget a client."""
+        self._clients.pop(client.number, None)
+
+    def _send(self) -> None:
+        with self._lock:
+            events = list(self._pending)
+            self._pending.clear()
+            self._scheduled = False
+        batch = encoded(events)
+        for client in list(self._clients.values()):
+            client.put(batch)
+
+
+def encoded(events: list[dict[str, Any]]) -> str:
+    """Return events as JSON, with rounded numbers."""
+    return json.dumps(_rounded(events), allow_nan=False, separators=(",", ":"))
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, DIGITS) if abs(value) < 1e15 else None
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return value
+
 
 MOST_LOG_LINES = 50_000
 """Lines of the log of a run; of more, the first are lost."""

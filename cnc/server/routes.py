@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import codecs
+import json
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 
-from fastapi import APIRouter, Depends, Header, HTTPException, Request
+from fastapi import APIRouter, Depends, Header, HTTPException, Query, Request
+from fastapi.responses import FileResponse
 
 from cnc.boards.registry import board_names
 from cnc.model import parameter_numbers as numbers
+from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute
 from cnc.operate.events import as_object
-from cnc.operate.operator_session import OperatorSession
+from cnc.operate.height_mapping import Grid
+from cnc.operate.operator_session import OperatorSession, begin_jog
 from cnc.operate.probing import cycles, mdi_line
 from cnc.operate.program_session import macro_names
-from cnc.operate.session_access import begin_jog
 from cnc.server.console import Console
+from cnc.server.library import OWN, Library, checked
 from cnc.server.models import (
     Accepted,
+    CheckJob,
     ChooseSystem,
     Connect,
     ControlKey,
+    CutJob,
     CycleRun,
     DialogAnswer,
     EnteredLine,
@@ -32,12 +43,17 @@ from cnc.server.models import (
     JogStart,
     JogStarted,
     JogStep,
+    LogText,
     Override,
+    ProbeGrid,
+    RunJob,
     Setting,
     SettingValue,
     TakeControl,
+    TextPart,
     Zero,
 )
+from cnc.session.options import RunOptions
 from cnc.version import __version__
 from cnc.view.collect import stock_box
 
@@ -303,3 +319,330 @@ async def change_setting(number: int, body: SettingValue, console: Controlled) -
     """Write a setting, and read it back."""
     await result(console, OperatorSession.change_setting, number, body.value)
     return Accepted()
+
+
+# Decoding of an upload ``{"text": "..."}`` in pieces, so that no long step stops the machine.
+#
+# The JSON parser of Python holds the interpreter for the whole body, a second for a large program.
+# Here each piece is a short text of its own.
+
+PIECE = 1 << 16
+"""Characters that are decoded at a time."""
+_HEAD = re.compile(r'\s*\{\s*"text"\s*:\s*"')
+_HEAD_PART = re.compile(r'\s*(?:\{\s*(?:"(?:t(?:e(?:x(?:t(?:"\s*(?::\s*"?)?)?)?)?)?)?)?)?')
+_HIGH, _LOW, _FOUR = "[dD][89abAB][0-9a-fA-F]{2}", "[dD][c-fC-F][0-9a-fA-F]{2}", "[0-9a-fA-F]{4}"
+_PLAIN = re.compile(
+    r'(?:[^"\\\x00-\x1f]|\\["\\/bfnrt]'
+    rf"|\\u(?!{_HIGH}){_FOUR}|\\u{_HIGH}\\u{_LOW}"
+    # Half a character, where the next bytes cannot be the other half.
+    rf"|\\u{_HIGH}(?=[^\\]|\\[^u]|\\u(?!{_LOW}){_FOUR}))*"
+)
+_TAIL = re.compile(r'"\s*\}\s*')
+LONGEST_ESCAPE = 12
+"""Characters of two escapes, which may be one character together."""
+
+
+class UploadDecoder:
+    """Decodes the body of an upload.
+
+    Attributes:
+        done: Whether the text is complete.
+    """
+
+    def __init__(self) -> None:
+        self.done = False
+        self._decoder = codecs.getincrementaldecoder("utf-8")()
+        self._rest = ""
+        self._inside = False
+
+    def feed(self, data: bytes, *, last: bool = False) -> Iterator[str]:
+        """Yield the parts of the text in the next bytes of the body.
+
+        Raises:
+            UsageError: ``upload-format``.
+        """
+        try:
+            self._rest += self._decoder.decode(data, last)
+        except UnicodeDecodeError:
+            raise _wrong("its bytes are not UTF-8") from None
+        if not self._inside and not self._begins():
+            if last:
+                raise _wrong("it has no text")
+            return
+        while self._rest and not self.done:
+            piece, self._rest = self._rest[:PIECE], self._rest[PIECE:]
+            found = _PLAIN.match(piece)
+            assert found is not None
+            end = found.end()
+            stays = piece[end:] + self._rest
+            if end:
+                yield json.loads(f'"{piece[:end]}"')
+            self._rest = stays
+            if not end or stays.startswith('"'):
+                break
+        self._finish(last=last)
+
+    def _begins(self) -> bool:
+        head = _HEAD.match(self._rest)
+        if head is None:
+            if not _HEAD_PART.fullmatch(self._rest):
+                raise _wrong("it is not an object with the key text alone")
+            return False
+        self._rest, self._inside = self._rest[head.end() :], True
+        return True
+
+    def _finish(self, *, last: bool) -> None:
+        rest = self._rest
+        if rest.startswith('"'):
+            if _TAIL.fullmatch(rest):
+                self._rest, self.done = "", True
+            elif last or not re.fullmatch(r'"\s*', rest):
+                raise _wrong("something follows its text")
+        elif len(rest) >= LONGEST_ESCAPE and not _PLAIN.match(rest[: LONGEST_ESCAPE + 1]):
+            raise _wrong("its text has a wrong escape")
+        elif rest and rest[0] < " ":
+            raise _wrong("its text has a control character that is not escaped")
+        if last and not self.done:
+            raise _wrong("it ends within its text")
+
+
+def _wrong(reason: str) -> UsageError:
+    hint = 'send {"text": "..."} as JSON'
+    return UsageError(
+        Diagnostic("upload-format", f"the upload cannot be read: {reason}", hint=hint)
+    )
+
+
+# The requests about jobs: upload, text, check, toolpath, run, history, log.
+
+MOST_LINES = 5000
+"""Lines of a text in one answer."""
+HISTORY_OF_JOB = 20
+
+
+def _job(library: Library, name: str) -> dict[str, Any]:
+    file = library.path(name)
+    status = file.stat()
+    runs = library.history(1, name)
+    return {
+        "name": name,
+        "size": status.st_size,
+        "changed": status.st_mtime,
+        "outcome": runs[0]["outcome"] if runs else None,
+    }
+
+
+def _not_found(what: str) -> HTTPException:
+    return HTTPException(404, {"code": "no-such-result", "message": what, "hint": ""})
+
+
+@router.get("/jobs")
+def jobs(console: Shared) -> list[dict[str, Any]]:
+    """Return the jobs of the library."""
+    library = console.library
+    outcomes: dict[str, str] = {}
+    for run in library.history():
+        outcomes.setdefault(run["job"], run["outcome"])
+    found = []
+    for name in library.names():
+        status = (library.folder / name).stat()
+        found.append(
+            {
+                "name": name,
+                "size": status.st_size,
+                "changed": status.st_mtime,
+                "outcome": outcomes.get(name),
+            }
+        )
+    return found
+
+
+@router.put(
+    "/jobs/{name}",
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/json": {
+                    "schema": {
+                        "type": "object",
+                        "properties": {"text": {"type": "string"}},
+                        "required": ["text"],
+                    }
+                }
+            },
+        }
+    },
+)
+async def upload(name: str, request: Request, console: Shared) -> dict[str, Any]:
+    """Write a program into the library: the body is ``{"text": "..."}``."""
+    library = console.library
+    console.refuse_change(checked(name))
+    decoder = UploadDecoder()
+    handle, draft = tempfile.mkstemp(dir=library.folder / OWN)
+    try:
+        with open(handle, "w", encoding="utf-8", errors="replace", newline="") as target:
+            async for piece in request.stream():
+                for text in decoder.feed(piece, last=not piece):
+                    target.write(text)
+                    # Other requests, and the machine, have their turn between two pieces.
+                    await asyncio.sleep(0)
+        library.adopt(name, Path(draft))
+    finally:
+        Path(draft).unlink(missing_ok=True)
+    console.jobs_changed()
+    return _job(library, name)
+
+
+@router.get("/jobs/{name}")
+async def job(name: str, console: Shared) -> dict[str, Any]:
+    """Return a job with its last check and its last runs."""
+    library = console.library
+    found = _job(library, name)
+    lines = await asyncio.to_thread(console.text, name)
+    return found | {
+        "lines": lines.total,
+        "check": library.summary(name),
+        "history": library.history(HISTORY_OF_JOB, name),
+    }
+
+
+@router.delete("/jobs/{name}")
+def remove(name: str, console: Controlled) -> Accepted:
+    """Remove a job."""
+    console.remove(name)
+    return Accepted()
+
+
+@router.get("/jobs/{name}/text")
+async def text(
+    name: str,
+    console: Shared,
+    first: int = Query(default=1, ge=1),
+    count: int = Query(default=1000, ge=1, le=MOST_LINES),
+) -> TextPart:
+    """Return lines of a program."""
+    lines = await asyncio.to_thread(console.text, name)
+    found = await asyncio.to_thread(lines.lines, first, count)
+    return TextPart(first=first, lines=found, total=lines.total)
+
+
+@router.post("/jobs/{name}/check")
+def check(name: str, console: Shared, body: CheckJob | None = None) -> Accepted:
+    """Begin a check."""
+    console.check(name, None if body is None else body.height_map)
+    return Accepted()
+
+
+@router.get("/jobs/{name}/check")
+def summary(name: str, console: Shared) -> dict[str, Any]:
+    """Return the summary of the last check."""
+    found = console.library.summary(name)
+    if found is None:
+        raise _not_found(f"{name} has not been checked since its last change")
+    return found
+
+
+@router.get("/jobs/{name}/toolpath")
+def toolpath(name: str, console: Shared) -> FileResponse:
+    """Return the toolpath of the last check."""
+    library = console.library
+    library.path(name)
+    file = library.own(name, "path.json")
+    if library.summary(name) is None or not file.is_file():
+        raise _not_found(f"{name} has no toolpath: check it first")
+    return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
+
+
+@router.get("/jobs/{name}/sketch")
+def sketch(name: str, console: Shared) -> FileResponse:
+    """Return a coarse picture of a long job, in the form of its toolpath."""
+    console.library.path(name)
+    file = console.library.own(name, "sketch.json")
+    if not file.is_file():
+        raise _not_found(f"{name} has no coarse picture: it is short, or not checked yet")
+    return FileResponse(file, media_type="application/json", stat_result=os.stat(file))
+
+
+@router.post("/jobs/{name}/cut")
+def cut(name: str, body: CutJob, console: Shared) -> Accepted:
+    """Begin to simulate the cut; its end is the event ``job-cut``."""
+    console.cut(name, body.stock, body.resolution, body.system)
+    return Accepted()
+
+
+@router.get("/jobs/{name}/part")
+def part(name: str, console: Shared) -> FileResponse:
+    """Return the surface of the part that the last simulated cut left."""
+    return _result(console.library, name, "part.json", "application/json")
+
+
+@router.get("/jobs/{name}/stl")
+def stl(name: str, console: Shared) -> FileResponse:
+    """Return the part as an STL file."""
+    return _result(console.library, name, "stl", "model/stl")
+
+
+def _result(library: Library, name: str, kind: str, media_type: str) -> FileResponse:
+    library.path(name)
+    file = library.own(name, kind)
+    if not file.is_file():
+        raise _not_found(f"{name} has not been cut since its last change: POST .../cut first")
+    return FileResponse(file, media_type=media_type, stat_result=os.stat(file))
+
+
+@router.post("/jobs/{name}/run")
+async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
+    """Check a job on the board, and run it."""
+    height_map = body.height_map
+    options = RunOptions(
+        from_line=body.from_line,
+        home=body.home,
+        trust_position=body.trust_position,
+        optional_stop=body.optional_stop,
+        height_map=None if height_map is None else str(console.library.height_map_file(height_map)),
+    )
+    await console.run(name, options)
+    return Accepted()
+
+
+@router.get("/jobs/{name}/log")
+def log(name: str, console: Shared) -> LogText:
+    """Return the log of the last run."""
+    return LogText(text=console.library.log(name))
+
+
+@router.get("/history")
+def history(console: Shared) -> list[dict[str, Any]]:
+    """Return the runs, the latest first."""
+    return console.library.history()
+
+
+# The requests about height maps: list, read, probe, remove.
+
+
+@router.get("/height-maps")
+def height_maps(console: Shared) -> list[str]:
+    """Return the names of the height maps."""
+    return console.library.height_maps()
+
+
+@router.get("/height-maps/{name}")
+def height_map(name: str, console: Shared) -> dict[str, Any]:
+    """Return a height map."""
+    return console.library.height_map(name).model_dump(mode="json")
+
+
+@router.delete("/height-maps/{name}")
+def remove_height_map(name: str, console: Controlled) -> Accepted:
+    """Remove a height map."""
+    console.library.height_map_file(name).unlink()
+    console.height_maps_changed(name)
+    return Accepted()
+
+
+@router.post("/height-maps/{name}/probe")
+async def probe_height_map(name: str, body: ProbeGrid, console: Controlled) -> Accepted:
+    """Begin to probe a grid; the event ``height-map`` ends it, and an alarm tells what failed."""
+    grid = Grid(**body.model_dump(exclude={"system"}))
+    return await accepted(await console.probe_grid(name, grid, body.system))

@@ -22,9 +22,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from cnc.executor.run import Progress
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.state_file import read_state
+from cnc.session.run_pulses import Progress
 
 SUFFIX = ".checkpoint"
 WRITE_INTERVAL = 0.5

@@ -2,7 +2,7 @@
 
 Kernels are compiled by worker processes, one for each processor. A worker compiles by calling: each
 job is a small example that calls the kernels of some modules. All other kernels of the example run
-as plain Python. Compiled code is kept on disk (:mod:`cnc.kernels.code_cache`), where each process
+as plain Python. Compiled code is kept on disk (:mod:`cnc.compiled.code_cache`), where each process
 finds the code of the others, and waits for a kernel that another process compiles. A file for each
 job records that it was done.
 """
@@ -21,8 +21,8 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
-from cnc.kernels import code_cache
-from cnc.kernels.jit import Kernel, as_python, compiling, kernels
+from cnc.compiled import code_cache
+from cnc.compiled.jit import Kernel, as_python, compiling, kernels
 from cnc.session.kernel_jobs import JOBS
 
 OnKernel = Callable[[int, int, str], None]
@@ -83,7 +83,7 @@ def _file_name(job: str) -> str:
 
 def _marks(job: str) -> list[Path]:
     """Return the files that record the job: beside installed code, and on this computer."""
-    from cnc.kernels.loader import PORTABLE, host, version
+    from cnc.compiled.loader import PORTABLE, host, version
 
     files = [Path(import_module(name).__file__ or "") for name in sorted(JOBS[job].modules)]
     names = [code_cache.folder_name(file) for file in files]
@@ -192,7 +192,7 @@ def work() -> None:
     # numba imports SciPy where there is one, for products of matrices. Kernels have none, since
     # they are compiled without SciPy, too.
     sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
-    from cnc.kernels import compiler
+    from cnc.compiled import compiler
 
     compiler.watchers.append(lambda kernel: _tell(kernel.label))
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()

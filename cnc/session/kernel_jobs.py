@@ -38,14 +38,14 @@ class Job(NamedTuple):
 
 def read() -> None:
     """Read straight moves."""
-    from cnc.gcode.program.plain_lines import SHORTEST
+    from cnc.gcode.core.line_steps import SHORTEST
 
     _read(["G0 X1"] * SHORTEST)
 
 
 def evaluate() -> None:
     """Read lines with expressions."""
-    from cnc.gcode.program.line_steps import MANY_LINES
+    from cnc.gcode.core.line_steps import MANY_LINES
 
     _read(["#1=1", "G0 X#1"] * MANY_LINES)
 
@@ -93,12 +93,12 @@ def plan_corner() -> None:
 
 def stop() -> None:
     """Come to rest on a curve, and slow there."""
-    from cnc.kernels.planner.slowed_clock import pace_wanted
-    from cnc.kernels.planner.stopping import FAR, shortest_ramp
+    from cnc.planner.kernels.slowed_clock import pace_wanted
+    from cnc.planner.kernels.stopping import FAR, shortest_ramp
     from cnc.planner.known_path import KnownPath
     from cnc.planner.limits import Limits
     from cnc.planner.phases import plan_to_rest
-    from cnc.planner.stop_ramp import copy_by_clock, ramp_by_clock
+    from cnc.planner.slowing import copy_by_clock, ramp_by_clock
 
     limits = Limits.of(_machine())
     known_path = KnownPath(limits)
@@ -156,10 +156,9 @@ def write_lines() -> None:
 
 def cut_stock() -> None:
     """Cut a stock."""
-    from cnc.kernels.stock.cutter import FLAT, Cutter
-    from cnc.kernels.stock.sweep import Assembly
     from cnc.machine.models import Stock
-    from cnc.stock.material import Material
+    from cnc.stock.kernels.sweep import FLAT, Assembly, Cutter
+    from cnc.stock.simulation import Material
 
     tool = Assembly(Cutter(FLAT, 1.0, 1.0, 0.0), np.inf, np.inf, 0.0)
     material = Material(Stock(x=(0.0, 4.0), y=(0.0, 4.0), z=(-1.0, 0.0)))
@@ -182,7 +181,7 @@ def encode() -> None:
 
 def encode_runs() -> None:
     """Encode steps as runs for a Klipper board."""
-    from cnc.boards.klipper.steps import StepEncoder
+    from cnc.boards.klipper.sender import StepEncoder
 
     moves = np.arange(1, 5, dtype=np.int64)
     StepEncoder(80).encode(moves * 1600, np.ones(4, np.int8))
@@ -198,68 +197,92 @@ def draw() -> None:
 
 
 def _kernels(*names: str) -> frozenset[str]:
-    return frozenset(f"cnc.kernels.{name}" for name in names)
+    return frozenset(f"cnc.{name}" for name in names)
 
 
 JOBS = {
-    "expressions": Job(_kernels("gcode.program"), evaluate),
-    "lines": Job(_kernels("gcode.automaton", "gcode.statements", "gcode.line"), read),
-    "paths": Job(_kernels("path.curve", "path.arclength", "path.extremes"), build_simple),
-    "intervals": Job(_kernels("planner.subdivision", "planner.limits"), plan),
-    "refinement": Job(_kernels("planner.refine"), plan),
-    "pulses": Job(_kernels("pulses.reference_pulse", "path.curve", "path.arclength"), step),
-    "audit": Job(_kernels("planner.audit", "planner.audit_samples"), audit),
-    "planning": Job(_kernels("planner.lookahead", "planner.scurve", "planner.phases"), plan),
+    "expressions": Job(_kernels("gcode.kernels.program"), evaluate),
+    "lines": Job(
+        _kernels("gcode.kernels.automaton", "gcode.kernels.statements", "gcode.kernels.line"), read
+    ),
+    "paths": Job(_kernels("path.kernels.curve", "path.kernels.arclength"), build_simple),
+    "intervals": Job(_kernels("planner.kernels.subdivision", "planner.kernels.limits"), plan),
+    "refinement": Job(_kernels("planner.kernels.refine"), plan),
+    "pulses": Job(
+        _kernels("pulses.kernels.reference_pulse", "path.kernels.curve", "path.kernels.arclength"),
+        step,
+    ),
+    "audit": Job(_kernels("planner.kernels.audit", "planner.kernels.audit_samples"), audit),
+    "planning": Job(
+        _kernels("planner.kernels.lookahead", "planner.kernels.scurve", "planner.kernels.arrays"),
+        plan,
+    ),
     "NURBS": Job(
-        _kernels("path.bspline", "path.span_shape", "path.bernstein", "path.arclength"), build_nurbs
+        _kernels("path.kernels.bspline", "path.kernels.span_shape", "path.kernels.arclength"),
+        build_nurbs,
     ),
-    "fits": Job(_kernels("path.fit_tube"), fit),
+    "fits": Job(_kernels("path.kernels.fit_program"), fit),
     "knots of fits": Job(
-        _kernels("path.fit_chain", "path.fit_stretches", "path.fit_squares", "path.fit_spline"), fit
+        _kernels(
+            "path.kernels.fit_spline", "path.kernels.fit_stretches", "path.kernels.fit_squares"
+        ),
+        fit,
     ),
-    "pieces of fits": Job(_kernels("path.fit_proof", "path.fit_pieces", "path.fit_records"), fit),
+    "pieces of fits": Job(_kernels("path.kernels.fit_proof", "path.kernels.fit_pieces"), fit),
     "corner blends": Job(
         _kernels(
-            "planner.corners",
-            "planner.legs",
-            "planner.corner_bends",
-            "planner.corner_turning",
-            "planner.corner_cubic",
-            "planner.corner_room",
+            "planner.kernels.corners",
+            "planner.kernels.legs",
+            "planner.kernels.corner_bends",
+            "planner.kernels.corner_turning",
+            "planner.kernels.corner_cubic",
+            "planner.kernels.corner_room",
         ),
         plan_corner,
     ),
     "corner stops": Job(
         _kernels(
-            "planner.corner_stops",
-            "planner.corner_places",
-            "planner.corner_legs",
-            "planner.corner_guess",
-            "planner.corner_known",
-            "planner.corner_search",
+            "planner.kernels.corner_stops",
+            "planner.kernels.corner_places",
+            "planner.kernels.corner_legs",
+            "planner.kernels.corner_guess",
+            "planner.kernels.corner_known",
+            "planner.kernels.corner_search",
         ),
         plan_corner,
     ),
     "corner motions": Job(
         _kernels(
-            "planner.corner_motion",
-            "planner.corner_newton",
-            "planner.corner_step",
-            "planner.corner_rows",
-            "planner.corner_tube",
-            "planner.corner_hold",
-            "planner.corner_clock",
-            "planner.corner_pieces",
+            "planner.kernels.corner_motion",
+            "planner.kernels.corner_newton",
+            "planner.kernels.corner_step",
+            "planner.kernels.corner_rows",
+            "planner.kernels.corner_tube",
+            "planner.kernels.corner_hold",
+            "planner.kernels.corner_clock",
+            "planner.kernels.corner_pieces",
         ),
         plan_corner,
     ),
-    "holds": Job(_kernels("planner.stopping", "planner.slowed_clock", "planner.corner_hold"), stop),
-    "samples": Job(_kernels("pulses.sampled"), sample),
-    "GRBL lines": Job(_kernels("grbl_lines.arc_fit", "grbl_lines.arrival"), write_lines),
-    "stock": Job(_kernels("stock.sweep", "stock.columns", "stock.cutter"), cut_stock),
-    "segments": Job(_kernels("stepper.segment_encoder", "stepper.segments"), encode),
-    "step runs": Job(_kernels("klipper.step_runs"), encode_runs),
-    "drawing": Job(_kernels("view.motion", "view.thinning", "view.points"), draw),
+    "holds": Job(
+        _kernels(
+            "planner.kernels.stopping",
+            "planner.kernels.slowed_clock",
+            "planner.kernels.corner_hold",
+        ),
+        stop,
+    ),
+    "samples": Job(_kernels("pulses.kernels.sampled"), sample),
+    "GRBL lines": Job(
+        _kernels("grbl_lines.kernels.arc_fit", "grbl_lines.kernels.arrival"), write_lines
+    ),
+    "stock": Job(_kernels("stock.kernels.sweep"), cut_stock),
+    "segments": Job(
+        _kernels("boards.stepper.kernels.segment_encoder", "boards.stepper.kernels.segments"),
+        encode,
+    ),
+    "step runs": Job(_kernels("boards.klipper.kernels.step_runs"), encode_runs),
+    "drawing": Job(_kernels("view.kernels.motion", "view.kernels.thinning"), draw),
 }
 """All jobs in the order in which they begin: the longest, and those of which others need much, come
 first. A long job at the end would leave the other processors idle."""
@@ -273,8 +296,8 @@ CHECKING = (*READING, *PLANNING, "pulses")
 
 
 def _read(lines: list[str]) -> None:
-    from cnc.gcode.program.program import interpret
-    from cnc.gcode.syntax.source_text import Text
+    from cnc.gcode.core.program import interpret
+    from cnc.gcode.reader.source_text import Text
 
     for _ in interpret(Text.of_lines(lines, "")):
         pass
@@ -311,7 +334,7 @@ def _path(blocks: list[Block]) -> Iterator[PathChunk]:
 
 def _cross() -> None:
     """Cross the limit of two parts of a path."""
-    from cnc.planner.intervals import junction_between
+    from cnc.planner.known_path import junction_between
     from cnc.planner.limits import Limits
 
     (path,) = _path([_traverses()])
@@ -321,7 +344,7 @@ def _cross() -> None:
 
 
 def _travel(path: PathChunk) -> None:
-    from cnc.path.bounds import bounding_box
+    from cnc.path.chunk import bounding_box
 
     bounding_box(path)
 

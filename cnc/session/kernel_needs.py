@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from cnc.boards.protocols import LineSink, PulseSink
-from cnc.kernels.jit import as_python
+from cnc.compiled.jit import as_python
 from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext

@@ -19,7 +19,7 @@ from cnc.model.choices import (
 class Outputs:
     """Files to write: a name, ``-`` for standard output, or None.
 
-    The suffix selects the format. :mod:`cnc.outputs` and :mod:`cnc.view.writer` list the formats.
+    The suffix selects the format. :mod:`cnc.report` and :mod:`cnc.view.writer` list the formats.
     """
 
     blocks: str | None = None

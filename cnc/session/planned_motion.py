@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from cnc.checks.block_times import BlockTimes
-from cnc.checks.travel import TravelCheck
-from cnc.grbl_lines.exact_path import exact_path
+from cnc.checks.travel import BlockTimes, TravelCheck
+from cnc.grbl_lines.line_program import exact_path
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import SampleChunk
-from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
-from cnc.planner.run_clock import RunClock
+from cnc.planner.plan import PlanChunk, RunClock
 from cnc.pulses.sampled import Sampled
-from cnc.session.context import SessionContext
-from cnc.session.stopwatch import Stopwatch
+from cnc.report.trace import TraceWriter, trace_writer
+from cnc.session.context import SessionContext, Stopwatch
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]

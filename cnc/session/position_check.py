@@ -8,17 +8,103 @@ position.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, field, replace
+from pathlib import Path
+from typing import cast
+from urllib.parse import quote
 
-from cnc.boards.protocols import LineSink
-from cnc.executor import homing
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, FiniteFloat, RootModel, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+from cnc.boards.protocols import LineSink, PulseSink
+from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.machine.models import Machine
-from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe
+from cnc.model import parameter_numbers as numbers
+from cnc.model.blocks import (
+    AXIS_LETTERS,
+    ArcFeed,
+    AxisLetter,
+    Block,
+    BoardCommand,
+    NurbsFeed,
+    Polyline,
+    Probe,
+)
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
-from cnc.session.checkpoint import Checkpoint
-from cnc.session.last_position import LastPosition
+from cnc.model.state_file import folder, read_state
+from cnc.model.streams import GcodeLine
+from cnc.planner.joints import Joints
+from cnc.session import homing
+from cnc.session.checkpoint import Checkpoint, replace_json
+from cnc.session.context import SessionContext
+from cnc.session.homing import homed_steps, homing_sequence
+
+# Machine position at the end of the last run on a board, kept on disk between the runs.
+#
+# A GRBL board counts its steps from its position at power-up, and its reports do not show a
+# restart. Therefore the reported position is compared with the position at the end of the last run.
+#
+#     STATE/positions/BOARD.json: `board`, `position` {axis: mm}, `ended`, `lost`, `shift`,
+#                                 `lost_shift`
+#
+# STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended`
+# is "" during a run, and after a crash of the computer. Then it is "end", "stopped", or the code of
+# a fault. `lost`: whether the position is unreliable. `shift` {axis: mm} is the G92 of the board,
+# which each reset clears. It is `lost_shift` after a restart, until the operator is told.
+#
+# A record that is there and cannot be read is not an absent one: the position is lost.
+
+
+@dataclass(frozen=True, slots=True)
+class LastPosition:
+    """Content of the file. ``position`` is in machine coordinates, mm (degrees), by axis."""
+
+    board: str
+    position: Mapping[str, FiniteFloat]
+    ended: str = ""
+    lost: bool = False
+    shift: Mapping[str, FiniteFloat] = field(default_factory=dict)
+    lost_shift: Mapping[str, FiniteFloat] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, board: str) -> LastPosition | None:
+        """Return the last position of a board by its identity; None if there is none.
+
+        A record that cannot be read is returned as a lost position without axes.
+        """
+        unreadable = cls(board, {}, lost=True)
+        try:
+            known = _RECORD.validate_json(_position_file(board).read_bytes())
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except (OSError, ValueError):
+            return unreadable
+        return known if known.position and known.board == board else unreadable
+
+    @property
+    def file(self) -> Path | None:
+        """The record that cannot be read; None where the position is known."""
+        return None if self.position else _position_file(self.board)
+
+    def write(self) -> None:
+        """Replace the file of this board. A failure does not stop the machine."""
+        file = _position_file(self.board)
+        with contextlib.suppress(OSError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+        replace_json(file, asdict(self), lasting=True)
+
+
+_RECORD = TypeAdapter(LastPosition)
+
+
+def _position_file(board: str) -> Path:
+    return folder() / f"{quote(board, safe='')}.json"
+
 
 ROUNDING = 0.002
 """Rounding of a reported position, mm: three decimals, in inches in the worst case."""
@@ -243,7 +329,7 @@ def home_by_board(
         Position of each axis, mm.
 
     Raises:
-        BoardError, UsageError, HomingStopped: As :func:`cnc.executor.homing.home_by_board`.
+        BoardError, UsageError, HomingStopped: As :func:`cnc.session.homing.home_by_board`.
     """
     recall_shift(board, machine)
     check = PositionCheck(board, machine, None, trusted=False)
@@ -274,3 +360,188 @@ def homing_line(blocks: Iterable[Block]) -> int:
 
 def _words(position: Mapping[str, float]) -> str:
     return " ".join(f"{letter.upper()}{value:.3f}" for letter, value in position.items())
+
+
+# Start position of a program on a board that plays pulses.
+
+
+def locate(context: SessionContext, board: PulseSink) -> None:
+    """Set the start position: where the board knows it is, or where homing will leave it.
+
+    A board that does not remember its position begins where the machine file says.
+
+    Raises:
+        BoardError: ``not-homed`` if the board has lost a position that homing can find, or
+            ``singular-pose`` where the machine stands.
+    """
+    reader, machine = context.reader, context.reader.machine
+    known, joints = board.known_steps, Joints(machine)
+    if known is None:
+        return
+    homed_machine = machine if joints.linear else joints.machine
+    sequence = (
+        homing_sequence(homed_machine, (), len(board.switches))
+        if context.options.home and board.capabilities.limit_switches
+        else ()
+    )
+    steps = homed_steps(machine, sequence, known, reader.start)
+    place = steps / joints.machine.steps_per_mm
+    reader.start = joints.tip(place)
+    if not joints.determined(place):
+        names = zip(joints.machine.axes, place.tolist(), strict=True)
+        where = " ".join(f"{name} = {value:g}" for name, value in names)
+        message = f"the machine stands in a pose that its tip does not determine ({where})"
+        hint = "move it away from the pole by hand with the drivers off, then home it"
+        raise BoardError(Diagnostic("singular-pose", message, hint=hint))
+    homed = {axis.letter for axis in sequence}
+    lost = [
+        name
+        for name, place in zip(joints.machine.axes, known, strict=True)
+        if place is None and name not in homed
+    ]
+    if not lost or sequence:
+        return
+    message = f"the board has lost the position of {' '.join(lost).upper()}"
+    if machine.can_home:
+        cause = "it was reset, or a limit switch or the emergency stop has stopped it"
+        hint = "home the machine: --home does so before the program, cncrun home alone"
+        raise BoardError(Diagnostic("not-homed", f"{message}: {cause}", hint=hint))
+    context.observer.warn(_assumed(message, machine, reader.start))
+
+
+def _assumed(message: str, machine: Machine, start: NDArray[np.float64]) -> Diagnostic:
+    """Return the warning that a position is assumed."""
+    each: Sequence[float] = start.tolist()
+    places = " ".join(
+        f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, each, strict=True)
+    )
+    message = f"{message}; the program begins as if the machine stood at {places}"
+    hint = "on a machine with limit switches, home it: --home, or cncrun home"
+    return Diagnostic("position-assumed", message, hint=hint, severity="warning")
+
+
+# Offsets (G54 to G59, G28, G30) of a GRBL board, kept on disk for checks without the board.
+#
+# They are those of the end of the last run, or of ``cncrun boards``. G92 is not among them, because
+# a reset of the board clears it.
+#
+#     STATE/positions/BOARD.offsets.json: {name: {axis: mm}}, see :mod:`cnc.session.position_check`
+
+KEPT = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30")
+Offsets = dict[str, dict[str, float]]
+"""Offset of each axis, mm, by name."""
+
+
+class _Content(RootModel[dict[str, dict[AxisLetter, FiniteFloat]]]):
+    """Content of the file."""
+
+    model_config = ConfigDict(defer_build=True, strict=True)
+
+
+def read_offsets(board: str) -> tuple[Offsets | None, list[Diagnostic]]:
+    """Return the offsets of a board by its identity, None if none can be read, and warnings."""
+    hint = "cncrun boards reads the offsets of the board, and keeps them for later checks"
+    found, warnings = read_state(_offsets_file(board), _Content, hint)
+    if found is None:
+        return None, warnings
+    kept = {name: place for name, place in found.root.items() if name in KEPT}
+    return {
+        name: {str(axis): value for axis, value in place.items()} for name, place in kept.items()
+    }, []
+
+
+def write_offsets(board: str, offsets: Mapping[str, Mapping[str, float]]) -> None:
+    """Replace the file of a board. A failure does not stop the machine."""
+    file = _offsets_file(board)
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    content = {name: dict(place) for name, place in offsets.items() if name in KEPT}
+    replace_json(file, content, lasting=False)
+
+
+def _offsets_file(board: str) -> Path:
+    return folder() / f"{quote(board, safe='')}.offsets.json"
+
+
+# Offsets of a board that plans for itself: the program is read with them, and writes them back.
+
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+FIRST_PARAMETERS = {
+    "G28": numbers.G28_POSITION,
+    "G30": numbers.G30_POSITION,
+    "G92": numbers.SHIFT,
+    **{name: numbers.origin(system) for system, name in enumerate(SYSTEMS)},
+}
+"""Number of the parameter with the X of each offset."""
+CHANGED = 0.0005
+"""Smallest change of an offset that is written to the board, mm: its reports have 3 decimals."""
+
+
+def board_parameters(board: LineSink, machine: Machine) -> dict[int, float]:
+    """Return the parameters of the offsets that the board keeps.
+
+    With them a program has the same meaning as if the board read it.
+    """
+    return offset_parameters(named_offsets(board, machine))
+
+
+def named_offsets(board: LineSink, machine: Machine) -> Offsets:
+    """Return the offsets that the board keeps."""
+    return {
+        name: dict(zip(machine.axes, place, strict=True))
+        for name, place in board.stored_offsets.items()
+    }
+
+
+def offset_parameters(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:
+    """Return the parameters of offsets."""
+    values = {numbers.CURRENT_SYSTEM: 1.0, numbers.SHIFT_IN_EFFECT: 1.0}
+    for name, place in offsets.items():
+        for letter, value in place.items():
+            values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(cast(AxisLetter, letter))] = value
+    return values
+
+
+def offsets_in(values: Mapping[int, float], machine: Machine) -> Offsets:
+    """Return the offsets in the parameters of a program."""
+    return {
+        name: {
+            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0)
+            for letter in machine.axes
+        }
+        for name in KEPT
+    }
+
+
+def offset_lines(
+    board: LineSink, machine: Machine, values: Mapping[int, float]
+) -> Iterator[GcodeLine]:
+    """Yield the lines that write changed coordinate systems (G10) to the board.
+
+    Args:
+        board: The board.
+        machine: The machine.
+        values: Parameters at the end of the program, by number.
+    """
+    letters = [letter for letter in machine.axes if letter.upper() in BOARD_LETTERS]
+    for number, name in enumerate(SYSTEMS, start=1):
+        place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
+        new = {
+            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0)
+            for letter in letters
+        }
+        changed = [
+            letter
+            for letter in letters
+            if letter in place and abs(new[letter] - place[letter]) > CHANGED
+        ]
+        if changed:
+            yield GcodeLine(
+                " ".join(
+                    (
+                        f"G10 L2 P{number}",
+                        *(f"{letter.upper()}{new[letter]:.3f}" for letter in changed),
+                    )
+                ),
+                0,
+            )

@@ -3,46 +3,222 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+import math
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.assumed_reading import AssumedReading, assumed_reading
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.modal_groups import STRICT, ReadingPolicy
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.core.tool_table import ToolTable
 from cnc.gcode.dialects.recognition import (
+    AssumedReading,
     Recognition,
+    assumed_reading,
     lathe_dialect,
     recognise,
     refuse,
     refuse_lathe,
 )
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.state.reading_policy import STRICT, ReadingPolicy
-from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.parameters import Parameters, read_parameters, write_parameters
+from cnc.gcode.reader.source_text import Text
+from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, BoardCommand
+from cnc.model import parameter_numbers as numbers
+from cnc.model.blocks import AXIS_LETTERS, Block, BoardCommand
 from cnc.model.choices import DialectName
-from cnc.model.diagnostics import Diagnostic
-from cnc.model.shown_text import printable
-from cnc.path.build import build
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError, printable
+from cnc.path.build import DueTimes, build
 from cnc.path.chunk import PathChunk
-from cnc.path.due_times import DueTimes
+from cnc.path.warp import Surface, Warp
 from cnc.planner.joints import Joints, ToolTipOf
 from cnc.planner.motion_time import motion_time
-from cnc.session.call_lines import line_of_call, unanswered_line
-from cnc.session.resume import RestartPoint
-from cnc.session.saved_state import SavedState, subroutine_folders
-from cnc.session.source import WITHOUT_FILE
+from cnc.report.result import WarpedBy
+from cnc.session.resume import RestartPoint, line_of_call, unanswered_line
 
-if TYPE_CHECKING:
-    from cnc.session.height_map import ProgramWarp
+# The file that a program is read from, and the source lines that messages show.
+
+STANDARD_INPUT = "-"
+STANDARD_INPUT_NAME = "<stdin>"
+"""Name of standard input in messages."""
+MDI_NAME = "MDI"
+"""Name of a line that the operator has entered, in messages."""
+WITHOUT_FILE = (STANDARD_INPUT_NAME, MDI_NAME)
+"""Names of programs that have no file: no checkpoint, and no folder of subroutines."""
+COPIED_BYTES = 4_000_000
+"""A longer file is copied before it is read, so that the checked program is the one that runs.
+
+The text of a shorter file stays in memory between the passes.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class InlineProgram:
+    """A program together with its text, for a computer that does not have the file."""
+
+    name: str
+    text: bytes
+
+    def __str__(self) -> str:
+        return self.name
+
+
+Source = Path | str | InlineProgram
+"""A program's file, ``-`` for standard input, or the program itself."""
+
+
+def display_name(program: Source) -> str:
+    """Return the name of the program in messages."""
+    return STANDARD_INPUT_NAME if str(program) == STANDARD_INPUT else str(program)
+
+
+@contextmanager
+def readable_file(program: Source) -> Iterator[Path]:
+    """Provide a file that can be read twice and does not change between the passes.
+
+    Standard input (``-``), pipes and long files are copied to the system's temporary folder.
+
+    Raises:
+        UsageError: ``no-such-file``, ``is-a-folder``, ``can-not-read``.
+    """
+    path = Path(str(program))
+    with ExitStack() as stack:
+        try:
+            if isinstance(program, InlineProgram):
+                path = _copy(BytesIO(program.text), stack)
+            elif str(program) == STANDARD_INPUT:
+                path = _copy(sys.stdin.buffer, stack)
+            elif path.is_dir():
+                hint = "name a program file; cncrun check accepts folders"
+                raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint=hint))
+            elif not path.is_file() or path.stat().st_size > COPIED_BYTES:
+                path = _copy(stack.enter_context(path.open("rb")), stack)
+        except FileNotFoundError as error:
+            hint = "check the name and the folder"
+            raise UsageError(
+                Diagnostic("no-such-file", f"there is no file {program}", hint=hint)
+            ) from error
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise UsageError(
+                Diagnostic("can-not-read", f"{program} cannot be read: {reason}")
+            ) from error
+        yield path
+
+
+def _copy(source: IO[bytes], stack: ExitStack) -> Path:
+    """Copy to a temporary file that is removed when ``stack`` closes."""
+    copy = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cnc-"))) / "program.nc"
+    with copy.open("wb") as target:
+        shutil.copyfileobj(source, target)
+    return copy
+
+
+def with_source_lines(faults: Sequence[CncError], paths: Mapping[str, Path]) -> list[CncError]:
+    """Add the source line, and the column of the word concerned, to faults that lack them.
+
+    Args:
+        faults: The faults, in order.
+        paths: Files whose name in messages is not their path.
+
+    Returns:
+        The faults in the same order.
+    """
+    texts: dict[str, Text] = {}
+    completed: list[CncError] = []
+    for fault in faults:
+        found = fault.diagnostic
+        path = paths.get(found.file, Path(found.file))
+        if found.line and not found.text and path.is_file():
+            text = texts.setdefault(found.file, Text.of_file(path))
+            window = text.window(found.line)
+            if window:
+                fault = _with_source_line(fault, window.text(found.line - window.first))
+        completed.append(fault)
+    return completed
+
+
+def _with_source_line(fault: CncError, text: str) -> CncError:
+    found = fault.diagnostic
+    code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
+    if found.text or not code.strip():
+        return fault
+    axis = re.match(r"[A-Z](?= would reach )", found.message)
+    letter = axis[0] if axis else "F" if found.code == "feed-unreachable" else ""
+    word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(
+        r"\S(?:.*\S)?", code
+    )
+    column, length = found.column, found.length
+    if word and not column:
+        column, length = word.start() + 1, len(word[0])
+    return type(fault)(replace(found, text=text, column=column, length=length))
+
+
+# State that a machine keeps between programs: the parameters and the tool table.
+
+
+class SavedState:
+    """Parameters and tools before a program, for each reading of it.
+
+    A parameter file that does not exist yet is read as an empty one.
+
+    Raises:
+        MachineFileError, UsageError: If a file cannot be read.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        program = machine.program
+        self._parameter_file, self._tool_file = program.parameters, program.tool_table
+        file = self._parameter_file
+        self._values = read_parameters(file) if file is not None and file.exists() else {}
+        self._tools = ToolTable() if self._tool_file is None else ToolTable.load(self._tool_file)
+
+    def adopt(self, values: Mapping[int, float]) -> None:
+        """Replace parameters by the values that a board keeps itself."""
+        self._values = {**self._values, **values}
+
+    @property
+    def given(self) -> Mapping[int, float]:
+        """Parameters that the file or the board has given, by number."""
+        return self._values
+
+    def parameters(self, *, macro: bool) -> Parameters:
+        """Return the parameters for one reading; ``macro``: with the ranges of FANUC's macros."""
+        return Parameters(self._values, macro=macro)
+
+    def tools(self) -> ToolTable:
+        """Return the tools for one reading."""
+        return ToolTable(self._tools, file=self._tools.file)
+
+    def save(self, parameters: Parameters, tools: ToolTable) -> None:
+        """Write the state after a program that ran to its end. UsageError ``can-not-write``."""
+        if self._parameter_file is not None:
+            write_parameters(self._parameter_file, parameters.stored())
+        if self._tool_file is not None and tools.changed:
+            tools.save(self._tool_file)
+
+
+def subroutine_folders(program: Path | None, machine: Machine) -> Sequence[Path]:
+    """Return the folders in which subroutine files are searched for, in order.
+
+    The folder of the program comes first (``program`` None: it has no folder), then those of the
+    machine file.
+    """
+    own = [] if program is None else [program.absolute().parent]
+    return [*own, *machine.program.subroutines]
+
 
 log = logging.getLogger(__name__)
 
@@ -341,3 +517,104 @@ class ProgramReader:
             if isinstance(block, BoardCommand) and block.homes:
                 block.answer.values = self.homed
             yield block
+
+
+# The height map of a session: its file, the warp of each reading, and its use in the report.
+
+MOVED = 0.003
+"""Smallest distance of a work zero that was moved, mm: boards report three decimals."""
+
+
+class ProgramWarp:
+    """Warps each reading of a program to the surface of a height map.
+
+    Args:
+        file: The height map.
+        machine: The machine.
+
+    Raises:
+        UsageError: ``height-map-file``, ``height-map-machine``.
+    """
+
+    def __init__(self, file: str, machine: Machine) -> None:
+        self._file, self._map = file, load_height_map(Path(file))
+        if machine.kind == "lathe" or not {"x", "y", "z"} <= set(machine.axes):
+            message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
+            hint = "leave --height-map out, or name another machine"
+            raise UsageError(Diagnostic("height-map-machine", message, hint=hint))
+        self._surface = Surface(
+            np.array(self._map.x),
+            np.array(self._map.y),
+            np.array(self._map.heights),
+            smooth=self._map.interpolation == "bicubic",
+        )
+        self._warp: Warp | None = None
+
+    def blocks(
+        self,
+        blocks: Iterable[Block],
+        machine: Machine,
+        start: NDArray[np.float64],
+        ceiling: float | None,
+    ) -> Iterator[Block]:
+        """Return the warped blocks of a reading.
+
+        Args:
+            blocks: The blocks of the program.
+            machine: The machine, with the travel of the board.
+            start: Position of the machine before the program (axes,), mm.
+            ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without.
+        """
+        travel = machine.axes["z"].travel
+        tops = [*([] if travel is None else [travel[1]]), *([] if ceiling is None else [ceiling])]
+        self._warp = Warp(
+            self._surface,
+            machine.axis_names,
+            self._map.tolerance,
+            blend=machine.path.tolerance,
+            top=min(tops, default=math.inf),
+        )
+        return self._warp.blocks(blocks, start)
+
+    def moved_zero(self, parameters: Mapping[int, float]) -> list[Diagnostic]:
+        """Return the warning ``height-map-zero`` if the work zero was moved after the probing.
+
+        Args:
+            parameters: Those before the program, by number; one that is missing is 0.
+        """
+        known = self._map
+        if known.system not in numbers.SYSTEMS:
+            return []
+        origin = numbers.origin(numbers.SYSTEMS.index(known.system))
+        is_shifted = parameters.get(numbers.SHIFT_IN_EFFECT) == 1.0
+        moved = []
+        for column, letter in enumerate(AXIS_LETTERS[:3]):
+            zero = parameters.get(origin + column, 0.0)
+            if is_shifted:
+                zero += parameters.get(numbers.SHIFT + column, 0.0)
+            distance = zero - known.work_zero.get(letter, zero)
+            if abs(distance) > MOVED:
+                moved.append(f"{letter.upper()} by {distance:.3f} mm")
+        if not moved:
+            return []
+        message = f"the zero of {known.system} was moved after the probing: {', '.join(moved)}"
+        hint = (
+            "the map stays at its place on the table, and its heights count from Z zero; "
+            "probe again if the part was moved"
+        )
+        return [Diagnostic("height-map-zero", message, hint=hint, severity="warning")]
+
+    def used(self) -> WarpedBy:
+        """Return the use of the map by the latest reading."""
+        known: HeightMap = self._map
+        low, high = known.extremes
+        return WarpedBy(
+            file=self._file,
+            columns=len(known.x),
+            rows=len(known.y),
+            lowest_mm=low,
+            highest_mm=high,
+            interpolation=known.interpolation,
+            tolerance_mm=known.tolerance,
+            pieces=0 if self._warp is None else self._warp.pieces,
+        )

@@ -9,25 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.protocols import FeasibilityCheck, PulseSink
-from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, TipControl
 from cnc.model.choices import Algorithm
 from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
-from cnc.outputs.pulses import PulseWriter, pulse_writer
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.plan import PlanChunk
-from cnc.planner.run_clock import RunClock
+from cnc.planner.plan import PlanChunk, RunClock
 from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
-from cnc.session.context import SessionContext
-from cnc.session.pauses import pause_text
+from cnc.report.pulses import PulseWriter, pulse_writer
+from cnc.session.context import SessionContext, TimedInterpolator
 from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
-from cnc.session.required_capabilities import expected_capabilities, known_driver
-from cnc.session.stopwatch import TimedInterpolator
+from cnc.session.required_capabilities import expected_capabilities, known_driver, pause_text
+from cnc.session.run_pulses import Progress, execute
 
 OnPulses = Callable[[PulseChunk], None]
 SEPARATE: Algorithm = "crossings"

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from cnc.boards.protocols import ACTIONS, Action, Capabilities, LineSink, PulseSink
 from cnc.boards.registry import BoardFactory, board_factory
+from cnc.boards.serial_port import identity
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.reader.source_text import Text
 from cnc.machine.models import Machine
 from cnc.model.blocks import (
     AnalogOutput,
@@ -18,11 +24,75 @@ from cnc.model.blocks import (
     Probe,
     Spindle,
     SpindleSync,
+    Stop,
     TipControl,
+    Tool,
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.session.pauses import needs_operator, pause_reason
+from cnc.report.result import AssumedOffset, Report
+from cnc.session.context import SessionContext
+from cnc.session.options import RunOptions
+from cnc.session.position_check import board_parameters, offset_parameters, offsets_in, read_offsets
+from cnc.session.program_reader import ProgramReader
+
+# Pauses of a program for the operator (M0, M6, M60): reason and text.
+
+_COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
+_KEYWORD = re.compile(r"\s*(?:MSG|PRINT|DEBUG|LOG)\s*,", re.IGNORECASE)
+
+
+def pause_reason(block: Block) -> str:
+    """Return why the machine waits for the operator at a block; empty if it does not wait.
+
+    The machine does not wait at M1, unless the user has turned the optional stop on.
+    """
+    if isinstance(block, Tool) and block.change:
+        return f"put in tool {block.number}"
+    if isinstance(block, Stop) and not block.optional:
+        return "change the pallet" if block.pallet else "the program stops here"
+    return ""
+
+
+def pause_text(block: Block, reader: ProgramReader) -> str:
+    """Return the reason of a pause with what the operator should know; empty without a pause.
+
+    For a tool that is its comment in the tool table. Otherwise it is the program's comment in the
+    line of the pause, or alone in the line before.
+    """
+    reason = pause_reason(block)
+    if not reason:
+        return ""
+    if isinstance(block, Tool):
+        entry = reader.saved.tools().tool(block.number)
+        if entry is not None and entry.comment:
+            return f"{reason}: {entry.comment} (tool table)"
+    comment = _comment_at(block, reader)
+    return f"{reason}: {comment}" if comment else reason
+
+
+def needs_operator(block: Block) -> GcodeError:
+    """Return the fault of a block that waits, if there is no operator."""
+    hint = "run it in a terminal and continue with the space bar, or use --yes to skip the pause"
+    message = f"{pause_reason(block)}, and there is no terminal to continue from"
+    return GcodeError(Diagnostic("needs-operator", message, block.file, block.line, hint=hint))
+
+
+def _comment_at(block: Block, reader: ProgramReader) -> str:
+    """Return the comment in the line of a block, or in the comment line before it."""
+    if block.file != reader.name:
+        return ""
+    text = Text.of_file(reader.path)
+    for line in range(block.line, max(block.line - 2, 0), -1):
+        window = text.window(line)
+        source = window.text(line - window.first) if window else ""
+        comments = " ".join(
+            _KEYWORD.sub("", first or second).strip() for first, second in _COMMENT.findall(source)
+        ).strip()
+        if comments and (line == block.line or not _COMMENT.sub("", source).strip()):
+            return comments
+    return ""
+
 
 ACTION_NAMES: dict[Action, str] = {
     "spindle": "spindle (M3)",
@@ -180,3 +250,102 @@ def expected_capabilities(machine: Machine) -> Capabilities | None:
     if driver is None or driver.takes == "lines":
         return None
     return driver.expected_capabilities(machine)
+
+
+# Options and positions that depend on the board, set before a program is read.
+
+Board = PulseSink | LineSink
+
+
+def reading_policy(options: RunOptions, machine: Machine, board: Board | None) -> ReadingPolicy:
+    """Return the user's choices.
+
+    A machine never moves by lengths that nobody gave, and a program that lacks a part of its moves
+    is checked, but neither sent nor written as pulses or lines.
+    """
+    outputs = options.outputs
+    is_check = board is None and outputs.lines is None and outputs.pulses is None
+    lengths = options.tool_lengths
+    if lengths is None:
+        moves = board is not None and not board.traits.simulated
+        lengths = "table" if moves or outputs.lines is not None else "zero"
+    return ReadingPolicy(
+        lengths,
+        options.unknown_codes,
+        "warn" if is_check else "error",
+        machine.program.codes,
+        options.default_feed,
+        options.optional_stop,
+    )
+
+
+def adopt_board(context: SessionContext, board: LineSink) -> None:
+    """Let the reader use the travel, offsets and position of the board.
+
+    Raises:
+        UsageError: ``no-pulses`` if pulses are to be written.
+        BoardError: ``laser-mode-off`` as in ``GrblBoard.limited_to_board``; ``offset-lost`` if the
+            zero of G92 is lost.
+    """
+    if context.options.outputs.pulses is not None:
+        message = "a board that plans for itself takes lines, not pulses"
+        hint = "leave --pulses out, or check the program without the board"
+        raise UsageError(Diagnostic("no-pulses", message, hint=hint))
+    context.report.check_only, context.report.planned_by_board = board.check_only, True
+    from cnc.session.position_check import refuse_lost_shift
+
+    reader = context.reader
+    reader.machine = board.limited_to_board(reader.machine)
+    refuse_lost_shift(board, reader.machine)
+    homes = context.options.home and not board.check_only
+    reader.start = np.array(board.homed_position if homes else board.position)
+    reader.homed = board.homed_position
+    reader.ceiling = board.ceiling
+    reader.saved.adopt(board_parameters(board, reader.machine))
+
+
+def adopt_kept_offsets(context: SessionContext) -> None:
+    """Let the reader use the offsets of the last run on the GRBL board, if they are known."""
+    reader = context.reader
+    if not takes_lines(reader.machine.board.kind):
+        return
+    port = reader.machine.board.port
+    kept, warnings = (None, []) if port is None else read_offsets(identity(port))
+    for warning in warnings:
+        context.observer.warn(warning)
+    if kept is not None:
+        reader.saved.adopt(offset_parameters(kept))
+    values = reader.saved.parameters(macro=False).values
+    offset = offsets_in(values, reader.machine)["G54"]
+    context.report.offset = AssumedOffset(kept is not None, offset)
+
+
+def assumed_offset(report: Report) -> Iterator[Diagnostic]:
+    """Yield a warning if a check failed at the travel with an offset that is only assumed."""
+    offset = report.offset
+    if offset is None or offset.kept:
+        return
+    if any(fault.diagnostic.code == "soft-limit" for fault in report.faults):
+        g54 = " ".join(f"{axis.upper()}{value:g}" for axis, value in offset.g54.items())
+        message = f"G54 is assumed to be {g54}: that of the board is not known"
+        hint = "cncrun boards reads the offsets of the board, and keeps them for later checks"
+        yield Diagnostic("offset-assumed", message, hint=hint, severity="warning")
+
+
+def is_attended(context: SessionContext, board: Board | None) -> bool:
+    """Whether a pause does not end the program.
+
+    A board that plans for itself waits at a pause, so an operator must continue the program.
+    """
+    pauses, has_operator = context.options.pauses, context.has_operator
+    return pauses == "skip" or (
+        pauses == "wait" and (has_operator or board is None or board.takes == "pulses")
+    )
+
+
+def refuse_lines(machine: Machine, options: RunOptions) -> None:
+    """Refuse lines for a machine with joints of its own: the board's firmware knows no joints."""
+    if takes_lines(machine.board.kind) or options.outputs.lines is not None:
+        message = "a board that takes lines has its kinematics in its firmware"
+        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
+        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))

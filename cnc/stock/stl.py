@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.outputs.targets import BytesTarget
-from cnc.stock.material import Material
+from cnc.report.targets import BytesTarget
+from cnc.stock.simulation import Material
 
 MOST_TRIANGLES = 4_000_000
 """Limit on the triangles (200 MB). A finer grid is written with wider squares."""

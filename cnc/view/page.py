@@ -21,14 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.machine.models import Machine
-from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError
-from cnc.model.shown_text import shown_name
-from cnc.outputs.targets import TextTarget
+from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError, shown_name
 from cnc.planner.joints import Joints
-from cnc.report.number_format import clock, number
-from cnc.report.result import Report
-from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
-from cnc.view.joint_curves import QUANTITIES
+from cnc.report.result import Report, clock, number
+from cnc.report.targets import TextTarget
+from cnc.view.collect import DRAWN_AXES, QUANTITIES, Picture, Sizes, stock_box, travel_box
 from cnc.view.tables import FINEST, tolerance_shown
 
 SIZES = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20, joints=1 << 12)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.view.points import Points, new_points
-from cnc.kernels.view.thinning import new_fan, thin, thin_end
+from cnc.view.kernels.motion import Points, new_points
+from cnc.view.kernels.thinning import new_fan, thin, thin_end
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class StrokeTable:
         return 0.5 * self.tolerance
 
     def add(self, points: Points) -> None:
-        """Add points in order of time, as :func:`~cnc.kernels.view.motion.follow` makes them."""
+        """Add points in order of time, as :func:`~cnc.view.kernels.motion.follow` makes them."""
         # Few at a time: points that come after a change of the tolerance must be thinned by it.
         step = self.most // 8
         for first in range(0, len(points.t), step):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.outputs.targets import BytesTarget, Output, TextTarget, Writer
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
+from cnc.report.targets import BytesTarget, Output, TextTarget, Writer
 from cnc.view import figure, page
 from cnc.view.collect import Collector
 

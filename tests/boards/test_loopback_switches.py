@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from cnc.api import RunOptions, home, run
-from cnc.boards.loopback_switches import SwitchedLoopback
+from cnc.boards.loopback import SwitchedLoopback
 from cnc.boards.registry import open_board
 from cnc.cli import exit_code
-from cnc.executor.squaring import Squared
 from cnc.kinematics.delta import Delta
 from cnc.kinematics.planar import CoreXY, CoreXZ
-from cnc.machine.models import Machine
-from cnc.machine.motors import Motor
+from cnc.machine.models import Machine, Motor
 from cnc.model.diagnostics import BoardError, UsageError
+from cnc.session.homing import Squared
 from tests.support.boards.gantry_board import QUICK, axis
 from tests.support.kinematics import machine_of
 

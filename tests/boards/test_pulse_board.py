@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cnc.boards.pulse_board import driver
+from cnc.boards import pulse_board
 from cnc.model.streams import PulseChunk
 
 
@@ -20,10 +20,10 @@ def test_a_planner_at_work_exchanges_bytes_itself(monkeypatch: pytest.MonkeyPatc
         refuse_after_fault=lambda: None,
         pump_in_background=lambda: pumped.append(now[0]),
     )
-    monkeypatch.setattr(driver.threading.Thread, "start", lambda thread: None)
-    monkeypatch.setattr(driver.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(driver.PulseBoard, "__abstractmethods__", frozenset())
-    board = driver.PulseBoard(None, supervisor)  # type: ignore[abstract, arg-type]
+    monkeypatch.setattr(pulse_board.threading.Thread, "start", lambda thread: None)
+    monkeypatch.setattr(pulse_board.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(pulse_board.PulseBoard, "__abstractmethods__", frozenset())
+    board = pulse_board.PulseBoard(None, supervisor)  # type: ignore[abstract, arg-type]
     chunk = PulseChunk(np.zeros(0, np.int64), np.zeros((0, 1), np.int8), np.zeros(0, np.int32))
     board.send(chunk)
     assert not pumped, "in virtual time there is no thread, and nothing to exchange"

@@ -14,8 +14,7 @@ from cnc.boards import registry
 from cnc.boards.file import FileBoard
 from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import BoardTraits
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine
+from cnc.machine.models import Axis, Board, Machine
 from cnc.model.diagnostics import UsageError
 
 

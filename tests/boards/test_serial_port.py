@@ -245,8 +245,8 @@ def test_a_serial_number_that_names_no_single_port_is_refused(name: str, said: s
 def test_the_machine_file_names_the_board_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
     from cnc.boards import discovery
     from cnc.boards.discovery import port_report, probe_ports
-    from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-    from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+    from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+    from cnc.simulators.grbl.ports import GrblSimulatorPort
 
     port = GrblSimulatorPort(GrblSimulator())
     monkeypatch.setattr(discovery, "open_port", lambda name, baud: port)

@@ -11,9 +11,7 @@ from cnc import cli
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.outputs.github import github
-from cnc.outputs.junit import junit
-from cnc.outputs.sarif import sarif
+from cnc.report.findings import github, junit, sarif
 from cnc.report.result import Report
 
 MACHINE = load_machine("default")

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from cnc.boards.stepper.connection import ALARMS
-from cnc.checks.catalogue import findings, groups, ignorable_codes, markdown
+from cnc.checks.selection import findings, groups, ignorable_codes, markdown
 from tests.support.paths import ROOT
 
 CODE = re.compile(r"[a-z]+(-[a-z0-9]+)+|usage")

@@ -8,7 +8,7 @@ import pytest
 
 from cnc.checks.tool_list import ToolList
 from cnc.cli.commands import exit_code
-from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.core.tool_table import ToolTable
 
 FUSION = """%
 O1001

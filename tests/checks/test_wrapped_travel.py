@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from cnc.api import RunOptions, check
-from cnc.machine.board import Board
-from cnc.machine.consistency import inconsistencies
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.load import inconsistencies
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 from tests.support.five_axis import five_axis_machine
 
 

@@ -16,7 +16,7 @@ import sys
 sys.path.insert(0, sys.argv[1])
 import cnc
 assert cnc.__file__.startswith(sys.argv[1]), cnc.__file__
-from cnc.gcode.syntax.parser import parse_line
+from cnc.gcode.reader.parser import parse_line
 from cnc.machine.load import load_machine, shipped_machines
 assert parse_line("G1 X[1 + 2]").words[1].letter == "X"
 assert {"default", "grbl-uno"} <= set(shipped_machines())
@@ -44,7 +44,7 @@ def test_a_wheel_with_compiled_kernels_is_for_one_platform(
     assert f"cp{sys.version_info.major}{sys.version_info.minor}-" in file.name
     assert not file.name.endswith("-any.whl")
     with zipfile.ZipFile(file) as archive:
-        assert "cnc/kernels/compiled/path.curve-x/curve_eval-0.code" in archive.namelist()
+        assert "cnc/compiled/code/path.curve-x/curve_eval-0.code" in archive.namelist()
         (tags,) = [name for name in archive.namelist() if name.endswith("/WHEEL")]
         assert b"Root-Is-Purelib: false" in archive.read(tags)
         tables = [name for name in archive.namelist() if name.endswith(".tables")]

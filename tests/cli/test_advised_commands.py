@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cnc.boards.grbl.simulator.faults import Alarm, Error
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.simulators.grbl.grbl_simulator import Alarm, Error, GrblSimulator
+from cnc.simulators.grbl.ports import PtyServer
 from tests.support.session.position_runs import FAST, SWITCHES
 from tests.support.waiting import wait_until
 

@@ -93,7 +93,7 @@ def test_usage_errors_are_raised(program):
 def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
     kept = check_with(program, interpolator="sampled")
     monkeypatch.setattr("cnc.session.check_pass.KEPT_NUMBERS", 0)
-    monkeypatch.setattr("cnc.session.source.COPIED_BYTES", 0)
+    monkeypatch.setattr("cnc.session.program_reader.COPIED_BYTES", 0)
     again = check_with(program, interpolator="sampled")
     for report in (kept, again):
         assert report.ok
@@ -104,7 +104,7 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
 
 
 def test_progress_is_reported_in_both_passes(program, monkeypatch):
-    monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
+    monkeypatch.setattr("cnc.gcode.core.program.REPORT_INTERVAL", 1)
     seen = []
     run(program, callbacks=Callbacks(on_progress=lambda *what: seen.append(what)))
     stages = [stage for stage, _, _ in seen]
@@ -116,7 +116,7 @@ def test_progress_is_reported_in_both_passes(program, monkeypatch):
 
 @pytest.mark.parametrize("stage", ["checking", "running"])
 def test_a_stop_ends_both_passes(program, monkeypatch, stage):
-    monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
+    monkeypatch.setattr("cnc.gcode.core.program.REPORT_INTERVAL", 1)
 
     def stopping():
         control = Control()

@@ -163,7 +163,7 @@ task.Task.perform = spoilt
     monkeypatch.setattr(
         pool,
         "START",
-        pool.START.replace("from cnc.batch.worker", f"exec({spoilt!r}); from cnc.batch.worker"),
+        pool.START.replace("from cnc.batch.task", f"exec({spoilt!r}); from cnc.batch.task"),
     )
     names = [
         tmp_path / f"{number}-{kind}.nc"
@@ -191,7 +191,7 @@ def test_an_internal_error_is_reported_and_the_rest_is_checked(tmp_path, monkeyp
     monkeypatch.setattr(
         pool,
         "START",
-        pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"),
+        pool.START.replace("from cnc.batch.task", f"exec({broken!r}); from cnc.batch.task"),
     )
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)

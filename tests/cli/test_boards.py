@@ -11,17 +11,17 @@ import pytest
 from cnc.api import check
 from cnc.boards import discovery
 from cnc.boards.discovery import FoundBoard, port_report
+from cnc.boards.grbl.link import machine_file
 from cnc.boards.grbl.messages import Firmware
-from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.stepper.protocol import VERSION, Welcome
 from cnc.boards.stepper.protocol import State as StepperState
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import PtyServer
 
 SETTINGS = {
     100: 250,

@@ -11,8 +11,8 @@ import pytest
 
 from cnc import api
 from cnc.boards.loopback import Loopback
+from cnc.cli.checking import EXIT_PIPE
 from cnc.cli.commands import app
-from cnc.cli.exit_status import EXIT_PIPE
 from cnc.cli.options import NEW_OBJECTS, library
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message

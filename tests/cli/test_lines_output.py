@@ -8,8 +8,7 @@ import pytest
 from cnc.api import Outputs, parse, start_position
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
-from cnc.machine.models import Machine
-from cnc.machine.program import Program
+from cnc.machine.models import Machine, Program
 from cnc.model.blocks import PathMode
 from cnc.model.diagnostics import UsageError
 from cnc.path.build import build

@@ -13,12 +13,11 @@ import pytest
 from cnc import api, cli
 from cnc.api import Callbacks, Control, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Alarm
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.boards.port_log import LoggedPort
+from cnc.boards.port import LoggedPort
 from cnc.boards.stepper.driver import Stepper
-from cnc.executor.run import Progress
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import Alarm, GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.stepper_rig import machine as stepper_machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.session.runs import run_with

@@ -7,8 +7,7 @@ import re
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
+from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 
 SIMULATED = ("--board", "grbl-sim", "--machine", "grbl-uno")
 

@@ -14,17 +14,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.boards.protocols import MachineReport
 from cnc.cli import progress as progress_display
 from cnc.cli import run_screen
 from cnc.cli.keyboard import HELP
 from cnc.cli.progress import ProgressDisplay
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
-from cnc.session.observer import Callbacks
+from cnc.session.context import Callbacks
+from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
+from cnc.simulators.grbl.ports import GrblSimulatorBoard
 from tests.support.paths import ROOT
 
 pty = pytest.importorskip("pty")

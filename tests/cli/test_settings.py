@@ -11,11 +11,11 @@ import pytest
 from cnc.boards.grbl.messages import Firmware
 from cnc.boards.grbl.setting_changes import GrblSettings, differing, expected_by
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
+from cnc.simulators.grbl.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import PtyServer
 from tests.support.boards.grbl_rig import connected
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")

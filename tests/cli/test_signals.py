@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.cli.signals import OperatorSignals
 from cnc.model.operator_control import Control, StoppedAtOnce
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import PtyServer
 from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 

@@ -96,7 +96,7 @@ for number in range(3):
     os.close(number)
 import sys
 sys.stdin = sys.stdout = sys.stderr = None
-from cnc.cli.streams import prepare_streams
+from cnc.cli.signals import prepare_streams
 prepare_streams()
 sys.exit(10 * (os.open(os.devnull, os.O_RDONLY) > 2) + (os.write(2, b"x") == 1))
 """

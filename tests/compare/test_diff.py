@@ -14,10 +14,7 @@ from hypothesis import strategies as st
 
 from cnc import cli
 from cnc.api import plan, start_position
-from cnc.compare.distance import LARGE, farthest
-from cnc.compare.match import hunks
-from cnc.compare.programs import compare
-from cnc.compare.track import Recorder, Track
+from cnc.compare.programs import LARGE, Recorder, Track, compare, farthest, hunks
 from cnc.machine.load import load_machine
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.sampled import Sampled

@@ -12,13 +12,13 @@ import pytest
 from cnc import cli
 from cnc.api import Report, check, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
 from cnc.machine.load import load_machine
 from cnc.model.blocks import Probe
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.streams import PulseChunk
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.simulator_bench import material_below
 
 MILL = load_machine(None)

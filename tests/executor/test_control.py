@@ -11,10 +11,10 @@ import pytest
 
 from cnc.api import Callbacks, Control, Report, check, run
 from cnc.boards.loopback import Loopback
-from cnc.executor.run import Progress
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Dwell, Held
 from cnc.model.streams import PulseChunk
+from cnc.session.run_pulses import Progress
 
 PROGRAM = """G21 G90 G94
 G0 X5 Y5

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from cnc.boards.loopback import Loopback
-from cnc.executor.run import Outcome, Progress, execute
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Block, Dwell, End, Message, Polyline, Probe, Spindle
 from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError
@@ -21,6 +20,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.session.run_pulses import Outcome, Progress, execute
 
 FILE = "p.nc"
 

@@ -14,10 +14,9 @@ import pytest
 from cnc.api import Callbacks, Control, HomingStopped, home
 from cnc.boards.loopback import Loopback
 from cnc.cli import exit_code
-from cnc.executor.homing import LATCHES, STUCK
-from cnc.executor.homing_cycles import AxisHoming, homing_sequence
 from cnc.machine.models import Homing, HomingOrder, Machine
 from cnc.model.diagnostics import BoardError, CncError, UsageError
+from cnc.session.homing import LATCHES, STUCK, AxisHoming, homing_sequence
 from tests.support.boards.homing_bench import (
     EVERYWHERE,
     INF,

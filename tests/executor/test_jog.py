@@ -9,10 +9,9 @@ import pytest
 
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import STOP_LATENCY
-from cnc.executor.jog import jog
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
-from cnc.operate.jogging import REST_TIME, jog_speed
+from cnc.operate.jogging import REST_TIME, jog, jog_speed
 from tests.support.boards.homing_bench import Bench, small
 from tests.support.boards.stepper_simulator import FREQUENCY
 

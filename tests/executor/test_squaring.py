@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import home
-from cnc.executor.squaring import Squared
 from cnc.machine.models import Homing, Machine
 from cnc.model.diagnostics import BoardError
+from cnc.session.homing import Squared
 from tests.support.boards.gantry_board import PLACES, QUICK, RecordedLoopback, gantry
 from tests.support.soak import share
 

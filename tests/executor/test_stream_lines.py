@@ -12,12 +12,11 @@ import pytest
 
 from cnc.api import Callbacks, Control, Machine, Outputs, Report, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Drop, Unplug
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import Drop, GrblSimulator, Unplug
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.simulator_bench import material_below
 from tests.support.session.runs import run_with
 from tests.support.soak import share

@@ -8,8 +8,7 @@ import pytest
 
 from cnc.api import check
 from cnc.gcode import dialects
-from cnc.gcode.dialects.assumed_reading import AssumedReading, assumed_reading
-from cnc.gcode.dialects.recognition import recognise
+from cnc.gcode.dialects.recognition import AssumedReading, assumed_reading, recognise
 from tests.support.gcode.gcode_cases import error_of, points
 
 

@@ -8,8 +8,8 @@ from importlib.resources import files
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
-from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.reader.words import G
 from cnc.model.diagnostics import UsageError
 from tests.support.gcode.gcode_cases import assert_blocks, error_of, run
 

@@ -14,8 +14,8 @@ import pytest
 
 import cnc
 from cnc.gcode import dialects
-from cnc.gcode.program.program import ProgramOptions
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import ProgramOptions
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import ArcFeed
 from tests.gcode.test_lathe import PROGRAMS, START
 from tests.support.gcode.gcode_cases import block_summaries, error_of, points, run
@@ -140,7 +140,7 @@ def test_both_readers_agree_in_diameters() -> None:
     """The compiled reader halves X as the interpreter does."""
     source = "\n".join(f"G1 X{n * 1.7} Z{n} F100" for n in range(200))
     options = ProgramOptions(lathe=True)
-    blocks = cnc.gcode.program.program.interpret(
+    blocks = cnc.gcode.core.program.interpret(
         Text.of_lines(["G18", *source.split("\n")], "t"), axes=("x", "z"), dialect="mach3",
         options=options,
     )  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import ArcFeed, Dwell
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, rows, run

@@ -9,8 +9,8 @@ from __future__ import annotations
 import pytest
 
 from cnc.gcode import dialects
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.gcode.dialects.recognition import recognise
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import Dwell, PathMode, Tool
 from tests.support.gcode.gcode_cases import error_of, points, run, warnings
 

@@ -331,8 +331,8 @@ def test_long_runs_of_moves_are_split() -> None:
 
 
 def test_blocks_are_yielded_while_lines_are_read() -> None:
-    from cnc.gcode.program.program import interpret
-    from cnc.gcode.syntax.source_text import Text
+    from cnc.gcode.core.program import interpret
+    from cnc.gcode.reader.source_text import Text
 
     read: list[int] = []
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.program import interpreter
+from cnc.gcode.core import interpreter
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.fuzz_checks import (
     Tally,

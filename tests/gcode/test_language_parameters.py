@@ -9,7 +9,7 @@ import math
 
 import pytest
 
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.reader.parameters import Parameters
 from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, rows, run
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {

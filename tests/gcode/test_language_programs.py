@@ -11,7 +11,7 @@ from functools import cache
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.model import blocks as canon
 from cnc.model.motion_commands import apart
 from tests.support.gcode.gcode_cases import run

@@ -8,8 +8,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.syntax.parser import parse_line
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.reader.parser import parse_line
+from cnc.gcode.reader.words import Word
 from tests.support.gcode.gcode_cases import assert_rows_equal, rows, run
 from tests.support.soak import share
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cnc.gcode import dialects
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.gcode.dialects.recognition import lathe_dialect, recognise, refuse, refuse_lathe
-from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.machine.load import load_machine
 from cnc.model.blocks import End, Polyline, Spindle
 from cnc.model.diagnostics import GcodeError

@@ -10,7 +10,7 @@ from __future__ import annotations
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.core.modal_groups import ReadingPolicy
 from tests.support.gcode.gcode_cases import block_summaries, error_of, points, warnings
 
 NOTED = [

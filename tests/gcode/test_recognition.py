@@ -7,10 +7,9 @@ import random
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.dialects.assumed_reading import differing_functions
-from cnc.gcode.dialects.recognition import recognise, refuse
-from cnc.gcode.program.program import ProgramOptions
-from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.program import ProgramOptions
+from cnc.gcode.dialects.recognition import differing_functions, recognise, refuse
 from cnc.model.diagnostics import GcodeError
 from tests.support.corpus import EXPECTED, STYLES, programs
 from tests.support.gcode.gcode_cases import error_of

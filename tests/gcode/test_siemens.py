@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cnc.gcode.geometry.program_frame import ProgramFrame
-from cnc.gcode.program.call_stack import Limits
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.coordinates import ProgramFrame
 from cnc.model.blocks import NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run

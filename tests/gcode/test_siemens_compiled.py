@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.program import line_index
-from cnc.gcode.program.compiled_program import CompiledProgram
+from cnc.gcode.core.compiled_program import CompiledProgram
+from cnc.gcode.reader import source_text
 from cnc.model.diagnostics import CncError
 from tests.support.gcode.gcode_cases import block_summaries, end_of
 from tests.support.soak import share
@@ -118,13 +118,13 @@ def test_compiled_code_gives_the_blocks_and_errors_of_the_interpreter(
 def test_most_lines_are_executed_by_compiled_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """X of each line is the sum of the numbers 1 to n, which R1 adds up."""
     count, read = 2000, []
-    original = line_index.parse_line
+    original = source_text.parse_line
 
     def counted(text: str, syntax: Any) -> Any:
         read.append(text)
         return original(text, syntax)
 
-    monkeypatch.setattr("cnc.gcode.syntax.source_text.parse_line", counted)
+    monkeypatch.setattr("cnc.gcode.reader.source_text.parse_line", counted)
     lines = [f"R1=R1+{n}\nG1 X=R1*0.001 Y={n}.5 F=500" for n in range(1, count + 1)]
     end = end_of("R1=0\nG90 G71\n" + "\n".join(lines), dialect="siemens")
     assert end[:2] == pytest.approx([count * (count + 1) / 2000, count + 0.5])

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.source_text import Text
+from cnc.gcode.reader.statements import Statement
 from cnc.gcode.sinumerik.variables import defined_variables
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.source_text import Text
-from cnc.gcode.syntax.statement import Statement
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.gcode_cases import end_of, error_of
 from tests.support.soak import share

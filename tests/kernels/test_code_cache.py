@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.kernels import code_cache
+from cnc.compiled import code_cache
 
 HOUR = 3600.0
 Place = Callable[[str, float], Path]
@@ -125,7 +125,7 @@ def test_two_processes_may_remove_at_once(place: Place, monkeypatch: pytest.Monk
 def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
     # A called kernel may change without a change of the file of its caller.
     texts = {
-        "caller.py": "from cnc.kernels.deep.callee import f",
+        "caller.py": "from cnc.compiled.deep.callee import f",
         "deep/callee.py": "one",
         "other.py": "other",
     }

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from cnc.kernels import code_cache, jit
-from cnc.kernels.loader import Code
+from cnc.compiled import code_cache, jit
+from cnc.compiled.loader import Code
 from tests.support.paths import ROOT
 from tests.support.waiting import HANG, wait_until
 
@@ -27,7 +27,7 @@ pytestmark = [
 ]
 
 KERNELS = '''
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 
 @njit
@@ -60,11 +60,11 @@ def top(x: float, n: int) -> float:
 EXPECTED = (1.5, 10)
 CALL = """
 import json, sys
-from cnc.kernels import jit
+from cnc.compiled import jit
 import example
 sys.stdout.write("ready\\n"); sys.stdout.flush()
 sys.stdin.readline()
-from cnc.kernels import compiler
+from cnc.compiled import compiler
 compiled = []
 compiler.watchers.append(lambda kernel: compiled.append(kernel.name))
 value = example.top(1.5, 10)
@@ -117,7 +117,7 @@ def answer(process: subprocess.Popen[str]) -> tuple[float, list[str]]:
 
 def in_python() -> float:
     names: dict[str, Any] = {}
-    exec(KERNELS.replace("from cnc.kernels.jit import njit", "njit = lambda f: f"), names)
+    exec(KERNELS.replace("from cnc.compiled.jit import njit", "njit = lambda f: f"), names)
     return float(names["top"](*EXPECTED))
 
 
@@ -183,7 +183,7 @@ def test_two_processes_compile_each_kernel_once(place: Place) -> None:
 def test_a_killed_process_leaves_no_lock(place: Place) -> None:
     hold = """
 import sys
-from cnc.kernels import code_cache
+from cnc.compiled import code_cache
 with code_cache.locked("a kernel"):
     print("held", flush=True)
     sys.stdin.readline()
@@ -204,7 +204,7 @@ def test_a_lock_is_waited_for(place: Place) -> None:
     hold = """
 import sys
 from pathlib import Path
-from cnc.kernels import code_cache
+from cnc.compiled import code_cache
 mine = sys.argv[1:] or ["second"]
 with code_cache.locked("a kernel"):
     print("held", flush=True)
@@ -213,7 +213,7 @@ with code_cache.locked("a kernel"):
 """
     look = """
 from pathlib import Path
-from cnc.kernels import code_cache
+from cnc.compiled import code_cache
 print("asks", flush=True)
 with code_cache.locked("a kernel"):
     print(Path(code_cache.cache_folder(), "released").exists(), flush=True)
@@ -296,7 +296,7 @@ def test_a_cache_that_is_damaged_in_any_way_heals(warm: Place, name: str) -> Non
 RECORDS = '''
 import numpy as np
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 ROW = np.dtype([("x", "f8"), ("n", "i8")])
 
@@ -328,7 +328,7 @@ CALL_WITH_RECORDS = """
 import json
 import numpy as np
 from numba import from_dtype
-from cnc.kernels import compiler
+from cnc.compiled import compiler
 for k in range({others}):
     from_dtype(np.dtype([(f"a{{k}}", "f8")]))
 import example
@@ -388,7 +388,7 @@ def test_installed_code_serves_another_processor(place: Place, tmp_path: Path) -
         "import example",
         f"""
 from pathlib import Path
-from cnc.kernels import code_cache
+from cnc.compiled import code_cache
 code_cache.SHIPPED = Path({str(installed)!r})
 import example""",
     )

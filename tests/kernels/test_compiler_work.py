@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cnc.kernels import jit
+from cnc.compiled import jit
 
 pytestmark = pytest.mark.skipif(not jit.compiling(), reason="kernels run as plain Python")
 
@@ -21,7 +21,7 @@ def test_a_function_of_numba_is_looked_up_once_for_the_same_types(
     from numba.core import types
     from numba.core.registry import cpu_target
 
-    from cnc.kernels import compiler_work
+    from cnc.compiled import compiler_work
 
     context, found = cpu_target.typing_context, []
     context.refresh()
@@ -57,7 +57,7 @@ def test_a_function_that_is_registered_later_becomes_known() -> None:
     from numba.core.registry import cpu_target
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-    from cnc.kernels.compiler_work import repeated_work_left_out
+    from cnc.compiled.compiler_work import repeated_work_left_out
 
     context = cpu_target.typing_context
 
@@ -101,7 +101,7 @@ def _many_kinds(values: Any, *, count: int = 3) -> float:
 def test_the_variables_of_instructions_are_those_that_numba_finds() -> None:
     from numba.core import ir
 
-    from cnc.kernels.compiler_work import repeated_work_left_out
+    from cnc.compiled.compiler_work import repeated_work_left_out
 
     def listed() -> list[list[str]]:
         return [[str(each) for each in found.list_vars()] for found in _statements(_many_kinds)]
@@ -119,7 +119,7 @@ def test_counts_of_references_are_looked_for_where_a_type_has_them() -> None:
     from numba.core import types
     from numba.core.registry import cpu_target
 
-    from cnc.kernels.compiler_work import repeated_work_left_out
+    from cnc.compiled.compiler_work import repeated_work_left_out
 
     context = cpu_target.target_context.subtarget(enable_nrt=True)
     context.refresh()
@@ -169,7 +169,7 @@ def test_an_error_names_its_place_as_that_of_numba_does() -> None:
     from numba.core.registry import cpu_target
     from numba.core.types import float64
 
-    from cnc.kernels.compiler_work import repeated_work_left_out
+    from cnc.compiled.compiler_work import repeated_work_left_out
 
     def error() -> tuple[str, list[str]]:
         with pytest.raises(TypingError) as found:
@@ -196,7 +196,7 @@ def test_the_size_of_a_type_is_found_once(monkeypatch: pytest.MonkeyPatch) -> No
     from numba.core.base import BaseContext
     from numba.core.registry import cpu_target
 
-    from cnc.kernels import compiler_work
+    from cnc.compiled import compiler_work
 
     context, found = cpu_target.target_context, []
     context.refresh()
@@ -222,7 +222,7 @@ def test_the_size_of_a_type_is_found_once(monkeypatch: pytest.MonkeyPatch) -> No
 def test_functions_that_take_the_place_in_the_source_are_known() -> None:
     from numba.core import base
 
-    from cnc.kernels.compiler_work import repeated_work_left_out
+    from cnc.compiled.compiler_work import repeated_work_left_out
 
     def with_place(context: Any, builder: Any, *, loc: Any = None) -> None:
         """Generate code."""

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from cnc.kernels.frames import with_room
+from cnc.compiled.frames import with_room
 
 resource = pytest.importorskip("resource")
 

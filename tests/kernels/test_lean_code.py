@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cnc.kernels import jit
+from cnc.compiled import jit
 from tests.support.paths import ROOT
 from tests.support.soak import share
 
@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 RECORD = np.dtype([("place", np.float64), ("count", np.int32)])
 
@@ -146,7 +146,7 @@ from example import Inner, Outer, RECORD
 
 texts = {}
 if not int(sys.argv[1]):
-    from cnc.kernels import code_library
+    from cnc.compiled import code_library
     add = code_library.KernelLibrary.add_ir_module
 
     def recorded(library, module):

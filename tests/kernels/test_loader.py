@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from cnc.kernels import jit
-from cnc.kernels.argument_types import kind, types_text
+from cnc.compiled import jit
+from cnc.compiled.argument_types import kind, types_text
 from tests.support.paths import ROOT
 from tests.support.waiting import HANG
 
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 
 class Pair(NamedTuple):

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from cnc.kernels import code_cache, jit
-from cnc.kernels.loader import Code
+from cnc.compiled import code_cache, jit
+from cnc.compiled.loader import Code
 from tests.support.paths import ROOT
 
 pytestmark = [
@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 
 class Pair(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from llvmlite import ir
 
-from cnc.kernels import jit
+from cnc.compiled import jit
 from tests.support.paths import ROOT
 
 pytestmark = [
@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.kernels.jit import njit
+from cnc.compiled.jit import njit
 
 
 class Pair(NamedTuple):
@@ -171,7 +171,7 @@ from example import Many, Pair
 
 texts, small = {}, {}
 if not int(sys.argv[1]):
-    from cnc.kernels import code_library
+    from cnc.compiled import code_library
     finalize = code_library.KernelLibrary.finalize
 
     def recorded(library):
@@ -276,7 +276,7 @@ def _function() -> tuple[ir.Module, ir.IRBuilder, Any]:
 
 
 def test_a_field_is_the_value_that_was_put_into_the_structure_last() -> None:
-    from cnc.kernels.values import extracted
+    from cnc.compiled.values import extracted
 
     _, builder, (outer, inner, number, row) = _function()
     whole = builder.insert_value(builder.insert_value(outer, inner, 0), number, (0, 0))
@@ -297,7 +297,7 @@ def test_a_field_is_the_value_that_was_put_into_the_structure_last() -> None:
 
 
 def test_values_that_nothing_uses_are_left_out() -> None:
-    from cnc.kernels.values import extracted, leave_out_unused
+    from cnc.compiled.values import extracted, leave_out_unused
 
     module, builder, (outer, inner, number, _) = _function()
     place = builder.alloca(ir.IntType(64))

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cnc.api import check
+from cnc.boards.klipper.firmware import FIRMWARES
 from cnc.boards.klipper.layout import Layout, LayoutBuilder
-from cnc.boards.klipper.simulator.firmware import FIRMWARES
 from cnc.machine.klipper import Pin
 from cnc.machine.load import load_machine, shipped_machines
 from cnc.model.diagnostics import Diagnostic, MachineFileError

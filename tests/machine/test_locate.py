@@ -1,6 +1,6 @@
 """Locations of keys in a TOML text."""
 
-from cnc.machine.locate import locate
+from cnc.machine.load import locate
 
 TEXT = """top = 1
 [a.b]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cnc.machine.load import load_machine
-from cnc.machine.motors import Motor
+from cnc.machine.models import Motor
 from cnc.model.diagnostics import MachineFileError
 
 FILE = """[axes.x]

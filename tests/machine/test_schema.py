@@ -8,9 +8,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from cnc.machine.load import load_machine, shipped_machines
+from cnc.machine.load import load_machine, machine_schema, schema_text, shipped_machines
 from cnc.machine.models import Header, Machine
-from cnc.machine.schema import machine_schema, schema_text
 from cnc.model.diagnostics import MachineFileError
 from tests.support.paths import ROOT
 
@@ -49,7 +48,7 @@ def keys(schema: dict[str, Any], *path: str) -> Iterator[tuple[tuple[str, ...], 
 
 def test_shipped_schema_is_that_of_the_models() -> None:
     assert SHIPPED.read_text(encoding="utf-8") == schema_text(), (
-        "write it anew: python -c 'from cnc.machine.schema import schema_text; "
+        "write it anew: python -c 'from cnc.machine.load import schema_text; "
         'print(schema_text(), end="")\' > docs/schemas/machine.schema.json'
     )
 

@@ -6,16 +6,16 @@ import functools
 
 import pytest
 
-from cnc.boards.grbl.simulator import board
-from cnc.boards.grbl.simulator.ports import ScaledTime
 from cnc.machine.load import load_machine
 from cnc.operate.operator_session import OperatorSession
+from cnc.simulators.grbl import ports
+from cnc.simulators.grbl.ports import ScaledTime
 
 
 @pytest.fixture
 def quick_board(monkeypatch):
     """Let the GRBL simulator run eight times as fast as a board."""
-    monkeypatch.setattr(board, "ScaledTime", functools.partial(ScaledTime, factor=8.0))
+    monkeypatch.setattr(ports, "ScaledTime", functools.partial(ScaledTime, factor=8.0))
 
 
 @pytest.fixture

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.klipper.simulator.board import KlipperSimulatorBoard
-from cnc.boards.paced_loopback import PacedLoopback
+from cnc.boards.loopback import PacedLoopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.operate import operator_session
 from cnc.operate.jogging import REST_TIME
 from cnc.operate.operator_session import OperatorSession
-from cnc.operate.worker import KEEP_ALIVE, Jog
+from cnc.operate.program_session import KEEP_ALIVE, Jog
+from cnc.simulators.grbl.ports import GrblSimulatorBoard
+from cnc.simulators.klipper.ports import KlipperSimulatorBoard
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.soak import share
 

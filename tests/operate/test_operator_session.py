@@ -8,13 +8,13 @@ import time
 
 import pytest
 
-from cnc.boards.errors import board_error
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.protocols import board_error
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import DialogClosed, EventStream, JobEnded, OffsetsChanged, State, as_object
 from cnc.operate.operator_session import OperatorSession
-from cnc.operate.worker import KEEP_ALIVE
+from cnc.operate.program_session import KEEP_ALIVE
 from tests.support.paths import ROOT
 from tests.support.waiting import wait_until
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from cnc.boards.grbl.simulator.workpiece import Box, HalfSpace, Hole, Workpiece
-from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.core.tool_table import ToolTable
 from cnc.machine.height_map import load_height_map, save_height_map
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
+from cnc.simulators.grbl.workpiece import Box, HalfSpace, Hole, Workpiece
 
 pytestmark = pytest.mark.usefixtures("quick_board")
 PATIENCE = 120

@@ -10,9 +10,8 @@ import pytest
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.events import Alarm, State
-from cnc.operate.operator_session import OperatorSession
+from cnc.operate.operator_session import OperatorSession, begin_jog
 from cnc.operate.remote_session import RemoteSession
-from cnc.operate.session_access import begin_jog
 from tests.support.waiting import HANG, wait_until
 
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
 from cnc.operate.machines import Readings
 from cnc.operate.state_view import StateView
+from cnc.session.run_pulses import Progress
 
 
 @pytest.mark.parametrize(

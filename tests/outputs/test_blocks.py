@@ -27,7 +27,7 @@ from cnc.model.blocks import (
     Tool,
     WaitInput,
 )
-from cnc.outputs.blocks import BlockWriter, block_objects
+from cnc.report.blocks import BlockWriter, block_objects
 
 AXES = load_machine("paper-nurbs").axis_names
 AT = ("p.nc", 7)

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
-from cnc.outputs.github import github
-from cnc.outputs.junit import junit
-from cnc.outputs.sarif import sarif
+from cnc.report.findings import github, junit, sarif
 from cnc.report.result import Report, Timing
 
 MACHINE = load_machine("default")

@@ -6,8 +6,8 @@ import numpy as np
 
 from cnc.machine.load import load_machine
 from cnc.model.streams import PulseChunk
-from cnc.outputs.pulses import pulse_writer
 from cnc.planner.joints import Joints
+from cnc.report.pulses import pulse_writer
 
 MACHINE = load_machine("paper-nurbs")
 

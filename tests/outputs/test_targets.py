@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cnc.model.diagnostics import UsageError
-from cnc.outputs.targets import NpzTarget, TextTarget, check_suffixes
+from cnc.report.targets import NpzTarget, TextTarget, check_suffixes
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from cnc.machine.load import load_machine
 from cnc.model.streams import SampleChunk
-from cnc.outputs.trace import trace_writer
+from cnc.report.trace import trace_writer
 
 MACHINE = load_machine("paper-nurbs")
 AXES = MACHINE.axis_names

@@ -10,11 +10,11 @@ from geomdl import NURBS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.path.curve import curve_range
-from cnc.kernels.pulses.grid_moves import Piece
-from cnc.kernels.pulses.windows import begin_window, following, new_window, next_window
 from cnc.model.blocks import ArcFeed, NurbsFeed
-from cnc.papers.algorithms.enclosing_line import Algorithm, as_printed, fitted, interpolate
+from cnc.papers.enclosing_line import Algorithm, as_printed, fitted, interpolate
+from cnc.path.kernels.curve import curve_range
+from cnc.pulses.kernels.grid_moves import Piece
+from cnc.pulses.kernels.windows import begin_window, following, new_window, next_window
 from tests.support.papers.enclosing_line import (
     BARE,
     BOTH,

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.papers.half_step import circle_by_half_steps
-from cnc.kernels.papers.point_by_point import circle_by_points, line_by_points
-from cnc.kernels.pulses.point_by_point import point_by_point_rows
 from cnc.model.blocks import ArcFeed, Block, Polyline
+from cnc.papers.kernels.half_step import circle_by_half_steps, circle_by_points, line_by_points
+from cnc.pulses.kernels.crossings import point_by_point_rows
 from tests.support.papers.half_step import (
     Floats,
     arcs,

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 
 from cnc.machine.models import PathLimits
 from cnc.model.blocks import NurbsFeed
-from cnc.papers.algorithms.nurbs_lookahead import Samples, interpolate
+from cnc.papers.nurbs_lookahead import Samples, interpolate
 from tests.support.pulses.plans import FILE, arc, path_of, polyline, trident
 from tests.support.soak import share
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.papers.experiments import enclosing_line
+from cnc.papers import enclosing_line
 from cnc.papers.page import Section, Table, write
 
 

@@ -5,9 +5,9 @@ walk them.
 import numpy as np
 import pytest
 
-from cnc.papers import page
-from cnc.papers.algorithms import half_step, point_by_point
-from cnc.papers.experiments import half_step as paper
+from cnc.papers import half_step, page
+from cnc.papers import half_step as paper
+from cnc.papers import half_step as point_by_point
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_the_figures_are_drawn(section, tmp_path):
 
 
 def test_a_line_in_space():
-    walked = half_step.line([7, -3, 5])
+    walked = half_step.half_step_line([7, -3, 5])
     assert walked.tolist()[0] == [0, 0, 0] and walked.tolist()[-1] == [7, -3, 5]
     assert len(walked) == 8
     np.testing.assert_array_less(np.abs(walked - np.outer(walked[:, 0], [1, -3 / 7, 5 / 7])), 0.5)
@@ -65,15 +65,15 @@ def test_a_line_in_space():
 
 @pytest.mark.parametrize("wrong", [[0, 0], [0.5, 1], [2**28, 1], [[1, 2]]])
 def test_ends_that_are_no_grid_points_are_refused(wrong):
-    for line in (half_step.line, point_by_point.line):
+    for line in (half_step.half_step_line, point_by_point.point_by_point_line):
         with pytest.raises(ValueError):
             line(wrong)
     with pytest.raises(ValueError):
-        point_by_point.line([1, 2, 3])
+        point_by_point.point_by_point_line([1, 2, 3])
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 2**28])
 def test_radii_that_are_none_are_refused(wrong):
-    for circle in (half_step.circle, point_by_point.circle):
+    for circle in (half_step.half_step_circle, point_by_point.point_by_point_circle):
         with pytest.raises(ValueError):
             circle(wrong)

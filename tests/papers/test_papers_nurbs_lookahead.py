@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from cnc.papers import nurbs_lookahead as paper
 from cnc.papers import page
-from cnc.papers.experiments import nurbs_lookahead as paper
 
 
 @pytest.fixture(scope="module")

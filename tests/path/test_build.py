@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import ARC, LINE, SPAN
 from cnc.model.blocks import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Probe, Spindle
 from cnc.model.diagnostics import GcodeError
+from cnc.path.block_pieces import MOST_NUMBERS, MOST_PIECES
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.path.gatherer import MOST_NUMBERS, MOST_PIECES
+from cnc.path.kernels.curve import ARC, LINE, SPAN
 from tests.support.path.path_cases import XYZ, arc, ends, evaluate, lines, random_nurbs, whole
 from tests.support.soak import share
 from tests.support.work import at_most

@@ -6,8 +6,8 @@ import pytest
 from benchmarks import cam_programs
 from benchmarks.chains import chain, distance, duration, moves, path, sampled, smooth
 from cnc.api import parse
-from cnc.kernels.path.curve import START
 from cnc.model.blocks import ArcFeed, NurbsFeed, PathMode, Polyline
+from cnc.path.kernels.curve import START
 from tests.support.path.fitted import assert_sound
 from tests.support.planner.motions import path_of
 from tests.support.soak import share

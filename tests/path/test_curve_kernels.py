@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from cnc.kernels.path.arclength import curve_arclen, curve_inv_arclen
-from cnc.kernels.path.curve import ARC, LINE, SPAN, curve_speed
 from cnc.model.blocks import NurbsFeed
+from cnc.path.kernels.arclength import curve_arclen, curve_inv_arclen
+from cnc.path.kernels.curve import ARC, LINE, SPAN, curve_speed
 from tests.support.path.path_cases import (
     XYZ,
     arc,

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import LINE, SPAN
 from cnc.model.blocks import Dwell, Message, PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import LINE, SPAN
 from tests.support.path.fitted import (
     EPS,
     assert_sound,

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import LINE
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.path.fit_choice import MOST_MOVES
+from cnc.path.fit import MOST_MOVES
+from cnc.path.kernels.curve import LINE
 from tests.support.planner.motions import AXES, lines
 
 ZIGZAG = np.array([(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)], float)

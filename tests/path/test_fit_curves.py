@@ -8,9 +8,9 @@ import pytest
 from scipy.interpolate import BSpline
 
 from benchmarks.arcs import FAMILIES, case, run
-from cnc.kernels.path.curve import ARC, LINE, SPAN
 from cnc.model.blocks import ArcFeed, Dwell, NurbsFeed, PathMode, Polyline
 from cnc.path.build import build
+from cnc.path.kernels.curve import ARC, LINE, SPAN
 from tests.support.path.fitted import assert_sound, blend, distances, pieces, sampled
 from tests.support.path.path_cases import XYZ, arc, ends, evaluate, evaluate_s, lines
 from tests.support.soak import share

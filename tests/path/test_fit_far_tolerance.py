@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import SPAN, U1, curve_eval
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.path.kernels.curve import SPAN, U1, curve_eval
 from tests.support.planner.motions import AXES, lines
 from tests.support.soak import share
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from cnc.kernels.path.fit_chain import KNOT, Chain, points_of
-from cnc.kernels.path.fit_squares import with_cuts
-from cnc.kernels.path.fit_stretches import first_knots
+from cnc.path.kernels.fit_spline import KNOT, Chain, points_of
+from cnc.path.kernels.fit_squares import with_cuts
+from cnc.path.kernels.fit_stretches import first_knots
 from tests.support.path.fitted import ALL, EPS, assert_sound, distances, fitted, pieces, sampled
 from tests.support.path.path_cases import XYZ, ends, evaluate
 from tests.support.soak import share

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cnc.kernels.path.fit_chain import KNOT
-from cnc.kernels.path.fit_tube import _speed
+from cnc.path.kernels.fit_program import _speed
+from cnc.path.kernels.fit_spline import KNOT
 
 
 def knots_at(t, inside=()):

@@ -22,8 +22,7 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import GcodeError
 from cnc.path.build import build
-from cnc.path.surface import Surface
-from cnc.path.warp import MOVES_AT_ONCE, PIECES_AT_ONCE, Warp
+from cnc.path.warp import MOVES_AT_ONCE, PIECES_AT_ONCE, Surface, Warp
 from tests.support.soak import share
 
 AXES = ("x", "y", "z")

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.path.curve import LINE
-from cnc.kernels.path.fit_chain import find_polygons
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import LINE
+from cnc.path.kernels.fit_spline import find_polygons
 from cnc.planner.joints import SHORT_LEGS, Joints
 from tests.support.planner.motions import AXES, lines, machine
 from tests.support.soak import share

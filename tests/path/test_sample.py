@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from cnc.compare.programs import points_along
 from cnc.model.blocks import ArcFeed, Polyline
 from cnc.path.build import build
-from cnc.path.sample import points_along
 
 
 def test_points_along_a_path_lie_on_it():

@@ -5,10 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cnc.path.arc import Arc
-from cnc.path.curve import Curve
-from cnc.path.line import Line
-from cnc.path.nurbs import Nurbs
+from cnc.path.curve import Arc, Curve, Line, Nurbs
 from tests.support.path.path_cases import XYZ, nurbs_oracle, random_nurbs
 
 

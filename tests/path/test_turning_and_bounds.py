@@ -8,11 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import MAX_TURNING_POINTS, SPAN, TABLE
-from cnc.kernels.path.extremes import curve_turning_points
 from cnc.model.blocks import NurbsFeed
-from cnc.path.bounds import bounding_box
+from cnc.path.chunk import bounding_box
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import MAX_TURNING_POINTS, SPAN, TABLE, curve_turning_points
 from tests.support.path.path_cases import (
     arc,
     dense,

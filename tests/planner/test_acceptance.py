@@ -5,12 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cnc.kernels.planner.phases import PHASE
 from cnc.model.blocks import PathMode
 from cnc.model.diagnostics import MotionLimitError
 from cnc.planner.acceptance import accepted_plan
-from cnc.planner.intervals import REFINED, intervals_of
-from cnc.planner.known_path import KnownPath
+from cnc.planner.kernels.arrays import PHASE
+from cnc.planner.known_path import REFINED, KnownPath, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length
 from tests.support.planner.hairpins import duration
@@ -40,7 +39,7 @@ def wrong_samples(monkeypatch):
             return known
         return known._replace(samples=WRONG * known.samples, reliable=np.zeros_like(known.reliable))
 
-    monkeypatch.setattr("cnc.planner.section.intervals_of", cut)
+    monkeypatch.setattr("cnc.planner.known_path.intervals_of", cut)
 
 
 def test_plans_from_wrong_samples_are_illegal(wrong_samples, monkeypatch):
@@ -62,7 +61,7 @@ def test_a_plan_from_wrong_samples_is_made_again_from_finer_intervals(seed, requ
 def test_a_plan_is_not_refined_where_no_intervals_are_finer(seed, request, monkeypatch):
     usual = usual_duration(seed)
     request.getfixturevalue("wrong_samples")
-    monkeypatch.setattr("cnc.planner.section.FINEST", 0.0)
+    monkeypatch.setattr("cnc.planner.known_path.FINEST", 0.0)
     assert duration(seed) > 1.05 * usual
 
 

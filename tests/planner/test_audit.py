@@ -5,16 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_range
-from cnc.kernels.planner.audit import TIMED_POINTS
-from cnc.kernels.planner.audit_positions import span_point
-from cnc.kernels.planner.hull import derivative_bounds
-from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import PathLimits
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_range
 from cnc.planner.audit import Audit
+from cnc.planner.kernels.audit import TIMED_POINTS, derivative_bounds
+from cnc.planner.kernels.audit_samples import span_point
+from cnc.planner.kernels.timed import is_timed
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from cnc.api import check
-from cnc.kernels.path.bspline import TINY
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 from cnc.model.blocks import NurbsFeed, PathMode
+from cnc.path.kernels.bspline import TINY
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.legality import Findings, examine
 from tests.support.planner.motions import machine as mill_of

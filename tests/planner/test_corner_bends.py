@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import LINE
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
+from cnc.path.kernels.curve import LINE
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk

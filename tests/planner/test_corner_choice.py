@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnc.kernels.planner.corner_known import new_known
-from cnc.kernels.planner.corner_places import MOST_CORNERS
 from cnc.planner import lookahead
 from cnc.planner.corner_choice import SHORT, passed_together
+from cnc.planner.kernels.corner_known import new_known
+from cnc.planner.kernels.corner_places import MOST_CORNERS
 from cnc.planner.limits import Limits
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import lines, machine, path_of, sampled

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.planner.corner_guess import slow_motion, slow_state
+from cnc.planner.kernels.corner_guess import slow_motion, slow_state
 from tests.planner.test_corner_motions import chain
 from tests.support.soak import share
 

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
-from cnc.kernels.planner.corner_known import new_known
-from cnc.kernels.planner.corner_motion import fastest_motion
-from cnc.kernels.planner.corner_rows import AXIS, new_rows, set_stencils
-from cnc.kernels.planner.corner_tube import Tube, place_ends, set_knots
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
+from cnc.planner.kernels.corner_known import new_known
+from cnc.planner.kernels.corner_motion import fastest_motion
+from cnc.planner.kernels.corner_rows import AXIS, new_rows, set_stencils
+from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.corners import PER_AXIS, SQUARE, duration, planned
 from tests.support.planner.motions import AXES, lines, machine, sampled

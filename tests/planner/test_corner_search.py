@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks import finishing
-from cnc.kernels.planner.corner_search import OPEN, goes_on
-from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.planner.kernels.arrays import PlanArrays
+from cnc.planner.kernels.corner_search import OPEN, goes_on
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cnc.kernels.planner.corner_newton import Newton
-from cnc.kernels.planner.corner_step import newton_step
+from cnc.planner.kernels.corner_newton import Newton
+from cnc.planner.kernels.corner_step import newton_step
 
 FREE, WIDTH, GROUPS = 40, 9, 5
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.optimize import brentq
 
 from cnc.api import Outputs, RunOptions, check
-from cnc.kernels.path.curve import LINE, SPAN
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
+from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 
 from benchmarks import corners, holds
-from cnc.executor.motion_commands import CommandsInMotion
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval
-from cnc.kernels.planner.corner_legs import LEG_STEPS, STEPS
-from cnc.kernels.planner.corner_motion import fastest_motion
-from cnc.kernels.planner.corner_rows import new_rows
-from cnc.kernels.planner.corner_tube import Tube, set_knots
-from cnc.kernels.planner.phases import PHASE
-from cnc.kernels.planner.timed import is_timed
 from cnc.model.blocks import AnalogOutput, Held, PathMode
 from cnc.model.motion_commands import command_array
 from cnc.model.operator_control import Control
 from cnc.path.build import build
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.audit import Audit
 from cnc.planner.finished import Finished, FinishedPart
+from cnc.planner.kernels.arrays import PHASE
+from cnc.planner.kernels.corner_legs import LEG_STEPS, STEPS
+from cnc.planner.kernels.corner_motion import fastest_motion
+from cnc.planner.kernels.corner_rows import new_rows
+from cnc.planner.kernels.corner_tube import Tube, set_knots
+from cnc.planner.kernels.timed import is_timed
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import slice_end
 from cnc.planner.plan import PlanChunk
+from cnc.session.run_pulses import CommandsInMotion
 from tests.support.planner.corners import PER_AXIS, assert_legal, distances, duration
 from tests.support.planner.motions import AXES, lines, sampled
 from tests.support.soak import share

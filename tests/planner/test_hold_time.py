@@ -16,7 +16,7 @@ from cnc.model.operator_control import Control
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.planner.stop_ramp import ramp_to_rest
+from cnc.planner.slowing import ramp_to_rest
 from tests.planner.test_random_programs import random_feeds, random_machine
 from tests.support.planner.motions import lines, machine, path_of
 from tests.support.soak import share

@@ -9,14 +9,13 @@ import pytest
 
 from cnc.api import Control, Outputs, RunOptions, check, parse, start_position
 from cnc.boards.loopback import Loopback
-from cnc.executor.jog import jog
-from cnc.kernels.path.curve import curve_eval, curve_range
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import MachineFileError, MotionLimitError
+from cnc.operate.jogging import jog
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.joint_path import ACCURACY
-from cnc.planner.joints import Joints
+from cnc.path.kernels.curve import curve_eval, curve_range
+from cnc.planner.joints import ACCURACY, Joints
 from tests.support.kinematics import MIDDLE, TABLES, machine_of, misfit
 from tests.support.planner.legality import compare_files
 from tests.support.planner.random_jobs import Job

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import curve_range
-from cnc.kernels.pulses.grid_moves import Piece
-from cnc.kernels.pulses.windows import begin_window, following, new_window, next_window
 from cnc.model.blocks import Block
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.planner.intervals import STANDSTILL, intervals_of
+from cnc.path.kernels.curve import curve_range
 from cnc.planner.joints import Joints
+from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
+from cnc.pulses.kernels.grid_moves import Piece
+from cnc.pulses.kernels.windows import begin_window, following, new_window, next_window
 from cnc.session.options import RunOptions
 from cnc.session.session import Session
 from tests.support.five_axis import five_axis_machine

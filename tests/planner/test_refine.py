@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks.optimum_cases import cases
-from cnc.kernels.planner.cell_motion import OPEN, cell_phases, length_to_rest
-from cnc.kernels.planner.intervals import (
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import PathMode
+from cnc.path.build import build
+from cnc.planner.kernels.arrays import PHASE, phase_at
+from cnc.planner.kernels.cells import OPEN, cell_phases, length_to_rest, possible_gain
+from cnc.planner.kernels.intervals import (
     LEVELS,
     SCRATCH,
     Intervals,
@@ -17,13 +21,8 @@ from cnc.kernels.planner.intervals import (
     interval_at,
     largest_shares,
 )
-from cnc.kernels.planner.lookahead import PLANNED
-from cnc.kernels.planner.phases import PHASE, phase_at
-from cnc.kernels.planner.stretches import possible_gain
-from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import PathMode
-from cnc.path.build import build
-from cnc.planner.intervals import STANDSTILL, intervals_of
+from cnc.planner.kernels.lookahead import PLANNED
+from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import plan_to_rest

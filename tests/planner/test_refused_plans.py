@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import cnc.planner.window as window_module
-from cnc.kernels.path.curve import SPAN, START
 from cnc.model.blocks import Dwell, Held, PathMode
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
+from cnc.path.kernels.curve import SPAN, START
 from cnc.planner.acceptance import accepted_plan
 from cnc.planner.audit import Audit
 from cnc.planner.lookahead import MOST_CAUTION, LookAhead

@@ -6,17 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import cnc.planner.section as section_module
-from cnc.kernels.planner import fastest
-from cnc.kernels.planner.cells import describe, plan_cells
-from cnc.kernels.planner.descent import centre
-from cnc.kernels.planner.phases import PHASE
-from cnc.kernels.planner.refine import refine, sum_limits
-from cnc.kernels.planner.stretches import Stretch
+import cnc.planner.known_path as section_module
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
-from cnc.planner.intervals import STANDSTILL, between, intervals_of
-from cnc.planner.known_path import KnownPath
+from cnc.planner.kernels import fastest
+from cnc.planner.kernels.arrays import PHASE
+from cnc.planner.kernels.cells import Stretch, describe, plan_cells
+from cnc.planner.kernels.descent import centre
+from cnc.planner.kernels.refine import refine, sum_limits
+from cnc.planner.known_path import STANDSTILL, KnownPath, between, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from tests.support.planner.motions import arc, lines, machine, path_of

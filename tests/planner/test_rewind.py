@@ -7,9 +7,8 @@ from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
-from cnc.planner.lookahead import LookAhead
+from cnc.planner.lookahead import LookAhead, Rewind
 from cnc.planner.phases import INSTANT
-from cnc.planner.rewind import Rewind
 from tests.support.planner.corners import PER_AXIS, duration, planned
 from tests.support.planner.motions import AXES, lines
 from tests.support.planner.operated import assert_legal_under_operator

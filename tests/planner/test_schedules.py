@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cnc.api import Callbacks, Control, Outputs, Report, RunOptions, run
-from cnc.executor.run import Progress
 from cnc.machine.models import Machine
+from cnc.session.run_pulses import Progress
 from tests.support.planner.legality import Findings, compare_files
 from tests.support.planner.random_jobs import random_job
 from tests.support.soak import share

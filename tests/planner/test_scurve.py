@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
-from cnc.kernels.planner.phases import PHASE
-from cnc.kernels.planner.scurve import (
+from cnc.planner.kernels.arrays import PHASE
+from cnc.planner.kernels.scurve import (
     peak_speed,
     phase_time,
     ramp_distance,

@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from cnc.kernels.planner import fastest
-from cnc.kernels.planner.cells import describe, plan_cells
-from cnc.kernels.planner.descent import TOUCH, centre
-from cnc.kernels.planner.examination import examine
-from cnc.kernels.planner.refine import sum_limits
-from cnc.kernels.planner.stretches import Stretch
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
-from cnc.planner import intervals as intervals_module
-from cnc.planner.intervals import STANDSTILL, intervals_of
+from cnc.planner import known_path as intervals_module
+from cnc.planner.kernels import fastest
+from cnc.planner.kernels.cells import Stretch, describe, plan_cells
+from cnc.planner.kernels.descent import TOUCH, centre
+from cnc.planner.kernels.examination import examine
+from cnc.planner.kernels.refine import sum_limits
+from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from tests.support.planner.motions import lines, machine, path_of

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.holds import held, programs
-from cnc.kernels.planner.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.planner.kernels.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.known_path import KnownPath
 from cnc.planner.limits import Limits
-from cnc.planner.stop_ramp import ramp_to_rest
+from cnc.planner.slowing import ramp_to_rest
 from tests.support.planner.motions import lines, path_of
 
 ACCEL, JERK = 1000.0, 20_000.0

@@ -8,15 +8,13 @@ which is much shorter than a step of the motion, and it may be anywhere in the s
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import METRIC, METRICS, SPAN
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.audit import JERK, audit_phases
-from cnc.kernels.planner.corner_rates import ALONG_JERK, peak_in
-from cnc.kernels.planner.plan_arrays import PlanArrays
-from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
+from cnc.path.kernels.curve import METRIC, METRICS, SPAN, Pieces
 from cnc.planner.audit import largest_values
+from cnc.planner.kernels.arrays import PlanArrays
+from cnc.planner.kernels.audit import JERK, audit_phases
+from cnc.planner.kernels.corner_rates import ALONG_JERK, peak_in
+from cnc.planner.kernels.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
 from tests.support.planner.legality import examine
 
 SECONDS = 1e-3

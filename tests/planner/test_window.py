@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.planner import lookahead
-from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
-from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST
-from cnc.kernels.planner.phases import PHASE
+from cnc.planner.kernels import lookahead
+from cnc.planner.kernels.arrays import PHASE
+from cnc.planner.kernels.intervals import LEVELS, SAMPLES, Intervals
+from cnc.planner.kernels.lookahead import PLANNED, START_TOO_FAST
 from tests.support.soak import share
 
 A, J = 2400.0, 48000.0

@@ -66,14 +66,14 @@ def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(
     make, axis, monkeypatch
 ):
     # Chunks of few pieces, so that the window is as short as it may be.
-    monkeypatch.setattr("cnc.path.gatherer.MOST_PIECES", 32)
+    monkeypatch.setattr("cnc.path.block_pieces.MOST_PIECES", 32)
     blocks, mill = make(np.random.default_rng(3)), machine(axis=axis)
     short, long = (seconds(blocks, mill, STOPS_KNOWN * times) for times in (1.0, 10.0))
     assert short == pytest.approx(long, rel=0.01)
 
 
 def test_each_stretch_is_planned_about_twice(monkeypatch):
-    monkeypatch.setattr("cnc.path.gatherer.MOST_PIECES", 64)
+    monkeypatch.setattr("cnc.path.block_pieces.MOST_PIECES", 64)
     planned, cut = [0], [0]
     plan, add = cnc.planner.acceptance.plan_to_rest, Window.add
 

@@ -10,11 +10,11 @@ import pytest
 
 from cnc.api import Machine, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
+from cnc.simulators.grbl.firmware_profile import settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.line_reader import lines_with_effects
 from tests.support.session.runs import run_with
 from tests.support.soak import share

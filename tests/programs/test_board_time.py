@@ -11,17 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import parse, start_position
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.grbl_lines.board_limits import BoardLimits
-from cnc.grbl_lines.countdown import Countdown
-from cnc.grbl_lines.exact_path import exact_path
-from cnc.grbl_lines.grbl_timing import SHORT_LINE_TIME, BoardTime
+from cnc.grbl_lines.grbl_timing import SHORT_LINE_TIME, BoardTime, Countdown
+from cnc.grbl_lines.line_program import exact_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.model.packed_lines import PackedLines
+from cnc.model.streams import PackedLines
+from cnc.simulators.grbl.firmware_profile import settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.line_reader import lines_with_effects
 from tests.support.paths import PROGRAMS
 from tests.support.programs.random_programs import random_program

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import start_position
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
-from cnc.grbl_lines.exact_path import exact_path
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
+from cnc.grbl_lines.line_program import exact_path
+from cnc.grbl_lines.path_samples import MARGIN
 from cnc.grbl_lines.translator import Translator
-from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.path.build import build

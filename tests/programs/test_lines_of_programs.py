@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from cnc.api import start_position
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.grbl_lines.board_limits import BoardLimits
-from cnc.grbl_lines.exact_path import exact_path
 from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.moves import Move as PlannedMove
-from cnc.grbl_lines.moves import PlaneArc
+from cnc.grbl_lines.line_program import exact_path
+from cnc.grbl_lines.number_format import Move as PlannedMove
+from cnc.grbl_lines.number_format import PlaneArc
 from cnc.grbl_lines.translator import PREAMBLE, Translator
 from cnc.grbl_lines.writer import LineWriter
 from cnc.machine.load import load_machine
@@ -24,8 +24,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
 from cnc.model.line_effects import ARCS, MOTIONS, LineKind, effects_of
-from cnc.model.packed_lines import PackedLines
-from cnc.model.streams import GcodeLine
+from cnc.model.streams import GcodeLine, PackedLines
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from tests.support.boards.board_reader import Move, Reader

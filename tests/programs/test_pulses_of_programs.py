@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cnc.api import Outputs, RunOptions, check, load_machine, plan, start_position
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.plan import PlanChunk
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import (
     ArcFeed,
     Coolant,

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from cnc.kernels.pulses.enclosing_line import CLOSE, PLACES, next_places, window_rows
-from cnc.kernels.pulses.grid_moves import Moves
-from cnc.kernels.pulses.polynomial import POLYNOMIAL, interpolate
+from cnc.pulses.kernels.enclosing_line import CLOSE, PLACES, next_places, window_rows
+from cnc.pulses.kernels.grid_moves import Moves
+from cnc.pulses.kernels.polynomial import POLYNOMIAL, interpolate
 from tests.support.soak import share
 
 Floats = NDArray[np.float64]

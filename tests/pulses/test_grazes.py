@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cnc.kernels.pulses.grid_moves import Moves
-from cnc.kernels.pulses.spacing import BLOCK, Buffers, without_grazes
+from cnc.pulses.kernels.grid_moves import Moves
+from cnc.pulses.kernels.reference_pulse import BLOCK, Buffers, without_grazes
 
 AXES = 3
 

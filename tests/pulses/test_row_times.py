@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.planner.plan_arrays import PlanArrays
-from cnc.kernels.pulses.grid_moves import Moves
-from cnc.kernels.pulses.spacing import Buffers, spaced
-from cnc.kernels.pulses.timing import phase_times
+from cnc.planner.kernels.arrays import PlanArrays
+from cnc.pulses.kernels.grid_moves import Moves
+from cnc.pulses.kernels.reference_pulse import Buffers, phase_times, spaced
 from tests.support.soak import share
 
 WHOLE = 3_600_000_000_000

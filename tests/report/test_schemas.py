@@ -14,7 +14,7 @@ from cnc.api import RunOptions, check
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.outputs.sarif import SARIF_SCHEMA, sarif
+from cnc.report.findings import SARIF_SCHEMA, sarif
 from cnc.report.models import summary_schema
 from cnc.report.result import Report
 from tests.support.paths import ROOT

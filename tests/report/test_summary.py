@@ -7,8 +7,7 @@ import pytest
 
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError, UsageError
-from cnc.report.number_format import clock, number, position
-from cnc.report.result import Extremes, Report, Timing
+from cnc.report.result import Extremes, Report, Timing, clock, number, position
 from cnc.report.summary import one_line, print_summary
 
 MACHINE = load_machine("default")

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from cnc.model.shown_text import printable
-from cnc.report.text_table import aligned, has_styles, join, styled
+from cnc.model.diagnostics import printable
+from cnc.report.summary import aligned, has_styles, join, styled
 
 
 class Terminal(io.StringIO):

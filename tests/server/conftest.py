@@ -12,10 +12,10 @@ import pytest
 from cnc.machine.load import load_machine
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
-from cnc.server.app import create_app
 from cnc.server.console import Console
 from cnc.server.library import Library
 from cnc.server.security import Access, Rates
+from cnc.server.serve import create_app
 
 HOST = "127.0.0.1:8080"
 JSON = {"content-type": "application/json"}

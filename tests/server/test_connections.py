@@ -12,12 +12,12 @@ import httpx
 import pytest
 import uvicorn
 
-from cnc.boards.paced_loopback import PacedLoopback
-from cnc.server import connections, hub, security
-from cnc.server.app import REQUEST_THREADS, create_app
-from cnc.server.connections import BACKLOG, LimitedProtocol
+from cnc.boards.loopback import PacedLoopback
+from cnc.server import console as hub
+from cnc.server import security, serve
 from cnc.server.library import Library
 from cnc.server.security import Access, Rates
+from cnc.server.serve import BACKLOG, REQUEST_THREADS, LimitedProtocol, create_app
 from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
 
@@ -86,7 +86,7 @@ def is_closed(connection):
 
 
 def test_connections_beyond_the_limit_are_closed(server, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(serve, "MOST_CONNECTIONS", 10)
     sockets = [server.connect() for _ in range(60)]
     wait_until(lambda: sum(is_closed(each) for each in sockets) >= 50)
     assert len(server.server.server_state.connections) <= 10
@@ -110,7 +110,7 @@ STOP = b"POST /api/stop" + POST + b"Content-Length: 2\r\n\r\n{}"
 )
 def test_a_stop_comes_through_a_crowd(server, data):
     """A crowd of the same address takes all places, and goes on to connect."""
-    assert CROWD > connections.MOST_CONNECTIONS
+    assert CROWD > serve.MOST_CONNECTIONS
     host = f"127.0.0.1:{server.port}"
     crowd, ended = deque(), threading.Event()
 
@@ -143,7 +143,7 @@ def test_a_stop_comes_through_a_crowd(server, data):
 
 def test_the_largest_crowd_makes_a_place(server, monkeypatch):
     """The connection of another address stays, although it is silent for longer."""
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(serve, "MOST_CONNECTIONS", 10)
     other = socket.create_connection(("127.0.0.1", server.port), source_address=("127.0.0.2", 0))
     crowd = [server.connect() for _ in range(30)]
     wait_until(lambda: sum(is_closed(each) for each in crowd) == 21)
@@ -155,7 +155,7 @@ def test_the_largest_crowd_makes_a_place(server, monkeypatch):
 
 @pytest.mark.parametrize("data", [b"", b"GET /api/state HTT", b"GET / HTTP/1.1\r\nHost: x\r\n"])
 def test_a_connection_without_a_whole_request_is_closed(server, monkeypatch, data):
-    monkeypatch.setattr(connections, "HEAD_TIME", 0.2)
+    monkeypatch.setattr(serve, "HEAD_TIME", 0.2)
     connection = server.connect()
     connection.sendall(data)
     wait_until(lambda: is_closed(connection))

@@ -8,10 +8,9 @@ import sys
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBL
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.machine.load import load_machine
+from cnc.simulators.grbl.firmware_profile import GRBL, settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.server.process import ServerProcess
 from tests.support.waiting import wait_until
 
@@ -32,7 +31,7 @@ def simulator():
 
 @pytest.fixture
 def terminal(simulator):
-    from cnc.boards.grbl.simulator.pty_server import PtyServer
+    from cnc.simulators.grbl.ports import PtyServer
 
     with PtyServer(simulator) as found:
         yield found

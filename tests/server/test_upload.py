@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cnc.model.diagnostics import UsageError
 from cnc.server.library import TextLines
-from cnc.server.upload import UploadDecoder
+from cnc.server.routes import UploadDecoder
 
 TEXT = st.text(st.characters(codec="utf-8"), max_size=60)
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cnc.api import Outputs, RunOptions, check
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 from tests.support.soak import share
 
 

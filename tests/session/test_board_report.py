@@ -9,9 +9,9 @@ import pytest
 
 from cnc.api import Machine, Report, check, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.report.summary import print_summary
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.simulator_bench import material_below
 from tests.support.session.runs import run_with
 

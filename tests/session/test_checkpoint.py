@@ -14,15 +14,15 @@ import pytest
 
 from cnc.api import Callbacks, Control, Report, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.session import checkpoint
 from cnc.session.checkpoint import Checkpoint, CheckpointWriter, checkpoint_schema
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.session.runs import run_with

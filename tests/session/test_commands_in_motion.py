@@ -12,17 +12,16 @@ from hypothesis import strategies as st
 
 from cnc.api import Callbacks, Control, Machine, Report, RunOptions, check, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
-from cnc.executor.motion_commands import times_at
-from cnc.executor.run import Progress
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import AnalogOutput, Block, DigitalOutput, Held, Spindle
 from cnc.model.streams import PulseChunk
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.session.run_pulses import Progress, times_at
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.gcode.gcode_cases import read
 from tests.support.session.runs import run_with
 from tests.support.soak import share

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from cnc.api import Callbacks, Report, start_position
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError
 from cnc.session.resume import RestartPoint
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorBoard, GrblSimulatorPort
 from tests.support.boards.simulator_bench import Bench
 from tests.support.session.runs import run_with
 from tests.support.soak import share

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Control, HomingStopped, Report, home
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.diagnostics import BoardError, UsageError
-from cnc.session.last_position import LastPosition
+from cnc.session.position_check import LastPosition
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.session.position_runs import (
     BELOW_ZERO,
     FAST,

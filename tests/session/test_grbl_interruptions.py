@@ -9,10 +9,9 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Callbacks, Control
-from cnc.boards.grbl.simulator.faults import Alarm, Error, Unplug
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.executor.run import Progress
 from cnc.session.checkpoint import Checkpoint
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import Alarm, Error, GrblSimulator, Unplug
 from tests.support.session.position_runs import FAST, ran
 from tests.support.soak import share
 

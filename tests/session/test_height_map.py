@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.gcode.syntax.parameter_file import write_parameters
+from cnc.gcode.reader.parameters import write_parameters
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import load_machine
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.session import Session
+from cnc.simulators.grbl.ports import GrblSimulatorBoard
 
 DEPTH = -1.0
 PROGRAM = """\

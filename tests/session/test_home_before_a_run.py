@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Callbacks, Control, HomingStopped, Report
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.session.position_runs import BELOW_ZERO, SWITCHES, refused, run_on
 
 PROGRAM = "G21 G90\nG0 X-20 Y-30\nG1 Z-5 F600\nG1 X-40 F1500\nG1 Y-50\nM2\n"

@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Control
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
-from cnc.model import state_folder
-from cnc.operate.line_machine import LineMachine
-from cnc.session.last_position import LastPosition
+from cnc.model import state_file
+from cnc.operate.machines import LineMachine
+from cnc.session.position_check import LastPosition
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer
 from tests.support.boards.line_board_conformance import ORIGIN
 from tests.support.session.position_runs import (
     BELOW_ZERO,
@@ -170,7 +169,7 @@ def test_the_zero_holds_when_the_machine_is_homed(program: Path, tmp_path: Path)
 def test_an_unreadable_record_is_a_lost_position(program: Path, damage: bytes | None) -> None:
     simulator = GrblSimulator(settings=FAST)
     assert ran(simulator, program).ok
-    file = state_folder.folder() / "the%20simulator.json"
+    file = state_file.folder() / "the%20simulator.json"
     if damage is None:
         file.unlink()
         file.mkdir()
@@ -188,7 +187,7 @@ def test_an_unreadable_record_is_a_lost_position(program: Path, damage: bytes | 
 def test_a_cut_record_is_a_lost_position_at_each_length(program: Path) -> None:
     simulator = GrblSimulator(settings=FAST)
     assert ran(simulator, program).ok
-    file = state_folder.folder() / "the%20simulator.json"
+    file = state_file.folder() / "the%20simulator.json"
     whole = file.read_bytes()
     for length in range(len(whole)):
         file.write_bytes(whole[:length])

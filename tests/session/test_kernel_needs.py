@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from cnc.api import Callbacks, Outputs
-from cnc.boards.paced_loopback import PacedLoopback
+from cnc.boards.loopback import PacedLoopback
 from cnc.cli import progress
-from cnc.kernels import code_cache, jit
+from cnc.compiled import code_cache, jit
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
 from cnc.session import kernel_cache, kernel_jobs, kernel_needs
@@ -129,7 +129,7 @@ def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
     """The examples of the jobs call the kernels with the types with which programs call them."""
     code = """
 from collections import Counter
-from cnc.kernels.loader import loader
+from cnc.compiled.loader import loader
 from cnc.session.kernel_jobs import JOBS
 from cnc.api import check
 for job in JOBS.values():
@@ -177,8 +177,8 @@ from cnc.cli import exit_code
 
 assert exit_code(["check", "programs/trident.nc"]) == 0
 unneeded = {
-    "numba", "lark", "rich", "scipy", "cnc.checks.baseline", "cnc.executor.homing",
-    "cnc.gcode.cycles.turning_cycles", "cnc.grbl_lines.translator", "cnc.session.line_pass",
+    "numba", "lark", "rich", "scipy", "cnc.checks.baseline", "cnc.session.homing",
+    "cnc.gcode.turning.cycles", "cnc.grbl_lines.translator", "cnc.session.run_lines",
 }
 found = unneeded & set(sys.modules)
 assert not found, found
@@ -285,7 +285,7 @@ def test_the_example_of_intervals_calls_the_kernel_of_junctions(monkeypatch) -> 
     """Python calls it only where a path goes on in another part of it."""
     calls: list[object] = []
     monkeypatch.setattr(
-        "cnc.planner.intervals.piece_junction", lambda *arguments: calls.append(arguments)
+        "cnc.planner.known_path.piece_junction", lambda *arguments: calls.append(arguments)
     )
     kernel_jobs._cross()
     assert len(calls) == 1

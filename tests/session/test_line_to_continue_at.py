@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from cnc.api import Callbacks, Control
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.executor.run import Progress
 from cnc.report.result import Report
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.simulator_bench import material_below
 from tests.support.session.position_runs import FAST, ran
 from tests.support.soak import share

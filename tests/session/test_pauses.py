@@ -8,11 +8,11 @@ import pytest
 
 from cnc.api import Callbacks, Control, load_machine
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.executor.run import Progress
 from cnc.model.diagnostics import Diagnostic
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.firmware_profile import GRBLHAL
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")

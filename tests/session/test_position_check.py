@@ -9,14 +9,12 @@ import pytest
 
 from cnc.api import Callbacks, Control, Report, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Alarm, Error, Unplug
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
-from cnc.executor.run import Progress
-from cnc.model import state_folder
-from cnc.session.last_position import LastPosition
+from cnc.model import state_file
+from cnc.session.position_check import LastPosition
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import Alarm, Error, GrblSimulator, Unplug
+from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer
 from tests.support.session.position_runs import (
     END,
     FAST,
@@ -209,11 +207,11 @@ def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(square: Path) -> 
     assert first.resume_line == 5
     kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
-    for file in state_folder.folder().iterdir():
+    for file in state_file.folder().iterdir():
         file.unlink()
     simulator.power_up()
     assert "was stopped at X1" in refused(ran(simulator, square, from_line=5))
-    for file in state_folder.folder().iterdir():
+    for file in state_file.folder().iterdir():
         file.unlink()
     LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
     assert "was stopped at X1" in refused(ran(simulator, square, from_line=5))

@@ -11,8 +11,8 @@ import pytest
 from cnc.api import check, load_machine, run
 from cnc.boards.protocols import BoardTraits
 from cnc.model.choices import DialectName
-from cnc.session.board_choices import reading_policy
 from cnc.session.options import Outputs, RunOptions
+from cnc.session.required_capabilities import reading_policy
 
 PROGRAM = "%\nO1000\nT1 M6\nG0 X1.\nG43 H1 Z5.\nM30\n%\n"
 

@@ -9,8 +9,8 @@ import pytest
 
 from cnc.api import check, run
 from cnc.boards.loopback import Loopback
-from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.syntax.parameter_file import read_parameters
+from cnc.gcode.core.tool_table import ToolTable
+from cnc.gcode.reader.parameters import read_parameters
 from cnc.model.diagnostics import MachineFileError, UsageError
 from tests.support.session.runs import check_with
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from cnc import check, load_machine
-from cnc.boards.klipper.position_store import PositionStore, StoredPosition
-from cnc.model import state_folder
+from cnc.boards.klipper.position import PositionStore, StoredPosition
+from cnc.model import state_file
 from cnc.model.diagnostics import Diagnostic
 from cnc.session.checkpoint import Checkpoint
-from cnc.session.kept_offsets import read_offsets, write_offsets
+from cnc.session.position_check import read_offsets, write_offsets
 
 Read = Callable[[], tuple[Any, list[Diagnostic]]]
 DEEP = "[" * 3000 + "]" * 3000
@@ -29,7 +29,7 @@ def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def offsets(_: Path) -> tuple[Path, Read, dict[str, Any], list[str]]:
     write_offsets("a board", {"G54": {"x": 1.5, "y": -2.0}})
-    (file,) = state_folder.folder().iterdir()
+    (file,) = state_file.folder().iterdir()
     good = json.loads(file.read_text())
     wrong = [
         '{"G54": {"q": 1.0}}',
@@ -47,7 +47,7 @@ def klipper(_: Path) -> tuple[Path, Read, dict[str, Any], list[str]]:
     store.write(
         StoredPosition(layout=7, number=8, offset=[9, -10], known=[True, False], moving=False)
     )
-    (file,) = state_folder.folder().iterdir()
+    (file,) = state_file.folder().iterdir()
     good = json.loads(file.read_text())
     changes: list[tuple[str, str]] = [
         ('"layout":7', f'"layout":{LONG}'),
@@ -133,9 +133,9 @@ def test_a_check_tells_of_damaged_offsets(tmp_path: Path, monkeypatch: pytest.Mo
     port = "/dev/serial/by-id/usb-none"
     machine.write_text(text.replace('kind = "grbl"', f'kind = "grbl"\nport = "{port}"', 1))
     assert port in machine.read_text()
-    monkeypatch.setattr("cnc.session.board_choices.identity", lambda port: "a board")
+    monkeypatch.setattr("cnc.session.required_capabilities.identity", lambda port: "a board")
     write_offsets("a board", {"G54": {"x": 1.0}})
-    (file,) = state_folder.folder().iterdir()
+    (file,) = state_file.folder().iterdir()
     file.write_text('{"G54": {"x": Infinity}}')
     program = tmp_path / "p.nc"
     program.write_text("G21 G90\nG0 X1\nM2\n")

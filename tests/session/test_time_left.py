@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from cnc.api import Callbacks, Control
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.protocol import RealTime
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.firmware_profile import settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.session.runs import run_with
 from tests.support.soak import share
 

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.stock.cutter import BULL, Cutter, height, lead
+from cnc.stock.kernels.sweep import BULL, Cutter, height, lead
 from tests.support.soak import share
 
 

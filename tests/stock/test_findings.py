@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from cnc import cli
 from cnc.api import check, load_machine
+from cnc.machine.load import with_stock
 from cnc.machine.models import Machine, Stock
-from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import MachineFileError, UsageError
 from tests.support.soak import share
 

@@ -5,11 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from cnc.kernels.stock.cutter import BALL, Cutter
 from cnc.machine.models import Stock
-from cnc.outputs.targets import BytesTarget
+from cnc.report.targets import BytesTarget
 from cnc.stock import stl
-from cnc.stock.material import Material
+from cnc.stock.kernels.sweep import BALL, Cutter
+from cnc.stock.simulation import Material
 from tests.stock.test_sweep import cut, path_of
 
 STOCK = Stock(x=(1.0, 9.0), y=(-2.0, 4.0), z=(-3.0, 0.5))

@@ -8,13 +8,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.stock.cutter import BALL, BULL, CONE, FLAT, Cutter
-from cnc.kernels.stock.sweep import Assembly
 from cnc.machine.models import Stock
 from cnc.model.blocks import ArcFeed, Polyline
 from cnc.path.build import build
-from cnc.stock import material as module
-from cnc.stock.material import Material, default_resolution
+from cnc.stock import simulation as module
+from cnc.stock.kernels.sweep import BALL, BULL, CONE, FLAT, Assembly, Cutter
+from cnc.stock.simulation import Material, default_resolution
 from tests.support.soak import share
 
 AXES = ("x", "y", "z")

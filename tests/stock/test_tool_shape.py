@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from cnc.kernels.stock.cutter import BALL, BULL, CONE, FLAT, height
-from cnc.stock.tool_shape import tool_shape
+from cnc.stock.kernels.sweep import BALL, BULL, CONE, FLAT, height
+from cnc.stock.simulation import tool_shape
 
 
 def cone(angle):

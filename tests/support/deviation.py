@@ -6,8 +6,8 @@ It is the larger of the two directed distances (Hausdorff distance).
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cnc.kernels.path.curve import LINE, curve_eval, curve_range
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import LINE, curve_eval, curve_range
 
 NEAR = 6
 

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.api import Outputs, RunOptions, check, load_machine
-from cnc.view.collect import Collector, Sizes
-from cnc.view.joint_curves import JointTable
+from cnc.view.collect import Collector, JointTable, Sizes
 from tests.support.paths import ROOT
 from tests.support.view.drawn import drawn
 

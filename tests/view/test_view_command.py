@@ -289,7 +289,7 @@ sys.path.insert(0, sys.argv[1])
 from pathlib import Path
 import numpy as np
 from cnc.machine.load import load_machine
-from cnc.outputs.targets import TextTarget
+from cnc.report.targets import TextTarget
 from cnc.report.result import Report
 from cnc.view import page
 from cnc.view.collect import Collector

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.kernels.view.points import Points, new_points
+from cnc.view.kernels.motion import Points, new_points
 from cnc.view.tables import CurveTable, OriginTable, StrokeTable, tolerance_shown
 
 seeds = st.integers(0, 2**32 - 1)

@@ -9,26 +9,30 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.errors import board_error
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
 from cnc.boards.grbl.faults import at_door, laser_mode_off, offset_differs, offset_not_kept
-from cnc.boards.grbl.line_groups import groups_of
 from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.messages import CONDITIONS, INPUTS, SAME_POSITION, WAITING, Status
 from cnc.boards.grbl.operation import GrblOperation
-from cnc.boards.grbl.setting_changes import GrblSettings
-from cnc.boards.grbl.setting_comparison import differences
+from cnc.boards.grbl.protocol import groups_of
+from cnc.boards.grbl.setting_changes import GrblSettings, differences
 from cnc.boards.grbl.settings import STEPS, BoardInfo
-from cnc.boards.grbl.status import CONDITIONS, INPUTS, SAME_POSITION, WAITING, Status
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import BoardTraits, Capabilities, LineSink, MachineReport, OnReport
+from cnc.boards.protocols import (
+    BoardTraits,
+    Capabilities,
+    LineSink,
+    MachineReport,
+    OnReport,
+    board_error,
+)
 from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.model.packed_lines import PackedLines
-from cnc.model.streams import LinesSent
+from cnc.model.streams import LinesSent, PackedLines
 
 STOP_LATENCY = 0.05
 """Time from a release to the cancel of a jog at the board, s: the link, and a turn of its loop."""

@@ -8,23 +8,242 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.answer_gathering import AnswerGathering
-from cnc.boards.grbl.events import Confirmed, Event, Reported, Started
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
-from cnc.boards.grbl.line_groups import LineGroup
-from cnc.boards.grbl.line_kinds import ALONE, MOST_CHARACTERS, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
-from cnc.boards.grbl.messages import Feedback
-from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
-from cnc.boards.grbl.protocol import RealTime
-from cnc.boards.grbl.status import Status, in_mm
+from cnc.boards.grbl.messages import (
+    ALONE,
+    MOST_CHARACTERS,
+    WAITING,
+    Confirmed,
+    Event,
+    Feedback,
+    Reported,
+    Started,
+    Status,
+    bare,
+    in_mm,
+)
+from cnc.boards.grbl.protocol import LineGroup, RealTime, UnansweredLines, WireTime
 from cnc.boards.port import PortLost
-from cnc.boards.protocols import OnReport
+from cnc.boards.protocols import OnReport, board_error
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
+
+# The operator's requests as real-time commands of GRBL. No I/O.
+#
+# A byte may get lost (the board loses bytes while it writes to its EEPROM). So each request is
+# compared with the status reports, and repeated. Where the machine itself holds (a program stop, a
+# tool change, the safety door, a button), this becomes a hold of the operator, who resumes at the
+# machine or here.
+#
+# A board that brakes ignores a resume. So it is sent when a report shows that the machine rests.
+
+PATIENCE = 0.5
+"""Seconds within which a real-time command must show in the status."""
+MIN_OVERRIDE = 10
+"""Per cent; GRBL's feed overrides go from 10 to 200."""
+LARGE_STEP = 10
+FEED, RAPID, SPINDLE = range(3)
+"""Columns of the overrides in a status report."""
+RAPIDS = {25: RealTime.RAPID_25, 50: RealTime.RAPID_50, 100: RealTime.RAPID_100}
+STEPS = {
+    FEED: (
+        RealTime.FEED_UP_10,
+        RealTime.FEED_UP_1,
+        RealTime.FEED_DOWN_10,
+        RealTime.FEED_DOWN_1,
+    ),
+    SPINDLE: (
+        RealTime.SPINDLE_UP_10,
+        RealTime.SPINDLE_UP_1,
+        RealTime.SPINDLE_DOWN_10,
+        RealTime.SPINDLE_DOWN_1,
+    ),
+}
+
+
+class Stepped(NamedTuple):
+    """The last step of an override: its time in s, and the reported value before it, per cent."""
+
+    time: float
+    present: int
+
+
+class OperatorRequests:
+    """Follows the requests of one operator control."""
+
+    def __init__(self, control: Control) -> None:
+        self.control = control
+        self._held = self._held_by_machine = False
+        self._requested_at = -PATIENCE
+        self._seen: tuple[object, ...] = ()
+        self._steps = {column: Stepped(-PATIENCE, -1) for column in (FEED, RAPID, SPINDLE)}
+
+    @property
+    def override(self) -> int:
+        """The requested feed override, per cent."""
+        return max(round(self.control.feed_override), MIN_OVERRIDE)
+
+    def commands(self, status: Status, status_at: float, now: float) -> bytes:
+        """Return the bytes to write now; mostly none.
+
+        There are some only after a new report or a new request.
+
+        Args:
+            status: The last status report.
+            status_at: Time of that report, s.
+            now: Present time, s.
+        """
+        control = self.control
+        seen = (status_at, control.requested)
+        if seen == self._seen:
+            return b""
+        self._seen = seen
+        return (
+            self._hold(status, status_at, now)
+            + self._step(status, now, FEED, self.override)
+            + self._step(status, now, RAPID, self.control.rapid_override)
+            + self._step(status, now, SPINDLE, round(self.control.spindle_override))
+        )
+
+    def _hold(self, status: Status, status_at: float, now: float) -> bytes:
+        control = self.control
+        if control.held != self._held:
+            if self._held and self._braking(status, status_at):
+                return b""
+            self._held, self._held_by_machine, self._requested_at = control.held, False, now
+            return RealTime.HOLD.value if self._held else RealTime.RESUME.value
+        if now - self._requested_at <= PATIENCE or status_at <= self._requested_at:
+            return b""
+        if status.state in WAITING and not self._held:
+            self._held = self._held_by_machine = True
+            control.hold()
+        elif status.state in ("Run", "Jog") and self._held:
+            self._requested_at = now
+            if not self._held_by_machine:
+                return RealTime.HOLD.value
+            # The operator has resumed at the machine.
+            self._held = self._held_by_machine = False
+            control.resume()
+        return b""
+
+    def _braking(self, status: Status, status_at: float) -> bool:
+        """Return whether a hold is not complete, by a report that may be older than the hold."""
+        if status.state not in WAITING:
+            return status_at - self._requested_at <= PATIENCE
+        return status_at <= self._requested_at or not status.at_rest
+
+    def reached(self, status: Status) -> bool:
+        """Return whether the board has all requested overrides."""
+        return status.overrides == (
+            self.override,
+            self.control.rapid_override,
+            round(self.control.spindle_override),
+        )
+
+    def _step(self, status: Status, now: float, column: int, wanted: int) -> bytes:
+        """Return one step towards a requested override.
+
+        Each step has to show in a report before the next, or GRBL may take two for one.
+        """
+        last = self._steps[column]
+        if status.overrides is None:
+            return b""
+        present = status.overrides[column]
+        if present == wanted or (present == last.present and now - last.time < PATIENCE):
+            return b""
+        self._steps[column] = Stepped(now, present)
+        if column == RAPID:
+            return RAPIDS[wanted].value
+        up_large, up_small, down_large, down_small = STEPS[column]
+        missing = wanted - present
+        large, small = (up_large, up_small) if missing > 0 else (down_large, down_small)
+        return (large if abs(missing) >= LARGE_STEP else small).value
+
+
+# How long the sender of lines sleeps while answers of a GRBL board gather. No I/O.
+#
+# A wake-up costs the computer more than a line. The board meanwhile reads the lines that wait in
+# its buffer. A wire that brings lines more slowly than the board reads them is not left idle: no
+# answers gather, and the first answer after a long move is served at once. A report makes answers
+# late: behind it, more lines are answered than is known.
+
+GATHERING = 0.5
+"""Part of the time of the unanswered lines but one in which answers gather. The rest covers the way
+of the answers to this computer, and its late wake-ups. One line may wait for space.
+"""
+SLOWER_THAN_WIRE = 1.3
+"""Time between answers, in times of a line on the wire, above which the board takes longer for a
+line than the wire. Answers gather only there.
+"""
+FEW_ARRIVED = 2.5
+"""Unanswered lines that have arrived at such a board. Fewer are not enough to let answers gather.
+"""
+LONGEST = 0.02
+"""Limit on that time, s."""
+SHORTEST = 0.002
+"""Time below which waiting is not worth its while, s."""
+SPARE = 0.0015
+"""Time before the wire is idle at which waiting ends, s; the mean lateness of wake-ups is added.
+A single late wake-up, which a busy computer has now and then, says nothing about the next.
+"""
+LATE_WEIGHT = 0.3
+"""Weight of the last wake-up in that mean."""
+BEHIND_REPORT = 0.8
+"""Share of the gathering while answers may wait behind a report or the answer to a mark."""
+REPORT = 40
+"""Fewest bytes of these."""
+
+
+class AnswerGathering:
+    """Follows the sleeps of one stream.
+
+    Args:
+        wire: The wire to the board.
+    """
+
+    def __init__(self, wire: WireTime) -> None:
+        self._wire = wire
+        self._asked = False
+        self._late = 0.0
+
+    def pause(
+        self, lines: UnansweredLines, interval: float, partial: bytes, now: float, *, asked: bool
+    ) -> float:
+        """Return the time to sleep before the next look at the answers, s; 0 for none.
+
+        Args:
+            lines: The unanswered lines.
+            interval: Average time between two answers, s.
+            partial: Bytes of a message that has not ended yet.
+            now: Present time, s.
+            asked: Whether a report or the answer to a mark is expected.
+        """
+        behind, self._asked = asked or self._asked, asked
+        if interval >= LONGEST:
+            return 0.0
+        wire, waiting = self._wire, lines.count
+        busy = max(wire.idle_from - now, 0.0)
+        # As long as the wire is busy, lines that are sent now would only wait for it.
+        pause = busy - SPARE - self._late
+        if waiting:
+            on_one_line = wire.byte_time * lines.bytes / waiting
+            slow = interval > SLOWER_THAN_WIRE * on_one_line
+            if slow and busy <= (waiting - FEW_ARRIVED) * on_one_line:
+                part = BEHIND_REPORT * GATHERING if behind else GATHERING
+                pause = max(pause, part * (waiting - 1) * interval)
+        if behind and partial[:1] in (b"<", b"["):
+            # No answer comes before the end of the message.
+            pause = max(pause, wire.byte_time * (REPORT - len(partial)))
+        return min(pause, LONGEST) if pause >= SHORTEST else 0.0
+
+    def woken(self, late: float) -> None:
+        """Note by which time a sleep has ended late, s."""
+        self._late += LATE_WEIGHT * (late - self._late)
+
 
 log = logging.getLogger(__name__)
 

@@ -7,30 +7,172 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from typing import NoReturn
 
-from cnc.boards.errors import board_error
+import tomlkit
+from tomlkit.items import Item, Table
+
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.codes import loses_position
-from cnc.boards.grbl.events import (
+from cnc.boards.grbl.faults import loses_position
+from cnc.boards.grbl.messages import (
     Alarmed,
     Confirmed,
     Event,
+    Feedback,
+    Firmware,
+    Other,
     Rejected,
     Reported,
+    Setting,
     Started,
+    Status,
     UnexpectedReply,
+    Welcome,
 )
-from cnc.boards.grbl.line_groups import LineGroup, single
-from cnc.boards.grbl.messages import Feedback, Firmware, Other, Setting, Welcome
-from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
-from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.status import Status
-from cnc.boards.grbl.welcome import wait_for_welcome
-from cnc.boards.grbl.wire_time import USUAL_BAUD, WireTime
-from cnc.boards.port import Clock, Port
-from cnc.boards.port_log import LoggedPort
+from cnc.boards.grbl.protocol import (
+    USUAL_BAUD,
+    GrblProtocol,
+    LineGroup,
+    RealTime,
+    State,
+    WireTime,
+    single,
+)
+from cnc.boards.grbl.settings import (
+    ACCELERATIONS,
+    ARC_TOLERANCE,
+    JUNCTION_DEVIATION,
+    NAMES,
+    RATES,
+    STEPS,
+    BoardInfo,
+)
+from cnc.boards.port import Clock, LoggedPort, Port
+from cnc.boards.protocols import board_error
+from cnc.model.blocks import AXIS_LETTERS, AxisLetter
 from cnc.model.diagnostics import BoardError
+from cnc.model.units import per_second
+
+# The welcome of a GRBL board that is connected.
+#
+# Opening a port for the first time resets most boards, and a boot loader then takes up to two
+# seconds before the firmware greets. A board that was not reset answers ``?``, and gets a soft
+# reset once it is at rest. The first answers do not count: they may be for the process that had the
+# port before. A board that sends nothing gets a line end, which firmware of another kind answers.
+# Then it is reset, then gets DTR.
+
+WELCOME_TIMEOUT = 6.0
+"""Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
+LINE_END_AFTER = 2.05
+"""Seconds without a byte after which the questions become a line, which Marlin refuses aloud."""
+RESET_AFTER = 2.25
+"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
+else.
+"""
+RAISE_DTR_AFTER = 2.5
+"""Seconds without a byte after which DTR is raised: some boards send only then. A board that this
+resets still greets in time. Where DTR is up, nothing else can be tried.
+"""
+STALE_FOR = 0.3
+"""Seconds in which a report does not count. The system, and the USB chip of the board, may hold
+reports from before the port was opened.
+"""
+BUSY_AFTER = 0.8
+"""Seconds after which a board that still moves is refused."""
+FOREIGN = 2.0
+"""Seconds from the first line or noise of another device until it counts as one: a boot loader may
+send bytes before the welcome.
+"""
+FOREIGN_TEXT = 1.4
+"""The same for a line of text, which few boot loaders send."""
+FOREIGN_ANSWER = 0.3
+"""The same after the line end: no boot loader runs any more."""
+_OLD_REPORT = re.compile(r"<\w+,MPos:")
+"""The begin of a status report of GRBL 0.9 and older."""
+
+
+def wait_for_welcome(link: GrblLink) -> Welcome:
+    """Return the welcome of a board at rest.
+
+    Raises:
+        BoardError: ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``board-alarm``,
+            ``no-answer``.
+    """
+    received: list[str] = []
+    began, foreign_since = link.listened, math.inf
+    ended = forced = reset = raised = False
+    unready: Status | None = None
+    if link.protocol.state is not State.UNKNOWN:
+        link.write(link.protocol.reset())
+        reset = True
+    while (now := link.listened) - began < WELCOME_TIMEOUT:
+        if unready is not None and now - began > BUSY_AFTER:
+            _refuse(unready, link.name)
+        if not ended and not received and now - began > LINE_END_AFTER:
+            ended = True
+            link.write(b"\n")
+        if not forced and not received and now - began > RESET_AFTER:
+            forced = reset = True
+            link.write(link.protocol.reset())
+        if not raised and not received and now - began > RAISE_DTR_AFTER:
+            if not link.raise_lines():
+                break
+            raised, reset = True, False
+        patience = FOREIGN_ANSWER if ended else FOREIGN_TEXT if _is_text(received) else FOREIGN
+        if now - foreign_since > patience and not _boots_slowly(received):
+            break
+        for event in link.listen(0.1):
+            if isinstance(event, Started):
+                link.greeted_unasked |= not reset
+                return event.welcome
+            if isinstance(event, Reported) and (
+                link.protocol.state is State.UNKNOWN or (raised and not reset)
+            ):
+                unready = None if _is_ready(event.status) else event.status
+                if unready is None and link.listened - began > STALE_FOR:
+                    link.write(link.protocol.reset())
+                    reset = True
+            elif isinstance(event, Other):
+                received.append(_text_of(event, link.name))
+        if received or link.protocol.messages.partial:
+            foreign_since = min(foreign_since, link.listened)
+    rest = link.protocol.messages.partial.decode("latin-1")
+    raise faults.not_grbl(link.name, [*received, rest] if rest else received)
+
+
+def _text_of(event: Other, name: str) -> str:
+    """Return the text of a message of another kind; BoardError for the report of an old GRBL."""
+    if old := _OLD_REPORT.match(event.text):
+        raise faults.too_old(name, "0.9", old[0])
+    return event.text
+
+
+def _is_ready(status: Status) -> bool:
+    """Return whether a board may be reset, and takes it."""
+    return status.at_rest and not status.emergency
+
+
+def _refuse(status: Status, name: str) -> NoReturn:
+    """Raise BoardError for a board that is not ready."""
+    if not status.at_rest:
+        hint = "wait until it has come to rest, or stop it with its reset button"
+        message = f"the board at {name} is moving already ({status.state})"
+        raise board_error("board-busy", message, hint=hint)
+    raise faults.emergency(name)
+
+
+def _is_text(received: Sequence[str]) -> bool:
+    """Return whether all lines can be read; there is one at least."""
+    return bool(received) and all(text.isascii() and text.isprintable() for text in received)
+
+
+def _boots_slowly(received: Sequence[str]) -> bool:
+    """Return whether the lines are those of an ESP32 that boots; networks take it some seconds."""
+    return any(text.startswith(("ets ", "rst:", "ESP-ROM:")) for text in received)
+
 
 log = logging.getLogger(__name__)
 
@@ -422,3 +564,132 @@ class GrblLink:
                     idle += event.status.state == "Idle"
                     if event.status.state != "Idle" or idle > 2:
                         return
+
+
+# The report on a GRBL board at a port: its settings, and the machine file that they give.
+#
+# GRBL reports its limits (``$$``) but has no limit of jerk. The machine file gets a jerk at which
+# an axis reaches its acceleration in JERK_TIME, so that a plan stays close to the board's own
+# ramps.
+
+JERK_TIME = 0.025
+"""Time in which an axis reaches its acceleration, s."""
+STEP_RATE = 30_000
+"""Step rate of GRBL on an Uno, steps/s; the file has more where the settings need more."""
+
+
+def grbl_report(port: str, info: BoardInfo, status: Status, baud: int) -> Iterator[str]:
+    """Yield the lines of the report: comments of TOML, then the machine file."""
+    yield f"# {info.firmware}  {info.build}  {status.state}".rstrip()
+    position = "  ".join(
+        f"{letter.upper()} {value:.3f}"
+        for letter, value in zip(AXIS_LETTERS, status.position or (), strict=False)
+    )
+    yield f"# machine position {position}"
+    yield (
+        f"# planner {info.blocks or 'unknown'} blocks, receive buffer {info.rx_bytes} bytes, "
+        f"options {info.options or 'none'}"
+    )
+    if info.extensions:
+        yield f"# extensions {', '.join(sorted(info.extensions))}"
+    for line in info.about:
+        yield f"# {line}"
+    for number, value in sorted(info.settings.items()):
+        yield f"# ${number} = {value}  {NAMES.get(number, '')}".rstrip()
+    try:
+        yield from machine_file(port, info, baud).splitlines()
+    except BoardError as error:
+        yield f"# no machine file: {error.diagnostic.message}; {error.diagnostic.hint}"
+
+
+def machine_file(port: str, info: BoardInfo, baud: int) -> str:
+    """Return the machine file (TOML) that the settings of a board give.
+
+    Args:
+        port: Name of the serial port.
+        info: Firmware and settings of the board.
+        baud: Speed of the port, bits/s.
+
+    Raises:
+        BoardError: ``board-settings``, where the board does not report the settings of its axes.
+    """
+    letters = AXIS_LETTERS[: info.axes]
+    if not letters and info.fluid:
+        message = "FluidNC keeps its settings in a file (config.yaml)"
+        hint = "write a machine file with the steps_per_mm, rates and travel of that file"
+        raise board_error("board-settings", message, hint=hint)
+    if not letters:
+        raise board_error(
+            "board-settings",
+            "the board does not report the settings of its axes",
+            hint="is its firmware GRBL 1.1 or grblHAL?",
+        )
+    file = tomlkit.document()
+    file.add(tomlkit.nl())
+    header = tomlkit.table()
+    header.add("name", info.firmware)
+    if info.laser:
+        header.add("kind", "laser")
+    header.add(tomlkit.nl())
+    file.add("machine", header)
+    rates, step_rates = [], [float(STEP_RATE)]
+    axes = tomlkit.table(is_super_table=True)
+    for column, letter in enumerate(letters):
+        steps, rate, acceleration = _axis_settings(info, column, letter)
+        rates.append(rate)
+        step_rates.append(rate * steps)
+        axes.add(letter, _axis(info, column, (steps, rate, acceleration)))
+    file.add("axes", axes)
+    if not info.homes:
+        file.add(tomlkit.comment("The board does not home ($22=0): machine zero is its position"))
+        file.add(tomlkit.comment("at power-up, and the ends of the travel are not known."))
+        file.add(tomlkit.nl())
+    path = tomlkit.table()
+    path.add("max_feed", _number(max(rates)))
+    for key, setting in (("chord_error", ARC_TOLERANCE), ("tolerance", JUNCTION_DEVIATION)):
+        value = info.number(setting)
+        if value:
+            path.add(key, _number(value, f"${setting}"))
+    path.add(tomlkit.nl())
+    file.add("path", path)
+    step_rate = math.ceil(max(step_rates))
+    file["board"] = {"kind": "grbl", "port": port, "baud": baud, "max_step_rate": step_rate}
+    return tomlkit.dumps(file)
+
+
+def _axis_settings(info: BoardInfo, column: int, letter: AxisLetter) -> tuple[float, float, float]:
+    """Return steps/mm, velocity in mm/s and acceleration in mm/s^2 of an axis."""
+    steps, rate, acceleration = (
+        info.axis(first, column) for first in (STEPS, RATES, ACCELERATIONS)
+    )
+    if steps is None or rate is None or acceleration is None:
+        numbers = f"${STEPS + column}, ${RATES + column} or ${ACCELERATIONS + column}"
+        message = f"the board does not report {numbers} of its axis {letter.upper()}"
+        raise board_error("board-settings", message, hint="set them on the board")
+    return steps, per_second(rate), acceleration
+
+
+def _axis(info: BoardInfo, column: int, settings: tuple[float, float, float]) -> Table:
+    """Return the table of an axis."""
+    steps, rate, acceleration = settings
+    minute_rate = info.axis(RATES, column)
+    table = tomlkit.table()
+    table.add("steps_per_mm", _number(steps, f"${STEPS + column}"))
+    table.add("max_velocity", _number(rate, f"${RATES + column} = {minute_rate:g} mm/min"))
+    table.add("max_acceleration", _number(acceleration, f"${ACCELERATIONS + column}"))
+    jerk = f"GRBL has none; {JERK_TIME:g} s to the full acceleration"
+    table.add("max_jerk", _number(acceleration / JERK_TIME, jerk))
+    travel = info.travel(column) if info.homes else None
+    if travel is not None:
+        table.add("travel", tomlkit.value(f"[{travel[0]:.10g}, {travel[1]:.10g}]"))
+    table.add(tomlkit.nl())
+    return table
+
+
+def _number(value: float, comment: str = "") -> Item:
+    """Return a number with ten digits, and a comment."""
+    item = tomlkit.value(f"{value:.10g}")
+    if comment:
+        item.comment(comment)
+        item.trivia.comment_ws = "  "
+    return item

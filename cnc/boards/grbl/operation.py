@@ -12,14 +12,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cnc.boards.errors import board_error
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.events import Alarmed, Started
 from cnc.boards.grbl.link import POLL_FAST
+from cnc.boards.grbl.messages import SAME_POSITION, Alarmed, Started
 from cnc.boards.grbl.protocol import RealTime, State
 from cnc.boards.grbl.settings import ACCELERATIONS, RATES, STEPS, SYSTEMS
-from cnc.boards.grbl.status import SAME_POSITION
-from cnc.boards.protocols import OnReport
+from cnc.boards.protocols import OnReport, board_error
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError

@@ -28,13 +28,295 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from operator import mul, sub
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.grbl.group_moves import GroupMoves, moves_of
-from cnc.boards.grbl.tracked_moves import AxisLimits, Move, Point
-from cnc.model.line_effects import KINDS, MOTIONS, LineKind
+from cnc.model.line_effects import ARCS, KINDS, MOTIONS, LineKind
+
+# Moves that a GRBL board has been sent, and the nearest place on them to a reported position.
+
+SHARP_TURN = 0.9
+"""Cosine of the turn between two moves below which the board nearly stops between them."""
+FULL_TURN = 5e-7
+"""rad. GRBL takes an arc that turns by less for a full circle (config.h,
+ARC_ANGULAR_TRAVEL_EPSILON).
+"""
+
+Point = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLimits:
+    """Limits of the board's axes; infinite where they are not known.
+
+    Attributes:
+        rates: mm/s.
+        accelerations: mm/s^2.
+    """
+
+    rates: Sequence[float] = ()
+    accelerations: Sequence[float] = ()
+
+    def times(self, length: Floats, direction: Floats, feed: Floats, turn: Floats) -> Floats:
+        """Return the seconds of straight moves, with the stop before each at a sharp turn.
+
+        Args:
+            length: (n,), mm.
+            direction: Unit vectors (n, axes).
+            feed: (n,), mm/s; infinite for a traverse.
+            turn: Cosine of the turn before each (n,); -1 for a start from rest.
+        """
+        size = np.abs(direction)
+        speed, acceleration = feed, np.full(len(length), math.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            limited = min(len(self.rates), len(self.accelerations), size.shape[1])
+            for column in range(limited):
+                speed = np.fmin(speed, self.rates[column] / size[:, column])
+                acceleration = np.fmin(acceleration, self.accelerations[column] / size[:, column])
+            seconds = length / speed
+            from_rest = np.where(
+                length * acceleration > speed * speed,
+                seconds + speed / acceleration,
+                2.0 * np.sqrt(length / acceleration),
+            )
+            seconds = np.where(turn > SHARP_TURN, seconds, from_rest)
+        return np.where((speed > 0.0) & (speed < math.inf), seconds, 0.0)
+
+
+class StraightMove(NamedTuple):
+    """A straight move.
+
+    Attributes:
+        line: Source line.
+        start: Machine position, mm.
+        end: Machine position, mm.
+        length: mm.
+        seconds: Approximate time.
+    """
+
+    line: int
+    start: Point
+    end: Point
+    length: float
+    seconds: float
+
+    def nearest(self, point: Point, after: float, tolerance: float) -> tuple[float, float]:
+        """Return the place on the move that is nearest to a point.
+
+        Args:
+            point: Machine position, mm.
+            after: The part of the move, 0 to 1, that has been passed.
+            tolerance: mm; not used by a straight move.
+
+        Returns:
+            The part of the move, and the distance there in mm.
+        """
+        # A move is looked at for each report, so without a function of Python for each axis.
+        gone = list(map(sub, point, self.start))
+        along = sum(map(mul, gone, map(sub, self.end, self.start)))
+        square = self.length * self.length
+        part = min(max(along / square, after), 1.0)
+        return part, math.sqrt(
+            max(sum(map(mul, gone, gone)) - part * (2.0 * along - part * square), 0.0)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ArcMove:
+    """An arc or helix.
+
+    Attributes:
+        line: Source line.
+        start: Machine position, mm.
+        end: Machine position, mm.
+        seconds: Approximate time.
+        plane: Columns of the two axes of its plane.
+        center: Centre along these axes, mm.
+        radius: mm.
+        first: Angle of the start, rad.
+        turn: Signed angle from start to end, rad, positive for counter-clockwise.
+    """
+
+    line: int
+    start: Point
+    end: Point
+    seconds: float
+    plane: tuple[int, int]
+    center: tuple[float, float]
+    radius: float
+    first: float
+    turn: float
+
+    def nearest(self, point: Point, after: float, tolerance: float) -> tuple[float, float]:
+        """Return the place on the move that is nearest to a point; see StraightMove.
+
+        Just before its beginning the board seems to be at the end of a full circle. Within the
+        tolerance of its last place it counts as being there.
+        """
+        stays = math.dist(point, self._at(after))
+        if stays <= tolerance:
+            return after, stays
+        i, j = self.plane
+        angle = math.atan2(point[j] - self.center[1], point[i] - self.center[0]) - self.first
+        turned, whole = (angle if self.turn > 0.0 else -angle) % math.tau, abs(self.turn)
+        # A point beside the arc that is nearer to its start lies before it.
+        along = (turned - math.tau if turned - whole > math.tau - turned else turned) / whole
+        # On a steep helix the height determines the place, on a flat one the angle.
+        rises = [
+            0.0 if column in self.plane else b - a
+            for column, (a, b) in enumerate(zip(self.start, self.end, strict=True))
+        ]
+        level = (self.radius * self.turn) ** 2
+        risen = sum(rise * (p - a) for rise, p, a in zip(rises, point, self.start, strict=True))
+        part = min(
+            max((level * along + risen) / (level + sum(rise * rise for rise in rises)), after),
+            1.0,
+        )
+        distance = math.dist(point, self._at(part))
+        return (part, distance) if distance < stays else (after, stays)
+
+    def _at(self, part: float) -> list[float]:
+        place = [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        angle = self.first + part * self.turn
+        place[self.plane[0]] = self.center[0] + self.radius * math.cos(angle)
+        place[self.plane[1]] = self.center[1] + self.radius * math.sin(angle)
+        return place
+
+
+Move = StraightMove | ArcMove
+
+
+# The moves of a group of lines, computed together before the first of them is sent.
+
+Floats = NDArray[np.float64]
+
+PLANES = ((0, 1), (2, 0), (1, 2))
+"""Columns of the two axes of each plane: XY, ZX, YZ."""
+ARC_KINDS = sorted(ARCS)
+new_straight = partial(tuple.__new__, StraightMove)
+"""Make a move of all its fields. A call of the type would take a function of Python."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupMoves:
+    """The moves of lines. A line that moves nothing has none.
+
+    Attributes:
+        moves: The moves.
+        lines: Number in the group of the line of each move.
+        before: Number of moves before each line, and of all (n + 1,).
+        seconds: Time of each move.
+        traverses: The same of each traverse; 0 for other moves.
+        ends: Machine position at the end of each line, mm.
+        direction: Unit vector of the last move; None after an arc.
+    """
+
+    moves: list[Move]
+    lines: list[int]
+    before: list[int]
+    seconds: list[float]
+    traverses: list[float]
+    ends: list[Point]
+    direction: tuple[float, ...] | None
+
+
+def moves_of(
+    rows: NDArray[np.void],
+    start: Point,
+    direction: tuple[float, ...] | None,
+    offset: Point,
+    limits: AxisLimits,
+) -> GroupMoves:
+    """Return the moves of lines, all of which are motions.
+
+    Args:
+        rows: Source line and effect of each line, see :func:`cnc.model.line_effects.row_type`.
+        start: Machine position before them, mm.
+        direction: Unit vector of the move before them; None where the board rests before them, and
+            after an arc.
+        offset: Work offset that the board adds to the numbers of a line, mm.
+        limits: Limits of the axes.
+    """
+    points = _points(rows, start, offset)
+    change = np.diff(points, axis=0)
+    length = np.sqrt((change * change).sum(axis=1))
+    is_arc = np.isin(rows["kind"], ARC_KINDS)
+    kept = np.flatnonzero(is_arc | (length > 0.0))
+    rows, length, is_arc = rows[kept], length[kept], is_arc[kept]
+    unit = np.zeros((len(kept), len(start)))
+    np.divide(change[kept], length[:, np.newaxis], out=unit, where=~is_arc[:, np.newaxis])
+    # After an arc, as after a rest, the board is taken to start from rest.
+    turns = np.full(len(kept), -1.0)
+    turns[1:] = np.where(is_arc[:-1], -1.0, (unit[1:] * unit[:-1]).sum(axis=1))
+    if len(kept) and direction is not None:
+        turns[0] = np.dot(unit[0], direction)
+    rapid = rows["kind"] == LineKind.RAPID
+    seconds = limits.times(length, unit, np.where(rapid, math.inf, rows["feed"]), turns)
+    places = list(map(tuple, points.tolist()))
+    each = zip(
+        rows["line"].tolist(),
+        [places[k] for k in kept],
+        [places[k + 1] for k in kept],
+        length.tolist(),
+        seconds.tolist(),
+        strict=True,
+    )
+    moves: list[Move] = list(map(new_straight, each))
+    for k in np.flatnonzero(is_arc):
+        begin, end = places[kept[k]], places[kept[k] + 1]
+        moves[k] = arc = _arc(rows[k], begin, end, limits)
+        seconds[k] = arc.seconds
+    last = direction
+    if len(kept):
+        last = None if is_arc[-1] else tuple(unit[-1].tolist())
+    return GroupMoves(
+        moves,
+        kept.tolist(),
+        np.searchsorted(kept, np.arange(len(change) + 1)).tolist(),
+        seconds.tolist(),
+        np.where(rapid, seconds, 0.0).tolist(),
+        places[1:],
+        last,
+    )
+
+
+def _points(rows: NDArray[np.void], start: Point, offset: Point) -> Floats:
+    """Return the machine positions before the first line and after each (n + 1, axes), mm."""
+    target: Floats = rows["target"]
+    named = min(target.shape[1], len(start), len(offset))
+    points = np.tile(np.array(start), (len(rows) + 1, 1))
+    points[1:, :named] = target[:, :named] + np.array(offset[:named])
+    # An axis that a line does not name stays where the line before has left it.
+    known = np.where(np.isnan(points), 0, np.arange(len(points))[:, np.newaxis])
+    return np.take_along_axis(points, np.maximum.accumulate(known, axis=0), axis=0)
+
+
+def _arc(row: np.void, start: Point, end: Point, limits: AxisLimits) -> ArcMove:
+    i, j = PLANES[row["plane"]]
+    across, up = row["center"].tolist()
+    center = start[i] + across, start[j] + up
+    counterclockwise = row["kind"] == LineKind.COUNTERCLOCKWISE
+    radius = math.dist((start[i], start[j]), center)
+    first = math.atan2(start[j] - center[1], start[i] - center[0])
+    turn = (math.atan2(end[j] - center[1], end[i] - center[0]) - first) % math.tau
+    if not counterclockwise:
+        turn -= math.tau
+    if abs(turn) < FULL_TURN:
+        turn += math.tau if counterclockwise else -math.tau
+    rates, feed = limits.rates, float(row["feed"])
+    speed = min(feed, rates[i], rates[j]) if max(i, j) < len(rates) else feed
+    others = [
+        b - a for column, (a, b) in enumerate(zip(start, end, strict=True)) if column not in (i, j)
+    ]
+    length = math.hypot(radius * turn, *others)
+    seconds = length / speed if speed else 0.0
+    return ArcMove(int(row["line"]), start, end, seconds, (i, j), center, radius, first, turn)
+
 
 TOLERANCE = 0.03
 """mm that a reported position may be off by decimals and rounding. The board's steps and its chords

@@ -37,37 +37,245 @@ from __future__ import annotations
 import re
 import sys
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
-from cnc.boards.grbl.codes import STARTUP_ALARMS
-from cnc.boards.grbl.events import (
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.grbl.faults import STARTUP_ALARMS
+from cnc.boards.grbl.messages import (
+    ALONE,
+    MOST_CHARACTERS,
+    OK,
+    Alarm,
     Alarmed,
     Confirmed,
     Event,
-    Lost,
-    Rejected,
-    Reported,
-    SentLine,
-    Started,
-    UnexpectedReply,
-)
-from cnc.boards.grbl.line_groups import LineGroup
-from cnc.boards.grbl.line_kinds import ALONE, bare
-from cnc.boards.grbl.messages import (
-    OK,
-    Alarm,
     Feedback,
     Firmware,
+    Kind,
+    Lost,
     Message,
     Messages,
     Other,
+    Rejected,
     Reply,
     Report,
+    Reported,
+    SentLine,
+    Started,
+    StatusReader,
+    UnexpectedReply,
     Welcome,
+    bare,
+    kind_of,
+    seconds_of,
 )
-from cnc.boards.grbl.status import StatusReader
-from cnc.boards.grbl.unanswered import UnansweredLines
+from cnc.model.line_effects import MOTIONS, LineKind, row_type
+from cnc.model.streams import PackedLines
+
+# Groups of lines that are sent to a GRBL board one after the other.
+#
+# A line for each motion would cost a dozen calls for each of them. So motions that follow each
+# other are one group: sending takes a slice of its text. Any other line is a group of its own.
+
+MOST_LINES = 128
+"""Lines of a group. More would take a noticeable time before the first of them is sent."""
+TIMED = ("dwell", "system", "writer")
+"""Kinds of lines whose text tells how long they take."""
+FOLLOWING = sorted(MOTIONS - {LineKind.PROBE})
+"""Effects of lines that follow each other in a group."""
+NO_ROWS = np.empty(0, row_type(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineGroup:
+    """Lines of one kind. A group of several lines is ``plain``.
+
+    Attributes:
+        kind: Their kind.
+        text: Their text, each with its line end.
+        ends: Bytes before the first line, and up to the end of each (n + 1,).
+        lines: Source line of each (n,).
+        rows: Source line and effect of each (n,), see :func:`cnc.model.line_effects.row_type`;
+            empty for a line that the driver itself sends at rest.
+        seconds: Longest time without motion, s.
+    """
+
+    kind: Kind
+    text: str
+    ends: list[int]
+    lines: list[int]
+    rows: NDArray[np.void] = field(default_factory=lambda: NO_ROWS)
+    seconds: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @property
+    def acts(self) -> bool:
+        """Whether the lines do more than change modes, and are no command of the board."""
+        return self.kind != "system" and bool(self.rows["kind"][0] != LineKind.MODES)
+
+    def part(self, first: int, end: int) -> str:
+        """Return the text of some of the lines."""
+        return self.text[self.ends[first] : self.ends[end]]
+
+
+def single(
+    text: str, line: int, kind: Kind | None = None, rows: NDArray[np.void] = NO_ROWS
+) -> LineGroup:
+    """Return a group of one line.
+
+    Args:
+        text: The line without its end.
+        line: Its source line.
+        kind: Its kind, where it is known.
+        rows: Its effect.
+    """
+    kind = kind or kind_of(text)
+    seconds = seconds_of(text) if kind in TIMED else 0.0
+    return LineGroup(kind, text + "\n", [0, len(text) + 1], [line], rows, seconds)
+
+
+def groups_of(lines: PackedLines) -> Iterator[LineGroup]:
+    """Yield lines in groups. A line that is too long for the board is alone."""
+    sizes, rows, text = lines.sizes, lines.rows, lines.text
+    follows = np.isin(rows["kind"], FOLLOWING) & (sizes <= MOST_CHARACTERS + 1)
+    breaks = np.append(np.flatnonzero(~follows), len(rows)).tolist()
+    ends = np.cumsum(np.append(0, sizes))
+    first = at = 0
+    while first < len(rows):
+        if breaks[at] == first:
+            end, at = first + 1, at + 1
+        else:
+            end = min(breaks[at], first + MOST_LINES)
+        some, part = rows[first:end], text[ends[first] : ends[end]]
+        numbers = some["line"].tolist()
+        kind = int(some["kind"][0])
+        if kind in FOLLOWING:
+            yield LineGroup(
+                "plain", part, (ends[first : end + 1] - ends[first]).tolist(), numbers, some
+            )
+        else:
+            known: Kind | None = "probe" if kind == LineKind.PROBE else None
+            yield single(part[:-1], numbers[0], known, some)
+        first = end
+
+
+# The lines that a GRBL board has not answered yet, in the order in which they were sent.
+
+
+@dataclass(slots=True)
+class _Part:
+    """Unanswered lines of one group: from number ``first`` up to, but not including, ``end``."""
+
+    group: LineGroup
+    first: int
+    end: int
+    expected: Mapping[str, float] | None = None
+    """Of a mark: feed and speed by the lines before it."""
+
+    @property
+    def oldest(self) -> SentLine:
+        group, first = self.group, self.first
+        return SentLine(
+            group.part(first, first + 1).rstrip("\n"),
+            group.lines[first],
+            group.kind,
+            group.seconds,
+        )
+
+
+class UnansweredLines:
+    """A queue of lines, which are kept as parts of their groups.
+
+    Attributes:
+        count: Number of lines.
+        bytes: Their size.
+        alone: Whether it is a line beside which no other may be unanswered.
+    """
+
+    def __init__(self) -> None:
+        self._parts: deque[_Part] = deque()
+        self.count = self.bytes = 0
+        self.alone = False
+
+    @property
+    def oldest(self) -> SentLine | None:
+        """The line that is answered next."""
+        return self._parts[0].oldest if self._parts else None
+
+    @property
+    def oldest_group(self) -> LineGroup | None:
+        """Its group."""
+        return self._parts[0].group if self._parts else None
+
+    @property
+    def expected(self) -> Mapping[str, float] | None:
+        """Feed and speed at the mark, if that is answered next; else None."""
+        return self._parts[0].expected if self._parts else None
+
+    @property
+    def newest_line(self) -> int:
+        """The source line of the line that was sent last; 0 without an unanswered line."""
+        return self._parts[-1].group.lines[self._parts[-1].end - 1] if self._parts else 0
+
+    @property
+    def marked_line(self) -> int:
+        """The source line of the oldest mark; 0 without a mark."""
+        marks = (part.group.lines[0] for part in self._parts if part.expected is not None)
+        return next(marks, 0)
+
+    def append(
+        self,
+        group: LineGroup,
+        first: int,
+        end: int,
+        expected: Mapping[str, float] | None = None,
+    ) -> None:
+        """Append lines of a group, from ``first`` up to ``end``; ``expected`` is for a mark."""
+        self.count += end - first
+        self.alone = group.kind in ALONE
+        self.bytes += group.ends[end] - group.ends[first]
+        last = self._parts[-1] if self._parts else None
+        if last is not None and last.group is group:
+            last.end = end
+        else:
+            self._parts.append(_Part(group, first, end, expected))
+
+    def pop(self) -> SentLine:
+        """Remove and return the oldest line."""
+        sent = self._parts[0].oldest
+        self.drop(1)
+        return sent
+
+    def drop(self, count: int) -> int:
+        """Remove the oldest ``count`` lines; return the source line of the last, or 0."""
+        self.count -= count
+        line = 0
+        while count:
+            part = self._parts[0]
+            first, end = part.first, min(part.first + count, part.end)
+            ends = part.group.ends
+            self.bytes -= ends[end] - ends[first]
+            count -= end - first
+            line = part.group.lines[end - 1] or line
+            part.first = end
+            if end == part.end:
+                self._parts.popleft()
+                self.alone = False
+        return line
+
+    def clear(self) -> None:
+        """Forget all lines."""
+        self._parts.clear()
+        self.count = self.bytes = 0
+        self.alone = False
+
 
 RX_BYTES = 128
 """Receive buffer of GRBL 1.1 on an AVR; every board has that much."""
@@ -367,3 +575,33 @@ class GrblProtocol:
     def _lost(self, until: int) -> Lost:
         self.state = State.FAILED
         return Lost(self._verified_line, until)
+
+
+# The time that the serial wire takes for the bytes that were written.
+
+BITS_PER_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
+USUAL_BAUD = 115200
+"""bit/s: the speed of GRBL 1.1."""
+
+
+class WireTime:
+    """Follows the bytes on the wire to the board.
+
+    A computer takes bytes at once, and sends them at the speed of the wire.
+
+    Args:
+        baud: Speed of the wire, bit/s.
+
+    Attributes:
+        byte_time: Time of a byte, s.
+        idle_from: Time from which on the wire is idle, s.
+    """
+
+    def __init__(self, baud: int = USUAL_BAUD) -> None:
+        self.byte_time = BITS_PER_BYTE / baud
+        self.idle_from = 0.0
+
+    def written(self, count: int, now: float) -> None:
+        """Note that ``count`` bytes were written at a time, s."""
+        self.idle_from = max(self.idle_from, now) + count * self.byte_time

@@ -9,9 +9,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from cnc.boards.grbl.messages import Feedback, Firmware, Setting
+from cnc.boards.grbl.messages import MM_PER_INCH, Feedback, Firmware, Setting, in_mm
 from cnc.boards.grbl.protocol import RX_BYTES
-from cnc.boards.grbl.status import MM_PER_INCH, in_mm
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 

@@ -13,23 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.errors import board_error
-from cnc.boards.klipper.alarms import RELEASE
-from cnc.boards.klipper.clock import USUAL_DRIFT
-from cnc.boards.klipper.connection import BAUD, Reopen
-from cnc.boards.klipper.feasibility import KlipperFeasibility
+from cnc.boards.klipper.connection import BAUD, USUAL_DRIFT, Reopen
+from cnc.boards.klipper.feasibility import KlipperFeasibility, firmware_of, profile_of
 from cnc.boards.klipper.guards import ArmedInput, TooLate
 from cnc.boards.klipper.layout import InputObject, LayoutBuilder, section
-from cnc.boards.klipper.motion_limits import JOG, RUN
 from cnc.boards.klipper.outputs import AHEAD_S, actions
-from cnc.boards.klipper.profile import firmware_of, profile_of
-from cnc.boards.klipper.ramp import ramp_seconds
-from cnc.boards.klipper.sender import PIECE_S
-from cnc.boards.klipper.supervisor import Supervisor
+from cnc.boards.klipper.sender import JOG, PIECE_S, RUN, ramp_seconds
+from cnc.boards.klipper.supervisor import RELEASE, Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import Capabilities
-from cnc.boards.pulse_board.driver import PulseBoard, port_name
-from cnc.boards.pulse_board.outputs import OutputState
+from cnc.boards.protocols import Capabilities, board_error
+from cnc.boards.pulse_board import OutputState, PulseBoard, port_name
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell, Probe, Spindle, SwitchMove
 from cnc.model.diagnostics import Diagnostic

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import BY_HOST, EXPIRED, InputObject, Layout
-from cnc.boards.klipper.protocol.dictionary import Message
+from cnc.boards.klipper.protocol import Message
 
 SAMPLE_S, SAMPLES, REST_S = 10e-6, 4, 150e-6
 """Time between samples that confirm a closed switch, their number, and time between others.

@@ -6,9 +6,8 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from cnc.boards.errors import board_error
-from cnc.boards.klipper.protocol.dictionary import Dictionary, Value
-from cnc.boards.klipper.protocol.errors import LocalError
+from cnc.boards.klipper.protocol import Dictionary, LocalError, Value
+from cnc.boards.protocols import board_error
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, Pin, TrinamicDriver
 from cnc.machine.load import error_in
 from cnc.machine.models import Machine

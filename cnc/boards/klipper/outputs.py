@@ -14,7 +14,7 @@ from collections.abc import Callable
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.layout import MAX_DURATION_S, Layout, OutputObject
 from cnc.boards.protocols import Action
-from cnc.boards.pulse_board.outputs import OutputState
+from cnc.boards.pulse_board import OutputState
 from cnc.machine.klipper import KlipperBoard
 
 AHEAD_S = 0.1

@@ -4,28 +4,399 @@
     ──────●──────────────────────┤·················┤ ◄── ── ── ── ── ──
           └────── horizon ───────┘  half a ramp
 
-The board stops dead when its queues run dry. So the last part of what the planner has given is kept
-as a reserve. When no more comes in time, the reserve is stretched to a ramp to rest on the path
-(:mod:`cnc.boards.klipper.ramp`). Each entry has a clock, so the board keeps the time. The motors of
-an axis get the same runs.
+The board stops dead when its queues run dry. So the last part of what the planner has given is
+kept as a reserve. When no more comes in time, the reserve is stretched to a ramp to rest on the
+path (:mod:`cnc.boards.klipper.sender`). Each entry has a clock, so the board keeps the time. The
+motors of an axis get the same runs.
 """
 
 from __future__ import annotations
+
+import heapq
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.connection import POLL_S, Connection
 from cnc.boards.klipper.guards import Guard, TooLate
+from cnc.boards.klipper.kernels import step_runs as kernel
+from cnc.boards.klipper.kernels.step_runs import Fit, Runs
 from cnc.boards.klipper.layout import Layout, MotorObject
-from cnc.boards.klipper.line_tracker import LineTracker
-from cnc.boards.klipper.motion_limits import DENSE_DRY_S, RUN, MotionLimits, Pace
-from cnc.boards.klipper.ramp import stretched
-from cnc.boards.klipper.slots import Slots
-from cnc.boards.klipper.steps import StepEncoder
-from cnc.boards.klipper.waiting_moves import Moves, WaitingMoves
-from cnc.kernels.klipper.step_runs import Runs
+from cnc.machine.models import Machine
 from cnc.model.streams import PulseChunk
+
+# Source lines and grid points of the motion that was sent, until the board has played it.
+
+
+@dataclass(slots=True)
+class _Part:
+    """Some moves.
+
+    Attributes:
+        clock: Clock of each move (n,).
+        points: Grid point after each move (n, axes).
+        lines: Source line of each move (n,).
+    """
+
+    clock: NDArray[np.int64]
+    points: NDArray[np.int64]
+    lines: NDArray[np.int32]
+
+
+class LineTracker:
+    """The motion that was sent.
+
+    Attributes:
+        line: Source line that the board has reached, or an earlier one.
+    """
+
+    def __init__(self) -> None:
+        self.line = 0
+        self._parts: deque[_Part] = deque()
+        self._point: NDArray[np.int64] | None = None
+        self._runs: deque[tuple[int, int, int, int]] = deque()
+        self._received = np.empty(0, np.int64)
+        self._received_line = 0
+        self._begin = np.empty(0, np.int64)
+        self._left = np.empty(0, np.bool_)
+        self._back_at: int | None = None
+
+    def add(
+        self, clock: NDArray[np.int64], points: NDArray[np.int64], lines: NDArray[np.int32]
+    ) -> None:
+        """Add moves: their clocks (n,), grid points (n, axes) and source lines (n,)."""
+        self._parts.append(_Part(clock, points, lines))
+        if self._back_at is None:
+            away = points != self._begin
+            left = np.logical_or.accumulate(away, axis=0) | self._left
+            self._left = left[-1]
+            back = np.flatnonzero((left & ~away).any(axis=1))
+            if len(back):
+                self._back_at = int(clock[back[0]])
+
+    def add_run(self, command: int, column: int, steps: int, line: int) -> None:
+        """Add steps of an axis, which a command with this number has sent."""
+        self._runs.append((command, column, steps, line))
+
+    def acknowledge(self, command: int) -> None:
+        """Note the number of the last command that the board has acknowledged."""
+        while self._runs and self._runs[0][0] <= command:
+            _, column, steps, self._received_line = self._runs.popleft()
+            self._received[column] += steps
+
+    def end_of_queue(self, acknowledged: int) -> NDArray[np.int64]:
+        """Return the grid point after all steps that the board has; the line becomes that there."""
+        self.acknowledge(acknowledged)
+        self.line = self._received_line or self.line
+        return self._received.copy()
+
+    def played(self, clock: int) -> NDArray[np.int64] | None:
+        """Drop what has been played at a clock; return the grid point there if it is known."""
+        while self._parts and self._parts[0].clock[-1] <= clock:
+            part = self._parts.popleft()
+            self.line = int(part.lines[-1]) or self.line
+            self._point = part.points[-1]
+        if self._parts:
+            row = int(np.searchsorted(self._parts[0].clock, clock, side="right")) - 1
+            if row >= 0:
+                self.line = int(self._parts[0].lines[row]) or self.line
+                self._point = self._parts[0].points[row]
+        return self._point
+
+    def clear(self, point: NDArray[np.int64]) -> None:
+        """Drop everything: the board stands at a grid point (axes,)."""
+        self._parts.clear()
+        self._runs.clear()
+        self._point, self._received = point, point.copy()
+        self._begin, self._left, self._back_at = point, np.zeros(len(point), np.bool_), None
+
+    def unmoved(self, point: NDArray[np.int64], clock: int) -> bool:
+        """Return whether a stopped board with these counts has made no step since it stood still.
+
+        An axis that was there and back has the same count, but may have stopped at speed.
+
+        Args:
+            point: Grid point (axes,) by the counts of the board.
+            clock: Clock after which no step was made.
+        """
+        came_back = self._back_at is not None and self._back_at <= clock
+        return not came_back and np.array_equal(point, self._begin)
+
+    def line_at(self, point: NDArray[np.int64]) -> int:
+        """Return the source line of the last move to a grid point, 0 if it is not known."""
+        for part in reversed(self._parts):
+            rows = np.flatnonzero((part.points == point).all(axis=1))
+            if len(rows):
+                return int(part.lines[rows[-1]])
+        return 0
+
+
+# Entries of the move queue of a Klipper board.
+
+
+class Slots:
+    """Entries of the board's queue, by the clocks at which they are free again.
+
+    Args:
+        count: Number of entries.
+
+    Attributes:
+        slack: Ticks that an entry counts longer: the board may be late, and the present clock is
+            an estimate.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.slack = 0
+        self._ends: list[int] = []
+
+    def add(self, clock: int) -> None:
+        """Add an entry that is free again at a clock."""
+        heapq.heappush(self._ends, clock)
+
+    def used(self, clock: int) -> int:
+        """Return the number of entries in use at a clock."""
+        while self._ends and self._ends[0] <= clock - self.slack:
+            heapq.heappop(self._ends)
+        return len(self._ends)
+
+    def clear(self) -> None:
+        """Forget all entries: the board has dropped them."""
+        self._ends.clear()
+
+
+# Moves that the planner has given and that were not sent yet.
+
+
+class Moves(NamedTuple):
+    """Grid moves in the order of their times.
+
+    Attributes:
+        time_ns: Time of each move (n,), ns.
+        step: Step of each axis (n, axes), -1, 0 or 1.
+        line: Source line of each move (n,).
+        points: Grid point after each move (n, axes).
+    """
+
+    time_ns: NDArray[np.int64]
+    step: NDArray[np.int8]
+    line: NDArray[np.int32]
+    points: NDArray[np.int64]
+
+    def part(self, rows: slice) -> Moves:
+        """Return some of the moves."""
+        return Moves(self.time_ns[rows], self.step[rows], self.line[rows], self.points[rows])
+
+
+class WaitingMoves:
+    """A queue of moves."""
+
+    def __init__(self) -> None:
+        self._parts: list[Moves] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._parts)
+
+    @property
+    def first_ns(self) -> int:
+        """Time of the first move, ns."""
+        return int(self._parts[0].time_ns[0])
+
+    @property
+    def last_ns(self) -> int:
+        """Time of the last move, ns."""
+        return int(self._parts[-1].time_ns[-1])
+
+    def append(self, moves: Moves) -> None:
+        """Add moves at the end."""
+        self._parts.append(moves)
+
+    def joined(self) -> Moves:
+        """Return all moves."""
+        if len(self._parts) > 1:
+            joined = Moves(*(np.concatenate(each) for each in zip(*self._parts, strict=True)))
+            self._parts[:] = [joined]
+        return self._parts[0]
+
+    def drop(self, rows: int) -> None:
+        """Drop the first moves."""
+        moves = self.joined()
+        self._parts[:] = [moves.part(slice(rows, None))] if rows < len(moves.time_ns) else []
+
+    def clear(self) -> None:
+        """Drop all moves."""
+        self._parts.clear()
+
+
+# Steps of one motor as runs for its queue on the board (``queue_step``).
+
+ROWS = 16384
+"""Most steps in one call of the kernel."""
+
+
+class StepEncoder:
+    """Encodes the steps of one motor, part by part. Times are ticks of the board's clock, 64 bits.
+
+    Args:
+        tolerance: Largest deviation of a step from its time, ticks.
+        last: Time from which the first interval counts, ticks.
+        least: Least time between two steps, ticks. It protects the step after a part.
+
+    Attributes:
+        last: Time of the last step, ticks.
+    """
+
+    def __init__(self, tolerance: int, last: int = 0, least: int = 0) -> None:
+        self.tolerance = tolerance
+        self._least = least
+        self.last = last
+        self._runs = Runs(*(np.empty(ROWS, np.int64) for _ in range(6)))
+        self._fit = Fit(
+            np.empty(ROWS),
+            np.empty(ROWS),
+            1.0 / np.arange(1.0, ROWS + 1.0),
+            np.zeros(2, np.int64),
+        )
+
+    def encode(self, due: NDArray[np.int64], sign: NDArray[np.int8]) -> Runs:
+        """Return the runs of steps.
+
+        Args:
+            due: Time of each step (n,), ticks, increasing.
+            sign: Direction of each step (n,), 1 or -1.
+
+        Raises:
+            ValueError: The times do not increase, or a step is 2**32 ticks after the last one.
+        """
+        parts: list[Runs] = []
+        for at in range(0, len(due), ROWS):
+            status, made, last = kernel.encode_steps(
+                due[at : at + ROWS],
+                sign[at : at + ROWS],
+                self.tolerance,
+                self._least,
+                self.last,
+                self._runs,
+                self._fit,
+            )
+            if status != kernel.OK:
+                reason = "do not increase" if status == kernel.NOT_RISING else "are too far apart"
+                raise ValueError(f"The times of the steps {reason}.")
+            self.last = last
+            parts.append(Runs(*(column[:made].copy() for column in self._runs)))
+        if len(parts) == 1:
+            return parts[0]
+        return (
+            Runs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            if parts
+            else (Runs(*(np.empty(0, np.int64) for _ in range(6))))
+        )
+
+
+def step_times(runs: Runs, last: int) -> NDArray[np.int64]:
+    """Return the time of each step (n,) of runs that follow ``last``, ticks."""
+    times: list[NDArray[np.int64]] = []
+    for interval, count, add in zip(
+        runs.interval.tolist(), runs.length.tolist(), runs.add.tolist(), strict=True
+    ):
+        k = np.arange(count, dtype=np.int64)
+        times.append(last + (k + 1) * interval + add * (k * (k + 1) // 2))
+        last = int(times[-1][-1])
+    return np.concatenate(times) if times else np.empty(0, np.int64)
+
+
+# The emergency ramp: motion that is stretched in time, so that it comes to rest on its path.
+#
+# At the time t of a ramp of T seconds, the motion has the fraction ``1 - 3u^2 + 2u^3`` of its
+# planned speed, with ``u = t / T``. It covers ``T / 2`` seconds of the plan.
+
+STEEPEST = 1.5
+"""Ratio of the steepest to the mean slope of the ramp."""
+LEAST_S, MOST_S, UNKNOWN_S = 0.02, 0.5, 0.2
+"""Bounds of a ramp, and its length for a machine without accelerations of the axes."""
+POINTS = 513
+
+
+def ramp_seconds(machine: Machine, feed: float = math.inf) -> float:
+    """Return the length of a ramp from a speed within the accelerations of the axes, s.
+
+    Args:
+        machine: The machine.
+        feed: The speed, mm/s; that of an axis is at most its highest.
+    """
+    stops = [
+        min(axis.max_velocity, feed) / axis.max_acceleration
+        for axis in machine.axes.values()
+        if axis.max_acceleration
+    ]
+    return min(max(STEEPEST * max(stops, default=UNKNOWN_S / STEEPEST), LEAST_S), MOST_S)
+
+
+def stretched(time_ns: NDArray[np.int64], from_ns: int, seconds: float) -> NDArray[np.int64]:
+    """Return the times of moves in a ramp, for those that come before its end.
+
+    Args:
+        time_ns: Planned time of each move (n,), ns, not before ``from_ns``.
+        from_ns: Begin of the ramp, ns.
+        seconds: Length of the ramp, s.
+    """
+    u = np.linspace(0.0, 1.0, POINTS)
+    covered = seconds * (u - u**3 + 0.5 * u**4)
+    planned = (time_ns - from_ns) * 1e-9
+    within = planned[planned < covered[-1]]
+    # The table is inverted by interpolation, which keeps the order of the moves.
+    late = np.interp(within, covered, seconds * u)
+    times: NDArray[np.int64] = from_ns + np.round(late * 1e9).astype(np.int64)
+    return times
+
+
+# Tolerances of a motion on a Klipper board, and how far ahead it is sent.
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Tolerances of a motion.
+
+    Attributes:
+        tolerance_s: Largest deviation of a step from its time, s.
+        spacing_s: Least time between two steps of an axis, s.
+        ramp_s: Length of an emergency ramp, s.
+    """
+
+    tolerance_s: float
+    spacing_s: float
+    ramp_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How far ahead of the board a motion is sent.
+
+    Attributes:
+        horizon_s: Longest motion sent ahead of the motion that the board plays, s.
+        prefill_s: Motion beyond the reserve that is there before the motion starts, s.
+        start_s: Time from the start of a motion to its first move, s.
+        dry_s: Motion left on the board at which the reserve becomes a ramp, s.
+    """
+
+    horizon_s: float
+    prefill_s: float
+    start_s: float
+    dry_s: float
+
+
+RUN = Pace(horizon_s=0.25, prefill_s=0.1, start_s=0.2, dry_s=0.08)
+JOG = Pace(horizon_s=0.1, prefill_s=0.04, start_s=0.06, dry_s=0.03)
+"""A jog ends soon after its release, so little is sent ahead."""
+DENSE_DRY_S = 0.025
+"""The same as ``dry_s`` at most, while the motion left uses half of the queue or more: dense motion
+fills the queue of a small board before ``dry_s`` is reached.
+"""
+
 
 PIECE_S = 0.02
 """Length of the pieces in which moves are compressed and sent."""

@@ -2,36 +2,141 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.errors import board_error
-from cnc.boards.klipper.alarms import DEAD_STOP, KEPT, SLOW, alarm_of, reset_error
 from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
-from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, EXPIRED, LayoutBuilder, section
-from cnc.boards.klipper.motion_limits import MotionLimits
+from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, EXPIRED, LIMIT, LayoutBuilder, section
 from cnc.boards.klipper.outputs import AHEAD_S, Outputs
-from cnc.boards.klipper.position import MotorPosition
-from cnc.boards.klipper.position_keeper import PositionKeeper
-from cnc.boards.klipper.protocol.dictionary import Message
-from cnc.boards.klipper.ramp import ramp_seconds
-from cnc.boards.klipper.sender import Sender
-from cnc.boards.klipper.setup import shutdown_reason
-from cnc.boards.klipper.stopped import Stop
-from cnc.boards.klipper.trinamic.drivers import CHECK, motor_drivers
-from cnc.boards.klipper.trinamic.watch import DriverWatch
+from cnc.boards.klipper.position import MotorPosition, PositionKeeper, shutdown_reason
+from cnc.boards.klipper.protocol import Message
+from cnc.boards.klipper.sender import MotionLimits, Sender, ramp_seconds
+from cnc.boards.klipper.trinamic import CHECK, DriverWatch, motor_drivers
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port
-from cnc.boards.protocols import MotionState
-from cnc.boards.pulse_board.outputs import OutputState
-from cnc.boards.pulse_board.supervisor import PulseSupervisor
+from cnc.boards.protocols import MotionState, board_error
+from cnc.boards.pulse_board import OutputState, PulseSupervisor
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+
+# What a board reports while it is being stopped, and the end of a shutdown.
+
+ATTEMPTS = 4
+"""Shutdowns after which the board is not asked any more: a late output may shut it down again."""
+
+
+class ShutDownAgain(Exception):
+    """A question came to a board that has shut down, which answers few questions."""
+
+
+@dataclass(slots=True)
+class Stop:
+    """Reports during a stop: the motors may have stopped before their ramp ended.
+
+    Attributes:
+        shutdown: Number of the reason of a shutdown, 0 for none.
+        trigger: Reason of a trigger that was not the host's, 0 for none.
+        reading: Whether a shutdown raises ShutDownAgain.
+        ramp: Whether the motors still follow their ramp to rest.
+    """
+
+    shutdown: int = 0
+    trigger: int = 0
+    reading: bool = False
+    ramp: bool = False
+
+    @property
+    def dead(self) -> bool:
+        """Whether something else than the host has stopped the motors."""
+        return bool(self.shutdown or self.trigger)
+
+    def take(self, message: Message, *, triggered: bool) -> None:
+        """Take a message; ``triggered``: it tells of a trigger of this motion.
+
+        Raises:
+            ShutDownAgain: The board has shut down, and an answer is waited for.
+        """
+        if message.name in ("shutdown", "is_shutdown"):
+            self.shutdown = message["static_string_id"]
+            if self.reading:
+                raise ShutDownAgain
+        elif triggered and message["trigger_reason"] not in (0, BY_HOST):
+            self.trigger = message["trigger_reason"]
+
+    def ask(
+        self,
+        connection: Connection,
+        outputs: Outputs,
+        question: Callable[[], list[int]],
+        pump: Callable[[float], list[Message]],
+    ) -> list[int]:
+        """Return the answer to a question, after the end of each shutdown.
+
+        Raises:
+            BoardError: The board does not answer.
+        """
+        for _ in range(ATTEMPTS):
+            if connection.ask("get_config", "config", pump)["is_shutdown"]:
+                connection.send("clear_shutdown")
+                connection.flush(pump)
+                outputs.forget()
+            self.reading = True
+            try:
+                return question()
+            except ShutDownAgain:
+                continue
+            finally:
+                self.reading = False
+        raise connection.silent()
+
+
+# Alarms of a Klipper board: what has stopped the motors, and what to do.
+
+RELEASE = "release it when it is safe, then home the machine"
+DEAD_STOP = "the motors stopped without a ramp and may have lost steps: home the machine"
+SLOW = "reduce the load of this computer"
+KEPT = "the position is kept: find the cause, then start again"
+
+
+class Alarm(NamedTuple):
+    """Code, message and hint of an alarm."""
+
+    code: str
+    message: str
+    hint: str
+
+
+def alarm_of(reason: int, letter: Callable[[int], str]) -> Alarm:
+    """Return the alarm for the reason of a trigger.
+
+    Args:
+        reason: The reason.
+        letter: Gives the letter of an axis by its column.
+    """
+    if reason == EMERGENCY:
+        return Alarm("board-emergency-stop", "the e-stop is pressed", RELEASE)
+    if reason >= LIMIT:
+        hint = "move away from it by hand with the drivers off, then home the machine"
+        message = f"the limit switch of {letter(reason - LIMIT)} was hit"
+        return Alarm("board-limit", message, hint)
+    if reason == EXPIRED:
+        return Alarm("board-silence", "the board heard nothing from this computer", DEAD_STOP)
+    message = f"the board stopped the motors for an unknown reason, {reason}"
+    return Alarm("board-alarm", message, DEAD_STOP)
+
+
+def reset_error(name: str) -> BoardError:
+    """Return the fault of a board on a port that was reset during a run."""
+    message = f"the board on {name} was reset; its position is lost"
+    hint = "check its supply and its reset line; home the machine before the next run"
+    return board_error("board-reset", message, hint=hint)
 
 
 class Supervisor(PulseSupervisor):

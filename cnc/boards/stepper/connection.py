@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from cnc.boards.errors import board_error
-from cnc.boards.port import Clock, Port
-from cnc.boards.port_log import LoggedPort
+from cnc.boards.port import Clock, LoggedPort, Port
+from cnc.boards.protocols import board_error
 from cnc.boards.stepper.protocol import VERSION, Alarm, Kind, Status, StepperLink, Welcome
 from cnc.model.diagnostics import BoardError, Diagnostic
 
@@ -229,3 +229,33 @@ def _no_stepper(name: str, received: bytes) -> BoardError:
         return board_error("board-not-stepper", message, hint=hint)
     hint = "check the port and the board's supply; make flash installs the firmware on an Uno"
     return board_error("board-silent", f"no device answers on {name}", hint=hint)
+
+
+# The report on a stepper board at a port. The board does not know the limits of the machine.
+
+
+def stepper_report(port: str, board: Welcome, baud: int) -> Iterator[str]:
+    """Yield the lines of the report, all comments of TOML.
+
+    Args:
+        port: Name of the serial port.
+        board: The board's description of itself.
+        baud: Speed of the port, bits/s.
+    """
+    if board.version != VERSION:
+        yield (
+            f"# stepper board, version {board.version} of the protocol; "
+            f"this program uses {VERSION}: make flash PORT={port}"
+        )
+        return
+    letters, spacing_us = " ".join("XYZA"[: board.axes]), board.least_ticks * board.tick_ns / 1000
+    position = "its position is known" if board.position_known else "its position is not known"
+    state = board.state.name.lower()
+    yield f"# stepper board, version {board.version} of the protocol  {state}"
+    yield (
+        f"# {board.axes} axes ({letters}), ticks of {board.tick_ns} ns, "
+        f"grid moves at least {spacing_us:g} us apart"
+    )
+    yield f"# buffer of {board.room} bytes for segments; {position}"
+    keys = f'kind = "stepper", port = {json.dumps(port)}, baud = {baud}'
+    yield f"# for its machine file: [board] {keys}"

@@ -13,30 +13,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.errors import board_error
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import Capabilities
-from cnc.boards.pulse_board.driver import PulseBoard, port_name
-from cnc.boards.pulse_board.outputs import OutputState
+from cnc.boards.protocols import Capabilities, board_error
+from cnc.boards.pulse_board import OutputState, PulseBoard, port_name
 from cnc.boards.stepper.connection import (
     PROBE,
     STATUS_PERIOD_S,
     UNO,
 )
 from cnc.boards.stepper.feasibility import StepperFeasibility
-from cnc.boards.stepper.motor_outputs import MotorOutputs
-from cnc.boards.stepper.outputs import actions, output_bytes
+from cnc.boards.stepper.outputs import MotorOutputs, actions, output_bytes
 from cnc.boards.stepper.protocol import Kind
 from cnc.boards.stepper.segments import ARM, OUTPUTS
 from cnc.boards.stepper.sender import PIECE_S
-from cnc.boards.stepper.setup import (
+from cnc.boards.stepper.supervisor import (
+    Supervisor,
     baud_of,
     clear_alarm,
     configure,
     incompatibilities,
     min_spacing_ns,
 )
-from cnc.boards.stepper.supervisor import Supervisor
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell, Probe, SwitchMove
 from cnc.model.diagnostics import MotionLimitError

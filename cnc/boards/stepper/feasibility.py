@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.boards.stepper.motor_outputs import MotorOutputs
+from cnc.boards.stepper.outputs import MotorOutputs
 from cnc.boards.stepper.segments import SegmentEncoder, split
 from cnc.boards.stepper.sender import PIECE_S, TOLERANCE_NS
 from cnc.model.diagnostics import Diagnostic, MotionLimitError

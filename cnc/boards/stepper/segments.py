@@ -1,8 +1,8 @@
 """Pulses as segments for the stepper board, and back.
 
 Segments are compressed grid moves, in their order and within a tolerance of their times. The format
-is in ``docs/explanation/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
-:mod:`cnc.kernels.stepper.segment_encoder` makes it.
+is in ``docs/explanation/segments.md``; :mod:`cnc.boards.stepper.kernels.segments` plays it,
+:mod:`cnc.boards.stepper.kernels.segment_encoder` makes it.
 """
 
 from __future__ import annotations
@@ -12,11 +12,16 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.stepper import segment_encoder as encoder
-from cnc.kernels.stepper import segments as form
-from cnc.kernels.stepper.candidates import Rules
-from cnc.kernels.stepper.slots import GridMoves, Scratch
-from cnc.kernels.stepper.windows import MAX_CORNERS, Polygon, Windows
+from cnc.boards.stepper.kernels import segment_encoder as encoder
+from cnc.boards.stepper.kernels import segments as form
+from cnc.boards.stepper.kernels.candidates import (
+    MAX_CORNERS,
+    GridMoves,
+    Polygon,
+    Rules,
+    Scratch,
+    Windows,
+)
 from cnc.model.streams import PulseChunk
 
 ROWS = 65536

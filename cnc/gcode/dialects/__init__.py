@@ -14,11 +14,16 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal, get_args
 
-from cnc.gcode.dialects.near_codes import near
-from cnc.gcode.dialects.rules import Alias, ArcTolerance, CycleRules, NotedCode, VariableNumbers
-from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
-from cnc.gcode.syntax.parser import Flavour
-from cnc.gcode.syntax.words import LineWords, Word, fault
+from cnc.gcode.dialects.rules import (
+    Alias,
+    ArcTolerance,
+    CycleRules,
+    NotedCode,
+    VariableNumbers,
+    near,
+)
+from cnc.gcode.reader.parser import Flavour
+from cnc.gcode.reader.words import G_OF_TENTHS, M_OF_NUMBER, G, LineWords, M, Word, fault
 from cnc.model.blocks import PathControl
 from cnc.model.choices import DialectName, GcodeSystem, WrapRule
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError

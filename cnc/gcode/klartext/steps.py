@@ -9,15 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from cnc.gcode.klartext import cycles, moves
-from cnc.gcode.klartext.reader import Block, Item, block_of
-from cnc.gcode.klartext.state import Session
-from cnc.gcode.program.call_stack import Flow, Frame, Step
-from cnc.gcode.program.control_flow import BackwardJump, not_ended
-from cnc.gcode.program.line_index import Place
-from cnc.gcode.state.tool_table import MAX_TOOL, ToolEntry
-from cnc.gcode.syntax.statement import Control
-from cnc.gcode.syntax.words import whole
+from cnc.gcode.core.call_stack import Flow, Frame, Step
+from cnc.gcode.core.control_flow import BackwardJump, not_ended
+from cnc.gcode.core.tool_table import MAX_TOOL, ToolEntry
+from cnc.gcode.klartext import moves
+from cnc.gcode.klartext import moves as cycles
+from cnc.gcode.klartext.reader import Block, Item, Session, block_of
+from cnc.gcode.reader.source_text import Place
+from cnc.gcode.reader.statements import Control
+from cnc.gcode.reader.words import whole
 
 _LABEL = re.compile(rb"(?<![^\r\n])[ \t]*[0-9]*[ \t]*LBL[ \t]*[\"0-9]", re.IGNORECASE)
 

@@ -9,18 +9,18 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.reader.tables import Grammar, grammar
-from cnc.gcode.syntax.arithmetic import (
+from cnc.gcode.kernels import automaton
+from cnc.gcode.kernels import statements as kernel
+from cnc.gcode.kernels.arithmetic import ATAN, SUBTRACT
+from cnc.gcode.reader.expressions import (
     FUNCTIONS,
     MACRO_OPERATORS,
     OPERATORS,
     SIEMENS_FUNCTIONS,
     SIEMENS_OPERATORS,
 )
-from cnc.gcode.syntax.words import MAX_NUMBER
-from cnc.kernels.gcode import automaton
-from cnc.kernels.gcode import statements as kernel
-from cnc.kernels.gcode.arithmetic import ATAN, SUBTRACT
+from cnc.gcode.reader.tables import Grammar, grammar
+from cnc.gcode.reader.words import MAX_NUMBER
 
 MAX_LINE = 4096
 """Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""

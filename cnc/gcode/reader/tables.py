@@ -1,4 +1,4 @@
-"""Tables of a Lark grammar for the automaton (:mod:`cnc.kernels.gcode.automaton`).
+"""Tables of a Lark grammar for the automaton (:mod:`cnc.gcode.kernels.automaton`).
 
 Lark makes the LALR table of a grammar, and interegular the finite automaton of each terminal. Their
 product is one automaton over bytes. The tables are kept as a file: making them takes a second.
@@ -27,15 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.gcode.automaton import (
-    INLINED,
-    NODE,
-    NODE_OF_SEVERAL,
-    NONE,
-    OTHER,
-    UNIT,
-    Tables,
-)
+from cnc.gcode.kernels.automaton import INLINED, NODE, NODE_OF_SEVERAL, NONE, OTHER, UNIT, Tables
 
 if TYPE_CHECKING:
     from lark import Lark

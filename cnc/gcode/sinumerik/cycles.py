@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from cnc.gcode.program.call_stack import ControlStep, Flow, Maker
-from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.statement import Statement
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.core.call_stack import ControlStep, Flow, Maker
+from cnc.gcode.reader.source_text import Place
+from cnc.gcode.reader.statements import Statement
+from cnc.gcode.reader.words import Word
 from cnc.model.blocks import Plane
 from cnc.model.diagnostics import CncError
 

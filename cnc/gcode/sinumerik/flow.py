@@ -8,15 +8,20 @@ markers", "Check structures" and "Program section repetition".
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.gcode.program.call_stack import ControlStep, Flow, Listing, Loop, Maker, Step
-from cnc.gcode.program.control_flow import BackwardJump, enter_branch, enter_loop
-from cnc.gcode.program.line_index import Place
-from cnc.gcode.syntax.statement import Control, Value
-from cnc.kernels.gcode import rules
+from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Step
+from cnc.gcode.core.control_flow import BackwardJump, enter_branch, enter_loop
+from cnc.gcode.core.coordinates import Figure, ProgramFrame
+from cnc.gcode.core.subprograms import skips_missing
+from cnc.gcode.kernels import rules
+from cnc.gcode.reader.source_text import Place
+from cnc.gcode.reader.statements import Control, Statement, Value
+from cnc.gcode.reader.words import Word, under_compensation
+from cnc.model.blocks import PLANE_AXES
 from cnc.model.diagnostics import CncError, GcodeError
 
 _END_OF = {
@@ -400,3 +405,265 @@ MAKERS: dict[str, Maker] = {
     **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
 }
 """Functions that make the step of a control line, by keyword."""
+
+
+# Steps of SINUMERIK's frames: TRANS, ROT, SCALE, MIRROR, and those that add to them.
+
+SMALLEST_FACTOR = 1e-6
+
+
+class FrameLine(ControlStep):
+    """A line with a frame. Its values are computed when the line is executed."""
+
+    __slots__ = ()
+
+    @property
+    def name(self) -> str:
+        """The frame."""
+        return str(self.control.label)
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Put the frame into effect. The machine does not move."""
+        interpreter = flow.interpreter
+        interpreter.here.line = line
+        interpreter.begun = True
+        if interpreter.motion.compensated:
+            raise under_compensation(
+                Word(self.name, 0.0, self.name, self.at.column, self.at.length)
+            )
+        if self.name == "CYCLE800":
+            self._check_level(flow)
+        given = [value(flow.parameters) for value in self.control.values]
+        base = flow.program_frame if self.name.startswith("A") else ProgramFrame()
+        flow.program_frame = frame = self._changed(flow, base, given)
+        _put_into_effect(flow, frame)
+        return line + 1
+
+    def _check_level(self, flow: Flow) -> None:
+        """Refuse a CYCLE800 that ends a frame or turns axes; report a retraction that is left out.
+
+        Raises:
+            GcodeError: ``code-not-supported``.
+        """
+        motion, here = flow.interpreter.motion, flow.interpreter.here
+        if flow.program_frame != ProgramFrame():
+            message = "CYCLE800() after TRANS, ROT, SCALE or MIRROR is not supported"
+            hint = "end the frame first, with TRANS in a line of its own"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if not self.control.names:
+            return
+        if any(motion.position[column] for column in motion.rotary_columns):
+            message = "CYCLE800 with arguments may turn rotary axes, which are not at 0"
+            hint = "turn them to 0 by a move before, or write CYCLE800()"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        if "FR" in self.control.names:
+            word = Word("CYCLE800", 0.0, "CYCLE800", self.at.column, self.at.length)
+            message = "the retraction of CYCLE800 (its first argument) is not made here"
+            hint = "its place is in the data of the machine; write a move to it"
+            here.report_warning("retraction-left-out", message, word, hint)
+
+    def _changed(self, flow: Flow, frame: ProgramFrame, given: list[float]) -> ProgramFrame:
+        """Return the frame after this line. A value that is not given is not a number."""
+        scale = flow.interpreter.modal.scale
+        *axes, angle = given
+        x, y, z = axes
+        kind = self.name.removeprefix("A")
+        if all(value != value for value in given):
+            return ProgramFrame() if not self.name.startswith("A") else frame
+        if kind == "TRANS":
+            return frame.moved((_or(x, 0.0) * scale, _or(y, 0.0) * scale, _or(z, 0.0) * scale))
+        if kind == "MIRROR":
+            return frame.scaled((_mirror(x), _mirror(y), _mirror(z)))
+        if kind == "SCALE":
+            factors = (_or(x, 1.0), _or(y, 1.0), _or(z, 1.0))
+            if any(abs(factor) < SMALLEST_FACTOR for factor in factors):
+                message = f"{self.name}: a factor must not be 0"
+                raise flow.listing.fault(self.at, "scaling-factor", message)
+            return frame.scaled(factors)
+        plane = (0, 1) if angle != angle else _plane(flow)
+        turned = frame.turned(plane, z if angle != angle else angle)
+        if turned is None:
+            message = f"{self.name} in another plane, or with different factors, is not supported"
+            hint = "scale both axes of the plane alike, and turn one plane only"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        return turned
+
+
+def _put_into_effect(flow: Flow, frame: ProgramFrame) -> None:
+    interpreter = flow.interpreter
+    coordinates, column = interpreter.coordinates, interpreter.motion.column
+    found = [column.get(axis) for axis in "XYZ"]
+    coordinates.set_local(
+        {at: value for at, value in zip(found, frame.shift, strict=True) if at is not None}
+    )
+    none = Figure.none(len(coordinates.axes))
+    factors = list(none.factors)
+    for at, factor in zip(found, frame.factors, strict=True):
+        if at is not None:
+            factors[at] = factor
+    first, second = (found[axis] for axis in frame.plane)
+    turns = frame.angle != 0.0 and first is not None and second is not None
+    plane = (first, second) if first is not None and second is not None and turns else None
+    coordinates.figure = Figure(tuple(factors), none.fixed, plane, (0.0, 0.0), frame.angle)
+    interpreter.update_plain()
+
+
+def _plane(flow: Flow) -> tuple[int, int]:
+    """Return the numbers of the axes of the plane in effect, in the direction of its angles."""
+    names = PLANE_AXES[flow.interpreter.modal.plane]
+    return "XYZ".index(names[0].upper()), "XYZ".index(names[1].upper())
+
+
+def _or(value: float, other: float) -> float:
+    return other if value != value else value
+
+
+def _mirror(value: float) -> float:
+    return 1.0 if value != value else -1.0
+
+
+FRAME_MAKERS: dict[str, Maker] = {"frame": FrameLine}
+"""Classes of the steps of control lines, by keyword."""
+
+
+# Steps of SINUMERIK's subprograms: calls by number or name, PROC, M17, RET.
+#
+# A subprogram follows a line ``%_N_NAME_SPF`` or ``PROC NAME`` of the same text, or is the file
+# ``name.spf`` in a folder of subroutines. R parameters belong to all programs, and
+# the parameters of PROC to a call. Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job
+# Planning", "Subprogram technique".
+
+_NUMBERED = re.compile("L[0-9]+")
+
+
+class Call(ControlStep):
+    """``L10``, ``NAME``, one of them with ``P3`` repeats, or ``NAME(1, R2)`` with values."""
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Enter the subprogram."""
+        name, count = str(self.control.label), self.control.count
+        if not count:
+            return line + 1
+        flow.interpreter.begun = True
+        found = self._found(flow, name)
+        if found is None:
+            return line + 1
+        listing, scope = found
+        given = self._values(flow, listing, scope, name)
+        caller = flow.listing
+        first = flow.enter(Frame("program", name, listing, scope, caller, self.at, line + 1, count))
+        for parameter, value in given.items():
+            flow.parameters.set_name(parameter, value, 1)
+        return first
+
+    def _values(self, flow: Flow, listing: Listing, scope: int, name: str) -> dict[str, float]:
+        """Return the values of the parameters; 0 for those that the call leaves out.
+
+        Raises:
+            CncError: ``call-arguments``: the call has more values than the head has parameters.
+        """
+        names = _parameters(listing, scope)
+        declared = list(zip(names[::2], names[1::2], strict=True))
+        given = [value(flow.parameters) for value in self.control.values]
+        if len(given) > len(declared):
+            message = (
+                f"{name} has {len(declared)} parameters, and the call gives {len(given)} values"
+            )
+            hint = f"its head is PROC {name}(REAL FIRST, ..)"
+            raise flow.listing.fault(self.at, "call-arguments", message, hint)
+        values = given + [0.0] * (len(declared) - len(given))
+        return {
+            str(parameter): _as_type(kind, 0.0 if value != value else value)
+            for (parameter, kind), value in zip(declared, values, strict=True)
+        }
+
+    def _found(self, flow: Flow, name: str) -> tuple[Listing, int] | None:
+        """Return the text of a subprogram and the line of its head; 0 for a file without one.
+
+        None if a check continues without the subprogram: one of a number, or one with values. A
+        name alone may be a mistyped word of another function.
+        """
+        for listing in (flow.listing, flow.main):
+            if line := _head(listing, name):
+                return listing, line
+        file = flow.library.find(f"<{name.lower()}>", self.at)
+        if file is not None:
+            return file, _head(file, name)
+        is_call = _NUMBERED.fullmatch(name) or self.control.values
+        word = Word("L", 0.0, name, self.at.column, self.at.length)
+        if is_call and skips_missing(flow, name, word, self.at.line):
+            return None
+        message = f"there is no subprogram {name}, and {name} is no word that is known"
+        hint = f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
+        raise flow.listing.fault(self.at, "sub-unknown", message, hint)
+
+
+def _head(listing: Listing, name: str) -> int:
+    """Return the line that begins a subprogram; 0 if the text does not have it."""
+    pattern = re.compile(
+        rb"(?<![^\r\n])[ \t]*(?:%_N_" + name.encode() + rb"_[MS]PF\b"
+        rb"|(?:N[0-9]+[ \t]*)?PROC[ \t]+" + name.encode() + rb"\b)",
+        re.IGNORECASE,
+    )
+    line = 1
+    while (window := listing.window(line)) is not None:
+        index = window.find(pattern, 0, window.count)
+        if index < window.count:
+            return window.first + index
+        line = window.first + window.count
+    return 0
+
+
+def _parameters(listing: Listing, scope: int) -> tuple[str | int, ...]:
+    """Return the parameters of a subprogram, each with its type, from the PROC that begins it."""
+    line = max(scope, 1)
+    while (window := listing.window(line)) is not None:
+        for index in range(line - window.first, window.count):
+            statement = listing.statement(window, index)
+            if statement is None or statement.words:
+                return ()
+            if (found := statement.control) is not None:
+                return found.names if found.keyword == "s-proc" else ()
+        line = window.first + window.count
+    return ()
+
+
+def _as_type(kind: str | int, value: float) -> float:
+    if kind == "INT":
+        return math.copysign(math.floor(abs(value) + 0.5), value)
+    return float(value != 0.0) if kind == "BOOL" else value
+
+
+class End(ControlStep):
+    """``M17``, ``RET``, M2 or M30: the end of a subprogram, or of the main program."""
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Return to the caller, or end the program."""
+        frame, code = flow.frame, str(self.control.label)
+        if frame.kind == "main":
+            end = Word("M", float(code or 2), f"M{code or 2}", *self.at[1:])
+            flow.interpreter.execute(Statement((end,)), line)
+            return line + 1
+        if code:
+            message = f"M{code} in the subprogram {frame.name}"
+            hint = "a subprogram ends with M17 or RET"
+            raise flow.listing.fault(self.at, "call-style-mixed", message, hint)
+        return flow.finish()
+
+
+class Head(ControlStep):
+    """``PROC``: it has no effect."""
+
+    __slots__ = ()
+
+    def run(self, _: Flow, line: int) -> int:
+        """Continue with the next line."""
+        return line + 1
+
+
+SUBPROGRAM_MAKERS: dict[str, Maker] = {"s-call": Call, "s-end": End, "s-proc": Head}
+"""Classes of the steps of control lines, by keyword."""

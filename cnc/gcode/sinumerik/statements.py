@@ -13,8 +13,26 @@ import zlib
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
+from cnc.gcode.reader.expressions import Builder, Node, constant
 from cnc.gcode.reader.lines import Reading
-from cnc.gcode.reader.statements import REMARK, Token, carried_out, squeezed
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.statements import (
+    DIAMETERS,
+    DIRECTION,
+    NOTED,
+    REMARK,
+    SHOWN,
+    Assignment,
+    Control,
+    Keyword,
+    Remark,
+    Statement,
+    Token,
+    Value,
+    carried_out,
+    squeezed,
+)
+from cnc.gcode.reader.words import MAX_NUMBER, Word
 from cnc.gcode.sinumerik.variables import (
     KINDS,
     MOST_ELEMENTS,
@@ -22,26 +40,14 @@ from cnc.gcode.sinumerik.variables import (
     Variable,
     elements,
     left_from,
+    no_names,
+    not_supported,
     number_of,
     parameters_of,
+    refused,
     sizes_of,
+    words,
 )
-from cnc.gcode.sinumerik.words import no_names, not_supported, refused, words
-from cnc.gcode.syntax.expressions import Builder, Node, constant
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import (
-    DIAMETERS,
-    DIRECTION,
-    NOTED,
-    SHOWN,
-    Assignment,
-    Control,
-    Keyword,
-    Remark,
-    Statement,
-    Value,
-)
-from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.model.diagnostics import GcodeError
 
 FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000

@@ -6,11 +6,11 @@ import random
 
 import pytest
 
-from cnc.boards.grbl.operator_requests import OperatorRequests
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.line_stream import OperatorRequests
+from cnc.boards.grbl.messages import Status
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import connected, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.soak import share

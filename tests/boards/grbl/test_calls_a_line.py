@@ -8,7 +8,7 @@ from types import FrameType
 import pytest
 
 import cnc
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.boards.grbl.test_streaming_rate import LONG, MOVES
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed

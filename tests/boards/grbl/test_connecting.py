@@ -8,12 +8,12 @@ import pytest
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.messages import Feedback, Firmware, Setting
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.port import SystemClock
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
+from cnc.simulators.grbl.workpiece import Environment
 from tests.support.boards.grbl_rig import MACHINE, connected, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import pytest
 
-from cnc.boards.grbl.events import Reported
 from cnc.boards.grbl.faults import refused
-from cnc.boards.grbl.messages import Firmware, Reply
-from cnc.boards.grbl.simulator.faults import (
+from cnc.boards.grbl.messages import Firmware, Reply, Reported
+from cnc.model.diagnostics import BoardError
+from cnc.simulators.grbl.grbl_simulator import (
     Alarm,
     Corrupt,
     Drop,
@@ -23,11 +23,10 @@ from cnc.boards.grbl.simulator.faults import (
     Error,
     Fault,
     Freeze,
+    GrblSimulator,
     Swallow,
     Unplug,
 )
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.model.diagnostics import BoardError
 from tests.support.boards.grbl_rig import LATEST, ROUTER, fails, outcome, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.soak import share

@@ -11,19 +11,18 @@ from dataclasses import replace
 import pytest
 
 from cnc.boards.grbl.messages import Firmware
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.faults import Drop
-from cnc.boards.grbl.simulator.firmware_profile import (
+from cnc.model.diagnostics import BoardError
+from cnc.model.operator_control import Control
+from cnc.session.homing import home_by_board
+from cnc.simulators.grbl.firmware_profile import (
     FLUIDNC,
     GRBL,
     GRBLHAL,
     GRBLHAL_AS_GRBL,
     FirmwareProfile,
 )
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.executor.homing import home_by_board
-from cnc.model.diagnostics import BoardError
-from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import Drop, GrblSimulator
+from cnc.simulators.grbl.workpiece import Environment
 from tests.support.boards.grbl_rig import ROUTER, connected, fails, outcome, started
 from tests.support.boards.line_board_conformance import PREAMBLE
 from tests.support.boards.simulator_bench import HOMING, Bench

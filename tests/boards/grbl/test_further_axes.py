@@ -9,20 +9,18 @@ import pytest
 
 from cnc.api import RunOptions, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.link import GrblLink, machine_file
 from cnc.boards.grbl.messages import Feedback, Firmware
-from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
-from cnc.boards.grbl.simulator.report import status_report
-from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
 from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
-from cnc.session.source import InlineProgram
+from cnc.session.program_reader import InlineProgram
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import NAME, GrblSimulatorBoard, GrblSimulatorPort
+from cnc.simulators.grbl.report import status_report
+from cnc.simulators.grbl.workpiece import HalfSpace, Workpiece
 from tests.support.boards.simulator_bench import HOMING, Bench
 
 ROTARY = Axis(steps_per_mm=100, max_velocity=60, max_acceleration=300, travel=(-3600, 3600))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.boards.grbl.test_streaming_rate import LONG
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed

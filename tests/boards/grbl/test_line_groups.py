@@ -6,10 +6,9 @@ import random
 
 import pytest
 
-from cnc.boards.grbl.events import Rejected
-from cnc.boards.grbl.line_groups import MOST_LINES, LineGroup, groups_of, single
-from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of
-from cnc.model.packed_lines import PackedLines
+from cnc.boards.grbl.messages import MOST_CHARACTERS, Rejected, kind_of
+from cnc.boards.grbl.protocol import MOST_LINES, LineGroup, groups_of, single
+from cnc.model.streams import PackedLines
 from tests.support.boards.grbl_rig import ready
 from tests.support.boards.line_reader import lines_with_effects
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Swallow
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.blocks import Dwell
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator, Swallow
 from tests.support.boards.grbl_rig import LATEST, MACHINE
 from tests.support.boards.grbl_wire import (
     PROGRAM,

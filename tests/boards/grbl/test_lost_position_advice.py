@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.boards.grbl.simulator.faults import Alarm
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.grbl_simulator import Alarm, GrblSimulator
 from tests.support.boards.grbl_rig import ROUTER, fails, started
 from tests.support.boards.line_board_conformance import PREAMBLE
 

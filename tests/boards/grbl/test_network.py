@@ -11,14 +11,19 @@ import pytest
 
 from cnc.boards.discovery import port_report, probe_ports
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBL, GRBLHAL, FirmwareProfile
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import LONGEST_SLEEP, ScaledTime
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from cnc.session.session import Session
+from cnc.simulators.grbl.firmware_profile import (
+    FLUIDNC,
+    GRBL,
+    GRBLHAL,
+    FirmwareProfile,
+    settings_of,
+)
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import LONGEST_SLEEP, ScaledTime
 
 MACHINE = load_machine("grbl-uno")
 FASTER = 5.0

@@ -12,12 +12,10 @@ import pytest
 
 from cnc.boards import serial_port
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Unplug
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
-from cnc.boards.grbl.simulator.grbl_simulator import BOOT_TIME, GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.serial_port import SerialLink, identity, open_port
+from cnc.simulators.grbl.firmware_profile import GRBLHAL
+from cnc.simulators.grbl.grbl_simulator import BOOT_TIME, GrblSimulator, Unplug
+from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer
 from tests.support.boards.grbl_rig import MACHINE
 from tests.support.waiting import HANG, wait_until
 

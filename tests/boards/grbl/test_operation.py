@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from cnc.boards.grbl.operation import JogLine
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.jogging import REST_TIME
-from cnc.operate.line_machine import LineMachine
+from cnc.operate.machines import LineMachine
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import MACHINE, ROUTER, connected
 
 LOST_TIME = 0.5

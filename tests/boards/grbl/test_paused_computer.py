@@ -15,9 +15,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.faults import Drop, Error, Fault, Freeze, Swallow
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import Drop, Error, Fault, Freeze, GrblSimulator, Swallow
 from tests.support.boards.grbl_rig import MACHINE, ROUTER, outcome
 from tests.support.boards.grbl_wire import Wire
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE

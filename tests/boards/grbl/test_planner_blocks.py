@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, NUMBERED_GRBL, FirmwareProfile
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.session.board_lines import board_timing
+from cnc.session.run_lines import board_timing
+from cnc.simulators.grbl.firmware_profile import GRBL, NUMBERED_GRBL, FirmwareProfile
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import MACHINE, connected
 from tests.support.boards.simulator_bench import Bench
 

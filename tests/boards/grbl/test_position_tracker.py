@@ -10,11 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.line_groups import groups_of
-from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
-from cnc.boards.grbl.tracked_moves import AxisLimits
-from cnc.model.packed_lines import PackedLines
-from cnc.model.streams import GcodeLine
+from cnc.boards.grbl.position_tracker import TOLERANCE, AxisLimits, PositionTracker
+from cnc.boards.grbl.protocol import groups_of
+from cnc.model.streams import GcodeLine, PackedLines
 from tests.support.boards.line_reader import LineReader, lines_with_effects
 
 OFFSET = (10.0, -20.0, 3.0)

@@ -9,31 +9,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.events import (
-    Alarmed,
-    Confirmed,
-    Lost,
-    Rejected,
-    Started,
-    UnexpectedReply,
-)
-from cnc.boards.grbl.line_groups import single
-from cnc.boards.grbl.line_kinds import kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     UNNUMBERED,
     Alarm,
+    Alarmed,
+    Confirmed,
     Feedback,
     Firmware,
+    Lost,
     Message,
     Messages,
     Other,
+    Rejected,
     Reply,
     Report,
     Setting,
+    Started,
+    UnexpectedReply,
     Welcome,
+    kind_of,
     message,
+    seconds_of,
 )
-from cnc.boards.grbl.protocol import MARK_BYTES, GrblProtocol, State
+from cnc.boards.grbl.protocol import MARK_BYTES, GrblProtocol, State, single
 from tests.support.boards.grbl_rig import WELCOME, ready
 
 DOCUMENTED: list[tuple[str, Message]] = [

@@ -6,13 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
-from cnc.boards.grbl.events import (
-    Reported,
-)
-from cnc.boards.grbl.line_groups import single
-from cnc.boards.grbl.messages import Firmware
-from cnc.boards.grbl.status import StatusReader
+from cnc.boards.grbl.faults import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
+from cnc.boards.grbl.messages import Firmware, Reported, StatusReader
+from cnc.boards.grbl.protocol import single
 from tests.support.boards.grbl_rig import ready
 
 FIELDS = {

@@ -10,10 +10,10 @@ import random
 
 import pytest
 
-from cnc.boards.grbl.operator_requests import OperatorRequests
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.line_stream import OperatorRequests
+from cnc.boards.grbl.messages import Status
 from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.boards.simulator_bench import Bench

@@ -6,11 +6,11 @@ import pytest
 
 from cnc.api import run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import NAME, GrblSimulatorPort
 from cnc.machine.load import load_machine
-from cnc.session.source import InlineProgram
+from cnc.session.program_reader import InlineProgram
+from cnc.simulators.grbl.firmware_profile import settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import NAME, GrblSimulatorPort
 
 MILL = load_machine(Path("config/grbl-uno.toml"))
 

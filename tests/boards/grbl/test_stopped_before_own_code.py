@@ -6,11 +6,10 @@ import math
 
 import pytest
 
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.blocks import BoardCommand
 from cnc.model.operator_control import Control
-from cnc.model.packed_lines import PackedLines
-from cnc.model.streams import GcodeLine
+from cnc.model.streams import GcodeLine, PackedLines
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.boards.grbl.test_stopped_line import FIRST, PROMPT, STEP
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed

@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import connected
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.soak import share

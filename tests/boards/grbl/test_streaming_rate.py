@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from cnc.boards.grbl import answer_gathering
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl import line_stream
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from tests.support.boards.grbl_rig import MACHINE, connected
 from tests.support.boards.line_board_conformance import ORIGIN, feed
 from tests.support.soak import share
@@ -46,7 +46,7 @@ def streamed(
     settings: Mapping[int, float] = FAST,
 ) -> tuple[float, int]:
     """Return the seconds of the lines on the board, and the number of readings."""
-    monkeypatch.setattr(answer_gathering, "SHORTEST", shortest)
+    monkeypatch.setattr(line_stream, "SHORTEST", shortest)
     simulator = GrblSimulator(settings=settings, baud=baud)
     changed = MACHINE.board.model_copy(update={"baud": baud})
     board = connected(simulator, MACHINE.model_copy(update={"board": changed}))
@@ -70,7 +70,7 @@ def streamed(
 def test_answers_gather_while_the_wire_stays_busy(
     lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gathering = answer_gathering.SHORTEST
+    gathering = line_stream.SHORTEST
     seconds, readings = streamed(monkeypatch, NEVER, lines, check_only=True)
     fewer = streamed(monkeypatch, gathering, lines, check_only=True)
     assert fewer[0] < 1.004 * seconds
@@ -82,7 +82,7 @@ def test_answers_gather_while_the_wire_stays_busy(
 def test_a_long_move_delays_no_line_after_it(baud: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The full planner answers nothing meanwhile, and then answers as fast as before."""
     hard: Any = {"check_only": False, "baud": baud, "settings": LASER}
-    gathering, lines = answer_gathering.SHORTEST, list(overscanned(12, 60))
+    gathering, lines = line_stream.SHORTEST, list(overscanned(12, 60))
     seconds, _ = streamed(monkeypatch, NEVER, lines, **hard)
     fewer, _ = streamed(monkeypatch, gathering, lines, **hard)
     assert fewer < 1.01 * seconds
@@ -92,7 +92,7 @@ def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     slow: Any = {"check_only": False, "baud": 57600, "settings": LIGHT}
-    gathering = answer_gathering.SHORTEST
+    gathering = line_stream.SHORTEST
     seconds, readings = streamed(monkeypatch, NEVER, TINY, **slow)
     fewer = streamed(monkeypatch, gathering, TINY, **slow)
     assert fewer[0] < 1.002 * seconds
@@ -100,7 +100,7 @@ def test_a_board_that_waits_for_the_wire_gets_its_lines_at_once(
 
 
 def test_short_moves_take_a_wake_up_for_three_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    gathering = answer_gathering.SHORTEST
+    gathering = line_stream.SHORTEST
     seconds, readings = streamed(monkeypatch, NEVER, MOVES, check_only=False)
     fewer = streamed(monkeypatch, gathering, MOVES, check_only=False)
     assert fewer[0] < 1.002 * seconds
@@ -117,7 +117,7 @@ def test_a_board_that_reads_more_slowly_than_the_wire_takes_few_wake_ups(
         f"X{20 + 9 * math.cos(a):.3f}Y{20 + 9 * math.sin(a):.3f}Z-{1 + k % 3 * 0.01:.3f}"
         for k, a in enumerate(angles)
     )
-    lines, gathering = ["G1 F6000", *circle], answer_gathering.SHORTEST
+    lines, gathering = ["G1 F6000", *circle], line_stream.SHORTEST
     hard: Any = {"check_only": False, "settings": PROMPT}
     seconds, _ = streamed(monkeypatch, NEVER, lines, **hard)
     fewer = streamed(monkeypatch, gathering, lines, **hard)

@@ -7,16 +7,13 @@ from collections.abc import Callable
 
 import pytest
 
-from cnc.boards.grbl.events import SentLine
-from cnc.boards.grbl.line_kinds import Kind
-from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
+from cnc.boards.grbl.fault_monitor import STUCK, LivenessMonitor
+from cnc.boards.grbl.messages import Kind, SentLine, Status
 from cnc.boards.grbl.protocol import State
-from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Unplug
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.status import Status
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
+from cnc.simulators.grbl.grbl_simulator import Alarm, Drop, Error, Freeze, GrblSimulator, Unplug
 from tests.support.boards.grbl_rig import LATEST, ROUTER
 from tests.support.boards.grbl_wire import (
     PROGRAM,

@@ -15,14 +15,13 @@ from websockets.sync.server import Server, ServerConnection, serve
 
 from cnc.boards.discovery import port_report, probe_ports
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.firmware_profile import FLUIDNC, GRBLHAL, FirmwareProfile
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import LONGEST_SLEEP, ScaledTime
 from cnc.boards.serial_port import open_port
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError
 from cnc.session.session import Session
+from cnc.simulators.grbl.firmware_profile import FLUIDNC, GRBLHAL, FirmwareProfile, settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import LONGEST_SLEEP, ScaledTime
 
 MACHINE = load_machine("grbl-uno")
 FASTER = 5.0

@@ -9,8 +9,8 @@ import pytest
 from cnc.api import run
 from cnc.boards import serial_port
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.grbl_rig import MACHINE
 from tests.support.session.position_runs import END, FAST, SQUARE
 

@@ -10,12 +10,11 @@ import pytest
 
 from cnc.api import Callbacks, Control, run
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.protocol.dictionary import Message
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.protocol import Message
 from cnc.boards.protocols import PulseSink
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance
 from tests.support.boards.klipper_rig import (
     AVR,

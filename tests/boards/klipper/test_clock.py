@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from cnc.boards.klipper.clock import MAX_DRIFT, BoardClock
+from cnc.boards.klipper.connection import MAX_DRIFT, BoardClock
 from tests.support.soak import share
 
 WRAP = 2**32

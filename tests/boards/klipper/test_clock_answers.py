@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.boards.klipper.clock import MAX_DRIFT
-from cnc.boards.klipper.connection import CLOCK_PERIOD_S, Connection
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.boards.klipper.slots import Slots
+from cnc.boards.klipper.connection import CLOCK_PERIOD_S, MAX_DRIFT, Connection
+from cnc.boards.klipper.sender import Slots
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.klipper_rig import machine
 
 

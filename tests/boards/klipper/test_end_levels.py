@@ -7,10 +7,9 @@ from functools import partial
 
 import pytest
 
-from cnc.boards.klipper.protocol.dictionary import Message
-from cnc.boards.klipper.simulator.commands import Commands
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.trsync import EndLevel
+from cnc.boards.klipper.protocol import Message
+from cnc.simulators.klipper.commands import Commands, EndLevel
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
 from tests.support.soak import share
 
 MOTOR, SWITCH, TRIGGER = 0, 1, 2

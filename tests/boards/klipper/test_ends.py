@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from cnc.api import home
-from cnc.boards.klipper.simulator.board import KlipperSimulatorBoard, with_pins
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.simulators.klipper.ports import KlipperSimulatorBoard, with_pins
 from tests.support.boards.gantry_board import gantry
 from tests.support.boards.homing_bench import QUICK, axis, small
 from tests.support.boards.klipper_rig import pins, place, with_board

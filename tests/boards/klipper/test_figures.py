@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.boards.klipper.steps import StepEncoder
+from cnc.boards.klipper.sender import StepEncoder
 from cnc.machine.models import Machine
 from cnc.model.streams import PulseChunk
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.klipper_rig import machine, place
 from tests.support.soak import share
 

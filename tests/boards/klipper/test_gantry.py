@@ -9,12 +9,11 @@ import pytest
 
 from cnc.api import home
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.executor.squaring import Squared
 from cnc.machine.klipper import KlipperAxis
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+from cnc.session.homing import Squared
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.gantry_board import PLACES, SwitchPlaces, gantry
 from tests.support.boards.klipper_rig import end_level, event_ticks, pins, steps_of, with_board
 from tests.support.session.runs import run_with

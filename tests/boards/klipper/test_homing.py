@@ -8,12 +8,12 @@ import pytest
 
 from cnc.api import home
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.executor.homing_cycles import homing_sequence
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.models import HomingOrder, Machine
 from cnc.model.diagnostics import BoardError
+from cnc.session.homing import homing_sequence
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.homing_bench import axis, small
 from tests.support.boards.klipper_rig import (
     connected,

@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.boards.klipper.simulator.pty_server import PtyServer
 from cnc.boards.serial_port import identity
 from cnc.machine.load import load_machine
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, PtyServer, simulator_for
 from tests.support.boards.klipper_rig import board, machine, pins, place
 from tests.support.paths import ROOT
 from tests.support.session.runs import run_with

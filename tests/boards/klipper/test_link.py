@@ -6,10 +6,17 @@ import random
 
 import pytest
 
-from cnc.boards.klipper.protocol.errors import LocalError, WireError
-from cnc.boards.klipper.protocol.frames import MAX_CONTENTS, BlockReader, block_bytes
-from cnc.boards.klipper.protocol.link import DEFAULT_WINDOW, SILENCE_S, KlipperLink
-from cnc.boards.klipper.simulator.wire import Cable
+from cnc.boards.klipper.protocol import (
+    DEFAULT_WINDOW,
+    MAX_CONTENTS,
+    SILENCE_S,
+    BlockReader,
+    KlipperLink,
+    LocalError,
+    WireError,
+    block_bytes,
+)
+from cnc.simulators.klipper.klipper_simulator import Cable
 from tests.support.soak import share
 
 TRIP_S = 0.004

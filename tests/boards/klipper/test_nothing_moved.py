@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.line_tracker import LineTracker
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.boards.klipper.sender import LineTracker
 from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.klipper_rig import board, connected, count, machine, pins, place
 from tests.support.boards.stepper_rig import chunks, eased
 

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator import pty_server
-from cnc.boards.klipper.simulator.board import simulator_for
 from cnc.boards.port import SystemClock
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper import ports
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.klipper_rig import machine
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.session.runs import run_with
@@ -52,8 +52,8 @@ def port(known: Machine) -> Iterator[str]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SystemClock, "now", staticmethod(slow_time))
         patch.setattr(SystemClock, "sleep", lambda _, seconds: time.sleep(SLOWER * seconds))
-        patch.setattr(pty_server, "time", SimpleNamespace(monotonic=slow_time))
-        with pty_server.PtyServer(simulator_for(known)) as server:
+        patch.setattr(ports, "time", SimpleNamespace(monotonic=slow_time))
+        with ports.PtyServer(simulator_for(known)) as server:
             yield server.name
 
 

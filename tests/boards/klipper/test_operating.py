@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cnc.api import Callbacks, Control, run
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.executor.run import Progress
+from cnc.session.run_pulses import Progress
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.klipper_rig import (
     after,
     board,

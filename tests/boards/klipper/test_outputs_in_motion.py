@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
 from cnc.machine.models import Machine
 from cnc.model.blocks import Spindle
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.klipper_rig import connected, last_step, machine, pins, steps_of
 from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.soak import share

@@ -7,15 +7,13 @@ from pathlib import Path
 import pytest
 
 from cnc.boards.discovery import FoundBoard, port_report
-from cnc.boards.klipper.connection import Connection
+from cnc.boards.klipper.connection import Connection, read_info
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.port_report import read_info
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.firmware import FIRMWARES
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.firmware import FIRMWARES
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import MachineFileError
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.klipper_rig import MCUS, connected, machine
 
 

@@ -11,17 +11,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.crc import crc16
-from cnc.boards.klipper.protocol import vlq
-from cnc.boards.klipper.protocol.dictionary import Dictionary, MessageFormat
-from cnc.boards.klipper.protocol.errors import LocalError, RemoteError
-from cnc.boards.klipper.protocol.frames import (
+from cnc.boards.klipper import protocol
+from cnc.boards.klipper.protocol import (
     MAX_CONTENTS,
     MAX_LENGTH,
     Block,
     BlockReader,
+    Dictionary,
+    LocalError,
+    MessageFormat,
+    RemoteError,
     block_bytes,
 )
+from cnc.boards.pulse_board import crc16
 
 SIZES = [
     (-32, 95, 1),
@@ -35,18 +37,18 @@ SIZES = [
 
 @pytest.mark.parametrize(("least", "most", "size"), SIZES)
 def test_integers_have_the_documented_sizes(least: int, most: int, size: int) -> None:
-    assert len(vlq.encode(least)) == len(vlq.encode(most)) == size
+    assert len(protocol.encode(least)) == len(protocol.encode(most)) == size
     if size < 5:
-        assert len(vlq.encode(least - 1)) == len(vlq.encode(most + 1)) == size + 1
+        assert len(protocol.encode(least - 1)) == len(protocol.encode(most + 1)) == size + 1
 
 
-@given(st.integers(vlq.LEAST, vlq.MOST))
+@given(st.integers(protocol.LEAST, protocol.MOST))
 def test_integers_survive(value: int) -> None:
-    data = vlq.encode(value)
-    found, end = vlq.decode(data + b"\xff", 0)
+    data = protocol.encode(value)
+    found, end = protocol.decode(data + b"\xff", 0)
     assert end == len(data)
-    assert vlq.unsigned(found) == vlq.unsigned(value)
-    assert vlq.signed(found) == vlq.signed(value)
+    assert protocol.unsigned(found) == protocol.unsigned(value)
+    assert protocol.signed(found) == protocol.signed(value)
 
 
 def firmware_bytes(value: int) -> bytes:
@@ -79,13 +81,13 @@ def test_message_numbers_may_be_negative_or_of_two_bytes(number: int) -> None:
 @pytest.mark.parametrize("value", [2**32, -(2**31) - 1])
 def test_integers_of_more_than_32_bits_are_refused(value: int) -> None:
     with pytest.raises(LocalError):
-        vlq.encode(value)
+        protocol.encode(value)
 
 
 @pytest.mark.parametrize("data", [b"", b"\x81", b"\x80" * 6])
 def test_integers_without_end_are_refused(data: bytes) -> None:
     with pytest.raises(RemoteError):
-        vlq.decode(data, 0)
+        protocol.decode(data, 0)
 
 
 def test_block_has_the_documented_form() -> None:

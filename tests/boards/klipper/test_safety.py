@@ -9,13 +9,10 @@ import pytest
 
 from cnc.api import Control, run
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.motion_limits import RUN
-from cnc.boards.klipper.ramp import ramp_seconds, stretched
-from cnc.boards.klipper.sender import PIECE_S
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.sender import PIECE_S, RUN, ramp_seconds, stretched
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.klipper_rig import (
     after,
     board,

@@ -10,12 +10,11 @@ import pytest
 
 from cnc.boards.klipper.connection import Connection
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.firmware import FIRMWARES
-from cnc.boards.klipper.simulator.klipper_simulator import BOOT_S, KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.firmware import FIRMWARES
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper.klipper_simulator import BOOT_S, KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.klipper_rig import connected, machine, pins, place
 from tests.support.session.runs import run_with
 

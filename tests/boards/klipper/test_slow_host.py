@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.driver import BACKGROUND_S, Klipper
-from cnc.boards.klipper.feasibility import KlipperFeasibility
-from cnc.boards.klipper.profile import profile_of
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
+from cnc.boards.klipper.feasibility import KlipperFeasibility, profile_of
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
 from tests.support.boards.klipper_rig import board, count, machine, place, steps_of
 from tests.support.boards.stepper_rig import chunks, eased, line
 from tests.support.soak import share

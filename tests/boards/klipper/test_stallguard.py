@@ -9,13 +9,12 @@ import pytest
 
 from cnc.api import home
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.boards.klipper.simulator.stall import HardStop
-from cnc.boards.klipper.trinamic.settings import GCONF, TCOOLTHRS
+from cnc.boards.klipper.trinamic import GCONF, TCOOLTHRS
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
+from cnc.simulators.klipper.ends import HardStop
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.gantry_board import gantry
 from tests.support.boards.homing_bench import small
 from tests.support.boards.klipper_rig import pins, place, with_board

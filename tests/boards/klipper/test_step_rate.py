@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from cnc.boards.klipper.driver import Klipper
-from cnc.boards.klipper.feasibility import KlipperFeasibility
-from cnc.boards.klipper.profile import profile_of
-from cnc.boards.klipper.simulator.steppers import Motor
+from cnc.boards.klipper.feasibility import KlipperFeasibility, profile_of
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MotionLimitError
 from cnc.model.streams import PulseChunk
+from cnc.simulators.klipper.commands import Motor
 from tests.support.boards.klipper_rig import board, machine, pins
 from tests.support.boards.stepper_rig import chunks, line
 

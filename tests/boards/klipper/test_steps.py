@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cnc.boards.klipper.steps import StepEncoder, step_times
-from cnc.kernels.klipper.step_runs import MAX_ADD, MAX_COUNT, MAX_INTERVAL, MIN_ADD, Runs
+from cnc.boards.klipper.kernels.step_runs import MAX_ADD, MAX_COUNT, MAX_INTERVAL, MIN_ADD, Runs
+from cnc.boards.klipper.sender import StepEncoder, step_times
 from tests.support.soak import check_without_compiler, share
 
 

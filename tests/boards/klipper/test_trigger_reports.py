@@ -13,11 +13,10 @@ import pytest
 from cnc.api import home
 from cnc.boards.klipper.guards import REPORT_S
 from cnc.boards.klipper.layout import BY_HOST
-from cnc.boards.klipper.protocol.dictionary import Message
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.commands import Commands
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
+from cnc.boards.klipper.protocol import Message
+from cnc.simulators.klipper.commands import Commands
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.homing_bench import small
 from tests.support.boards.klipper_rig import (
     board,

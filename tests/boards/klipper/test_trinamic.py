@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.devices import DriverModel
-from cnc.boards.klipper.trinamic.frames import crc8, from_bits, to_bits, uart_read, uart_write
-from cnc.boards.klipper.trinamic.settings import (
+from cnc.boards.klipper.trinamic import (
     CHOPCONF,
     COOLCONF,
     DRV_STATUS,
@@ -22,11 +19,18 @@ from cnc.boards.klipper.trinamic.settings import (
     SGTHRS,
     TCOOLTHRS,
     CurrentOutOfRange,
+    crc8,
     currents,
+    from_bits,
+    to_bits,
+    uart_read,
+    uart_write,
 )
 from cnc.machine.klipper import TrinamicDriver
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MachineFileError
+from cnc.simulators.klipper.devices import DriverModel
+from cnc.simulators.klipper.ports import simulator_for
 from tests.support.boards.gantry_board import gantry
 from tests.support.boards.klipper_rig import (
     after,

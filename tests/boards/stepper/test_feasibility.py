@@ -9,7 +9,7 @@ import pytest
 
 from cnc.boards.stepper.driver import Stepper
 from cnc.boards.stepper.feasibility import LATE_NS, StepperFeasibility
-from cnc.boards.stepper.motor_outputs import MotorOutputs
+from cnc.boards.stepper.outputs import MotorOutputs
 from cnc.cli import exit_code
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cnc.boards.stepper.frames import frame
-from cnc.boards.stepper.protocol import Kind
+from cnc.boards.stepper.protocol import Kind, frame
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.stepper_host import (
     ALARM,

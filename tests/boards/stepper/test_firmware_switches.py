@@ -9,8 +9,7 @@ import pytest
 
 from cnc.api import Callbacks, run
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.frames import frame
-from cnc.boards.stepper.protocol import Kind
+from cnc.boards.stepper.protocol import Kind, frame
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from tests.support.boards.stepper_host import (

@@ -10,13 +10,11 @@ import pytest
 
 from cnc.api import check, home
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.frames import frame
-from cnc.boards.stepper.motor_outputs import MotorOutputs
-from cnc.boards.stepper.protocol import Kind, StepperLink
-from cnc.executor.squaring import Squared
-from cnc.machine.models import Machine
-from cnc.machine.motors import Motor
+from cnc.boards.stepper.outputs import MotorOutputs
+from cnc.boards.stepper.protocol import Kind, StepperLink, frame
+from cnc.machine.models import Machine, Motor
 from cnc.model.diagnostics import BoardError
+from cnc.session.homing import Squared
 from tests.support.boards.gantry_board import gantry
 from tests.support.boards.stepper_simulator import (
     DIRECTION_PINS,

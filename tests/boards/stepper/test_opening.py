@@ -10,8 +10,7 @@ import pytest
 
 from cnc.boards.registry import board_names, open_board
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.frames import frame, unframed
-from cnc.boards.stepper.protocol import Kind
+from cnc.boards.stepper.protocol import Kind, frame, unframed
 from cnc.machine.models import Axis
 from cnc.model.diagnostics import BoardError, UsageError
 from tests.support.boards.stepper_rig import board, machine

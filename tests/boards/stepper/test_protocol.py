@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.crc import crc16
-from cnc.boards.stepper.frames import frame, unframed
+from cnc.boards.pulse_board import crc16
 from cnc.boards.stepper.protocol import (
     HELLO_SEQUENCE,
     MAX_FRAME,
@@ -25,6 +24,8 @@ from cnc.boards.stepper.protocol import (
     Status,
     StepperLink,
     Welcome,
+    frame,
+    unframed,
 )
 from tests.support.paths import ROOT
 from tests.support.soak import share

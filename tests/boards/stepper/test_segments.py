@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cnc.boards.stepper.kernels import segment_encoder, segments
 from cnc.boards.stepper.segments import ROWS, SegmentDecoder, SegmentEncoder, command, split
-from cnc.kernels.stepper import segment_encoder, segments
 from cnc.model.streams import PulseChunk
 from tests.support.boards.segment_player import moves
 from tests.support.soak import share

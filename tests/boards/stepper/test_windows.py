@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.stepper.windows import MAX_CORNERS, Bounds, Polygon, Windows, longest
+from cnc.boards.stepper.kernels.candidates import MAX_CORNERS, Bounds, Polygon, Windows, longest
 from tests.support.soak import share
 
 

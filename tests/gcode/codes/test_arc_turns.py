@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import GcodeError
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.machine.program_codes import RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, NurbsFeed, Stop
 from cnc.model.diagnostics import Diagnostic

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.gcode.codes.comments import fill
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.comments import fill
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Abort, Polyline, WaitInput
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import error_of, run

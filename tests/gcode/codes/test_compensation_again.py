@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from tests.support.gcode.gcode_cases import block_summaries, end_of, error_of
 
 AGAIN = "G21 G90 G17\nG0 X0. Y0.\nG41 D2\nG1 F60 X20.\n{}X40.\nY30.\nG40 X50.\nM30"

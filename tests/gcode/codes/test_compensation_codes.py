@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import (

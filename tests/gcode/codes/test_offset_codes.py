@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.parameters import Parameters
 from tests.support.gcode.gcode_cases import assert_blocks, error_of, run
 from tests.support.gcode.offset_tools import table
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from tests.support.gcode.gcode_cases import rows, run
 from tests.support.soak import share
 

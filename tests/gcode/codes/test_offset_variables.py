@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.parameter_file import read_parameters, write_parameters
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.parameters import Parameters, read_parameters, write_parameters
 from tests.support.gcode.gcode_cases import error_of, points, run, warnings
 
 # Offset 5: length 50, its wear 0.25, radius 3, its wear -0.125 (mm).

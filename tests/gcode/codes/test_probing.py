@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Block, Probe
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cnc.gcode import dialects
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import error_of, run

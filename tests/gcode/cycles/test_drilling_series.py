@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import steps
-from cnc.gcode.cycles.steps import Cut, Pause, Rapid
-from cnc.gcode.syntax.code_numbers import G
-from cnc.kernels.gcode.holes import Hole, HoleSettings
+from cnc.gcode.core.cycle_runner import Cut, Pause, Rapid, steps
+from cnc.gcode.kernels.cycles import Hole, HoleSettings
+from cnc.gcode.reader.words import G
 from tests.support.gcode.gcode_cases import (
     assert_rows_equal,
     error_of,

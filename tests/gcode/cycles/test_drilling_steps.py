@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import steps
-from cnc.gcode.cycles.steps import (
+from cnc.compiled.jit import interpreted
+from cnc.gcode.core.cycle_runner import (
     Cut,
     OperatorStop,
     OrientSpindle,
@@ -19,10 +19,10 @@ from cnc.gcode.cycles.steps import (
     Step,
     Turning,
     TurnSpindle,
+    steps,
 )
-from cnc.gcode.syntax.code_numbers import G
-from cnc.kernels.gcode.holes import Hole, HoleSettings, peck_count
-from cnc.kernels.jit import interpreted
+from cnc.gcode.kernels.cycles import Hole, HoleSettings, peck_count
+from cnc.gcode.reader.words import G
 from tests.support.soak import share
 
 HIGH = Hole(4, 5, bottom=-1, retract=1, clear=3)

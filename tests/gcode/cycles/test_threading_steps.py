@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.steps import Cut, Rapid, SetOverrides, Step, Synchronise, TurnSpindle
-from cnc.gcode.cycles.threading_steps import (
+from cnc.gcode.core.cycle_runner import Cut, Rapid, SetOverrides, Step, Synchronise, TurnSpindle
+from cnc.gcode.turning.threads import (
     MOST_PASSES,
-    Thread,
+    ThreadSteps,
     cut,
     depths,
     follow,
@@ -20,12 +20,12 @@ from cnc.gcode.cycles.threading_steps import (
 )
 from tests.support.soak import share
 
-PLAIN = Thread(start=5, end=-20, drive=20, height=0, pitch=1.5, peak=-1, first=0.2, full=0.8)
+PLAIN = ThreadSteps(start=5, end=-20, drive=20, height=0, pitch=1.5, peak=-1, first=0.2, full=0.8)
 
 
-def thread(**words: float | bool) -> Thread:
-    values = {name: getattr(PLAIN, name) for name in Thread.__slots__}
-    return Thread(**{**values, **words})  # type: ignore[arg-type]
+def thread(**words: float | bool) -> ThreadSteps:
+    values = {name: getattr(PLAIN, name) for name in ThreadSteps.__slots__}
+    return ThreadSteps(**{**values, **words})  # type: ignore[arg-type]
 
 
 def test_a_thread_of_equal_depths_pass_by_pass() -> None:
@@ -134,7 +134,7 @@ threads = st.builds(
 
 @settings(max_examples=share(5000, 30), deadline=None)
 @given(threads)
-def test_depths_by_summation(case: Thread) -> None:
+def test_depths_by_summation(case: ThreadSteps) -> None:
     """depth ** degression grows by first ** degression a pass: the meaning of degression (2: area),
     added up.
     """
@@ -151,7 +151,7 @@ def test_depths_by_summation(case: Thread) -> None:
 
 @settings(max_examples=share(5000, 30), deadline=None)
 @given(threads)
-def test_every_pass_keeps_the_pitch_along_z(case: Thread) -> None:
+def test_every_pass_keeps_the_pitch_along_z(case: ThreadSteps) -> None:
     """z moves pitch a turn wherever the tool cuts along the thread, so that no pass leaves the
     groove; the stroke is always the same.
     """

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.gcode import dialects
-from cnc.gcode.geometry import arcs
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.core import arcs
+from cnc.gcode.reader.words import Word
 from cnc.model.blocks import ArcFeed
 from tests.support.gcode.gcode_cases import error_of, run
 

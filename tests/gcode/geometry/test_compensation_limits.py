@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from cnc.gcode.geometry.compensation import Compensation
+from cnc.gcode.core.compensation import Compensation
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.compensation_cases import (

@@ -12,9 +12,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.geometry.clearance import clearance
-from cnc.gcode.geometry.compensation import Compensation
-from cnc.gcode.geometry.offset_curves import MITRE, Curve, TrueArc, round_offset, straight_offset
+from cnc.gcode.core.compensation import Compensation, clearance
+from cnc.gcode.core.offset_curves import MITRE, Curve, TrueArc, round_offset, straight_offset
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.compensation_cases import (
     FEED,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from cnc.gcode.geometry.corner_rounds import Arc, Line, Move, round_between
+from cnc.gcode.core.corners import Arc, Line, Move, round_between
 
 angles = st.floats(-math.pi, math.pi)
 lengths = st.floats(5.0, 50.0)

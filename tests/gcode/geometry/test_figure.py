@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.geometry.figure import Figure
+from cnc.gcode.core.coordinates import Figure
 from cnc.model.blocks import ArcFeed, Polyline
 from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.gcode.program.call_stack import Limits
+from cnc.gcode.core.call_stack import Limits
 from tests.support.gcode.gcode_cases import block_summaries, error_of
 
 

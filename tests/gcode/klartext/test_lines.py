@@ -6,10 +6,10 @@ from random import Random
 
 import pytest
 
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.program import interpret
 from cnc.gcode.klartext.reader import parse
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Coolant, End, NurbsFeed, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError, GcodeError
 from tests.support.gcode.fuzz_runs import limited

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cnc.gcode.program import compiled_program
-from cnc.gcode.program.compiled_program import CompiledProgram
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax import source_text
-from cnc.gcode.syntax.source_text import Text, Window
+from cnc.gcode.core import compiled_program
+from cnc.gcode.core.compiled_program import CompiledProgram
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader import source_text
+from cnc.gcode.reader.source_text import Text, Window
 from cnc.model.blocks import Polyline
 from tests.gcode.program.test_compiled_lines_in_programs import INSIDE, agree
 from tests.gcode.program.test_plain_lines import AXES

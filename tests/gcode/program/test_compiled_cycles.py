@@ -6,10 +6,10 @@ import random
 
 import pytest
 
-from cnc.gcode.program import line_steps
-from cnc.gcode.program.plain_lines import PlainLines
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text, Window
+from cnc.gcode.core import line_steps
+from cnc.gcode.core.line_steps import PlainLines
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text, Window
 from cnc.model.blocks import Polyline
 from tests.gcode.program.test_compiled_lines_in_programs import _wrong_line, agree
 from tests.gcode.program.test_plain_lines import AXES, number

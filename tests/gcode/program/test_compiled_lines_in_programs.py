@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
+from cnc.gcode.core import compiled_program, line_steps
+from cnc.gcode.core.call_stack import Flow, Limits
+from cnc.gcode.core.control_flow import ControlLine
+from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.core.program import interpret
 from cnc.gcode.dialects import NAMES
-from cnc.gcode.program import compiled_program, line_steps
-from cnc.gcode.program.call_stack import Flow, Limits
-from cnc.gcode.program.control_flow import ControlLine
-from cnc.gcode.program.program import interpret
-from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
-from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.source_text import Text
+from cnc.gcode.reader.words import G, M
 from cnc.model.diagnostics import CncError, Diagnostic
 from tests.gcode.program.test_plain_lines import AXES, bits, line, number
 from tests.support.gcode.flow_author import Author as FlowAuthor

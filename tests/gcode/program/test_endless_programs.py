@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.modal_groups import ReadingPolicy
 from tests.support.gcode.gcode_cases import error_of, run
 from tests.support.soak import share
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from tests.support.gcode.gcode_cases import assert_diagnostic_at, assert_error_at, error_of
 from tests.support.work import at_most

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.program import program
-from cnc.gcode.program.call_stack import Limits, Listing
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core import program
+from cnc.gcode.core.call_stack import Limits, Listing
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Polyline
 from tests.support.gcode.flow_moves import xs
 from tests.support.gcode.gcode_cases import error_of, rows, run

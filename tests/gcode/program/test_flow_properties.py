@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cnc.gcode.program.call_stack import Limits
+from cnc.gcode.core.call_stack import Limits
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.flow_author import Author, Evaluator, Program
 from tests.support.gcode.flow_moves import xs

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.program.line_machine import LineMachine
-from cnc.gcode.program.plain_lines import PlainLines
-from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.interpreter import Interpreter
+from cnc.gcode.core.line_machine import LineMachine
+from cnc.gcode.core.line_steps import PlainLines
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Answer, Block, Polyline
 from cnc.model.diagnostics import GcodeError
 from tests.support.soak import share

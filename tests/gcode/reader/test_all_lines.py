@@ -10,8 +10,8 @@ import pytest
 from cnc.gcode import dialects
 from cnc.gcode.dialects.recognition import recognise
 from cnc.gcode.reader.lines import read_line
-from cnc.gcode.syntax.parser import Syntax
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.parser import Syntax
+from cnc.gcode.reader.source_text import Text
 from tests.support.corpus import STYLES, programs
 from tests.support.paths import ROOT
 

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from cnc.gcode.reader.lines import MAX_LINE
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.source_text import Text, Window, split
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.source_text import Text, Window, split
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.adversary import (
     SYNTAXES,

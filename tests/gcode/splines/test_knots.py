@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.interpolate import BSpline
 
-from cnc.gcode.splines import knots as curves
+from cnc.gcode.core import splines as curves
 
 
 def test_knots_by_hand() -> None:
@@ -36,7 +36,7 @@ def test_knots_by_hand() -> None:
 def test_length_of_a_straight_line() -> None:
     for degree in range(1, 6):
         points = np.linspace([1.0, 2.0, 3.0], [4.0, -2.0, 15.0], degree + 3)
-        found = curves.length(
+        found = curves.curve_length(
             curves.clamped_uniform(degree + 3, degree), points, np.ones(degree + 3)
         )
         assert found == pytest.approx(13.0, rel=1e-14)
@@ -46,7 +46,7 @@ def test_a_parabola() -> None:
     # y = x^2 from -2 to 2: the arc length of a parabola in closed form.
     points = np.array([[-2.0, 4.0], [0.0, -4.0], [2.0, 4.0]])
     expected = 2 * math.sqrt(17) + math.asinh(4) / 2
-    assert curves.length(curves.bezier_knots(2), points, np.ones(3)) == pytest.approx(
+    assert curves.curve_length(curves.bezier_knots(2), points, np.ones(3)) == pytest.approx(
         expected, rel=1e-13
     )
 
@@ -61,24 +61,24 @@ def test_a_circle_of_four_rational_quarters() -> None:
     )
     weights = np.array([1, s, 1, s, 1, s, 1, s, 1])
     knots = curves.clamped([1, 0, 1, 0, 1, 0, 1], 2)
-    assert curves.length(knots, points, weights) == pytest.approx(60 * math.pi, rel=1e-13)
+    assert curves.curve_length(knots, points, weights) == pytest.approx(60 * math.pi, rel=1e-13)
 
 
 def test_cusps() -> None:
     # There and back on a line: the speed is |3 - 6t| * 2, the way 3.
     points = np.array([[0.0], [3.0], [0.0]])
-    assert curves.length(curves.bezier_knots(2), points, np.ones(3)) == pytest.approx(
+    assert curves.curve_length(curves.bezier_knots(2), points, np.ones(3)) == pytest.approx(
         3.0, rel=1e-10
     )
     # x = 4 s^3, y = 3 s^2 for s from -1/2 to 1/2: the speed is 6 |s| sqrt(4 s^2 + 1).
     points = np.array([[-0.5, 0.75], [0.5, -0.25], [-0.5, -0.25], [0.5, 0.75]])
-    assert curves.length(curves.bezier_knots(3), points, np.ones(4)) == pytest.approx(
+    assert curves.curve_length(curves.bezier_knots(3), points, np.ones(4)) == pytest.approx(
         2**1.5 - 1, rel=1e-10
     )
 
 
 def test_length_of_a_point() -> None:
-    assert curves.length(curves.bezier_knots(3), np.full((4, 3), 7.0), np.ones(4)) == 0.0
+    assert curves.curve_length(curves.bezier_knots(3), np.full((4, 3), 7.0), np.ones(4)) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -101,4 +101,4 @@ def test_random_curves_against_scipy(seed: int) -> None:
         quad(speed, a, b, epsabs=1e-12, epsrel=1e-12, limit=400)[0]
         for a, b in itertools.pairwise(inner)
     )
-    assert curves.length(knots, points, weights) == pytest.approx(expected, rel=1e-9)
+    assert curves.curve_length(knots, points, weights) == pytest.approx(expected, rel=1e-9)

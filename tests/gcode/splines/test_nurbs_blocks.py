@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from geomdl import NURBS
 
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.reader.parameters import Parameters
 from tests.support.gcode.gcode_cases import assert_blocks, assert_error_at, rows, run
 from tests.support.gcode.spline_cases import curve, curves_of, points_on
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.reader.parameters import Parameters
 from cnc.model.blocks import NurbsFeed
 from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.gcode_cases import assert_rows_equal, error_of, rows, run

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
-from cnc.gcode.state.position_parameters import bind_position
-from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.core.coordinates import EXTERNAL, Coordinates, bind_position
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.words import G
 
 XYZ = ("x", "y", "z")
 ROOT = math.sqrt(3.0) / 2.0

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.state.rotary_axes import RotaryAxes
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.coordinates import RotaryAxes
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import GcodeError
 

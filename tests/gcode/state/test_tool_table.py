@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.parameters import Parameters
 from cnc.model.diagnostics import MachineFileError
 
 TABLE = """\

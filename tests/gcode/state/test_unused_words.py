@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.program.program import interpret
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import interpret
+from cnc.gcode.reader.source_text import Text
 
 SHADOWED, NOTHING = "word-shadowed", "word-without-effect"
 PADDING = "\n".join(["G0 X1", "G0 X2"] * 4)

@@ -9,12 +9,12 @@ from random import Random
 import numpy as np
 import pytest
 
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.source_text import Window, split
-from cnc.kernels.gcode import statements as kernel
-from cnc.kernels.gcode.evaluation import Parameters as Values
-from cnc.kernels.gcode.evaluation import evaluate
+from cnc.gcode.kernels import statements as kernel
+from cnc.gcode.kernels.program import Parameters as Values
+from cnc.gcode.kernels.program import evaluate
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.source_text import Window, split
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.expression_cases import grow, spell
 from tests.support.soak import share

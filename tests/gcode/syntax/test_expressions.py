@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.expression_cases import NoValue, Tree, grow, spell, worth
 from tests.support.soak import share

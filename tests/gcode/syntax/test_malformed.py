@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from cnc import gcode
-from cnc.gcode.geometry.compensation import MAX_WAITING
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.parser import MAX_LINE
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.compensation import MAX_WAITING
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.parser import MAX_LINE
 from tests.support.gcode.gcode_cases import assert_error_at, error_of
 from tests.support.paths import GCODE
 
@@ -342,8 +342,8 @@ def test_an_arc_needs_both_axes_of_its_plane(plane: str) -> None:
 
 
 def test_a_rendered_error_marks_its_place() -> None:
-    from cnc.gcode.program.program import interpret
-    from cnc.gcode.syntax.source_text import Text
+    from cnc.gcode.core.program import interpret
+    from cnc.gcode.reader.source_text import Text
     from cnc.model.diagnostics import GcodeError
 
     with pytest.raises(GcodeError) as caught:

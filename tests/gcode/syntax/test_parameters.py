@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.gcode.syntax.parameter_file import read_parameters, write_parameters
-from cnc.gcode.syntax.parameters import SYSTEM, Parameters
+from cnc.gcode.reader.parameters import SYSTEM, Parameters, read_parameters, write_parameters
 from cnc.model.diagnostics import GcodeError, UsageError
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cnc.gcode.reader import tables
-from cnc.gcode.syntax.parser import MAX_LINE, MEMO, Syntax, parse_line
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.reader.parser import MAX_LINE, MEMO, Syntax, parse_line
+from cnc.gcode.reader.statements import Statement
 from cnc.model.diagnostics import GcodeError
 from tests.support.waiting import HANG
 from tests.support.work import at_most
@@ -51,7 +51,7 @@ def test_equal_lines_are_parsed_once_and_the_memo_is_bounded() -> None:
     assert parse_line.cache_info().maxsize == MEMO
 
 
-READ = "from cnc.gcode.syntax.parser import parse_line; print(parse_line('G1 X2').words[1].number)"
+READ = "from cnc.gcode.reader.parser import parse_line; print(parse_line('G1 X2').words[1].number)"
 
 
 def read_in_a_process(home: Path) -> None:

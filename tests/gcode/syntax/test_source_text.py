@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from cnc.gcode.syntax import source_text as module
-from cnc.gcode.syntax.parser import Syntax
-from cnc.gcode.syntax.source_text import KEPT_WINDOWS, Text, Window
+from cnc.gcode.reader import source_text as module
+from cnc.gcode.reader.parser import Syntax
+from cnc.gcode.reader.source_text import KEPT_WINDOWS, Text, Window
 from cnc.model.diagnostics import GcodeError, UsageError
 from tests.support.soak import share
 

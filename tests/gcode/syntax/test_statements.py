@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.statement import Control, Statement
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.statements import Control, Statement
+from cnc.gcode.reader.words import Word
 from cnc.model.diagnostics import GcodeError
 
 NGC = Syntax("ngc", siemens=True)

@@ -10,8 +10,8 @@ import random
 
 import pytest
 
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.soak import share
 from tests.support.work import at_most

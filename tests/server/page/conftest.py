@@ -13,13 +13,11 @@ import sys
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import GRBL
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
-from cnc.kernels.code_cache import cache_folder
+from cnc.compiled.code_cache import cache_folder
 from cnc.machine.load import load_machine
+from cnc.simulators.grbl.firmware_profile import GRBL, settings_of
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 from tests.support.paths import ROOT
 from tests.support.server.quick_mill import AXIS, MILL, PLATE, SECONDS
 
@@ -59,7 +57,7 @@ def mill(tmp_path_factory):
 @pytest.fixture(scope="package")
 def port(mill):
     """The terminal of a simulated board that is not homed."""
-    pty_server = pytest.importorskip("cnc.boards.grbl.simulator.pty_server")
+    pty_server = pytest.importorskip("cnc.simulators.grbl.ports")
     pytest.importorskip("termios")
     settings = settings_of(load_machine(str(mill)))
     around = Environment.of_travels(*(settings[number] for number in (130, 131, 132)))

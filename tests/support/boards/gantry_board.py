@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.loopback_switches import SwitchedLoopback, SwitchPlaces
-from cnc.machine.models import Axis, Homing, Machine
-from cnc.machine.motors import Motor
+from cnc.boards.loopback import SwitchedLoopback, SwitchPlaces
+from cnc.machine.models import Axis, Homing, Machine, Motor
 from cnc.model.blocks import Block, SwitchMove
 from cnc.model.streams import PulseChunk
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.events import Started
+from cnc.boards.grbl.messages import Started
 from cnc.boards.grbl.protocol import GrblProtocol
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.line_board_conformance import ORIGIN, feed
 
 MACHINE = load_machine("grbl-uno")

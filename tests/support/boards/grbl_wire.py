@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.packed_lines import PackedLines
+from cnc.model.streams import PackedLines
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.grbl_rig import MACHINE
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
 from tests.support.boards.line_reader import lines_with_effects

@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from cnc.api import Report
 from cnc.boards.klipper.driver import Klipper
+from cnc.boards.klipper.firmware import FIRMWARES
 from cnc.boards.klipper.guards import REST_S
-from cnc.boards.klipper.simulator.board import simulator_for
-from cnc.boards.klipper.simulator.firmware import FIRMWARES
-from cnc.boards.klipper.simulator.klipper_simulator import KlipperSimulator
-from cnc.boards.klipper.simulator.ports import KlipperSimulatorPort
-from cnc.boards.klipper.simulator.trsync import EndLevel
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.session.options import Outputs
+from cnc.simulators.klipper.commands import EndLevel
+from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.session.runs import run_with
 
 MCUS = tuple(FIRMWARES)

@@ -15,7 +15,7 @@ from cnc.boards.protocols import Capabilities, LineSink
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.packed_lines import PackedLines
+from cnc.model.streams import PackedLines
 from tests.support.boards.line_reader import LineReader
 
 AXES = 3

@@ -1,10 +1,9 @@
 """A test bench for the GRBL simulator: send lines, advance time, read answers."""
 
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, FirmwareProfile
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.boards.grbl.simulator.workpiece import HalfSpace, Workpiece
+from cnc.simulators.grbl.firmware_profile import GRBL, FirmwareProfile
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
+from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 
 BYTE = 10 / 115200
 """Time of a byte on the wire, s."""

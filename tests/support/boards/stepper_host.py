@@ -8,8 +8,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from cnc.boards.stepper.frames import frame, unframed
-from cnc.boards.stepper.protocol import Kind
+from cnc.boards.stepper.protocol import Kind, frame, unframed
 from tests.support.boards.stepper_simulator import Simulator
 
 IDLE, RUNNING, RAMPING, ALARM, TOUCHED = range(5)

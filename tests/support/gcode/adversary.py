@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.statement import Statement
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.statements import Statement
 from tests.support.gcode.fuzzing import Author
 
 SYNTAXES = [

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.gcode.geometry.compensation import Compensation
-from cnc.gcode.state.source_location import SourceLocation
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.core.block_buffer import SourceLocation
+from cnc.gcode.core.compensation import Compensation
+from cnc.gcode.reader.words import Word
 from cnc.model.blocks import ArcFeed, Block, Dwell
 from cnc.model.diagnostics import Diagnostic, GcodeError
 

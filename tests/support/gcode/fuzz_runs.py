@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import (
     Block,
 )

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from cnc.gcode import dialects
-from cnc.gcode.program import program
-from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
-from cnc.gcode.syntax.code_numbers import G
-from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.parser import Syntax, parse_line
-from cnc.gcode.syntax.statement import Statement
-from cnc.gcode.syntax.words import Word
+from cnc.gcode.core import program
+from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parser import Syntax, parse_line
+from cnc.gcode.reader.statements import Statement
+from cnc.gcode.reader.words import G, Word
 from cnc.model.blocks import (
     Block,
 )

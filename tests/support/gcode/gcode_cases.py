@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cnc.gcode import dialects
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.syntax.parser import MAX_LINE
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.reader.parser import MAX_LINE
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import (
     ArcFeed,
     Block,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 
 
 def table() -> ToolTable:

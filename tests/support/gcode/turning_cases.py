@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.gcode import dialects
-from cnc.gcode.state.reading_policy import ReadingPolicy
+from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.model.blocks import ArcFeed, Block, Polyline
 from tests.support.gcode.gcode_cases import run
 

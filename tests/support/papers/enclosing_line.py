@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval, curve_range
-from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
-from cnc.kernels.pulses.monotone import monotone_rows
 from cnc.model.blocks import Block, NurbsFeed
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval, curve_range
+from cnc.pulses.kernels.enclosing_line import monotone_rows
+from cnc.pulses.kernels.grid_moves import Grid, Moves, Piece
 from tests.support.pulses.oracle import Segment, segments_of
 from tests.support.pulses.plans import FILE, at_rest, path_of
 from tests.support.soak import share

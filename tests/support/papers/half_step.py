@@ -12,10 +12,10 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.kernels.path.curve import curve_range
-from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
-from cnc.kernels.pulses.half_step import half_step_rows
 from cnc.model.blocks import ArcFeed, Block, Polyline
+from cnc.path.kernels.curve import curve_range
+from cnc.pulses.kernels.grid_moves import Grid, Moves, Piece
+from cnc.pulses.kernels.half_step import half_step_rows
 from tests.support.pulses.oracle import segments_of
 from tests.support.pulses.plans import FILE, arc, at_rest, path_of, polyline
 

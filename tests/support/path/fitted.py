@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cnc.kernels.path.curve import LINE
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.path.kernels.curve import LINE
 from tests.support.path.path_cases import XYZ, ends, evaluate, evaluate_s, lines
 
 EPS = 0.01

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from cnc.kernels.path.curve import curve_eval, curve_eval_s, curve_range
 from cnc.model.blocks import ArcFeed, NurbsFeed, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import curve_eval, curve_eval_s, curve_range
 
 XYZ = ("x", "y", "z")
 

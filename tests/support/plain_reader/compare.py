@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from cnc.gcode import dialects
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.program import ProgramOptions, interpret
 from cnc.gcode.dialects.recognition import recognise
-from cnc.gcode.program.program import ProgramOptions, interpret
-from cnc.gcode.state.reading_policy import ReadingPolicy
-from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import ArcFeed, Block, Polyline, Probe
 from cnc.model.diagnostics import Diagnostic
 from tests.support.plain_reader.flow import read_plainly

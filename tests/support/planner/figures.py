@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 
 CHORD = 0.15
 TOLERANCE = 0.01

@@ -14,8 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 
 KINDS = ("G0", "G1", "arc", "NURBS")
 JOINTS = ("collinear", "reversed", "corner", "tangent")

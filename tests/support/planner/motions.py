@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from cnc.kernels.path.arclength import curve_inv_arclen
-from cnc.kernels.path.curve import curve_eval
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import ArcFeed, Block, Dwell, NurbsFeed, PathMode, Polyline
 from cnc.path.build import build
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.plan import PlanChunk
 
 AXES = ("x", "y", "z")

@@ -5,8 +5,7 @@ import re
 
 import numpy as np
 
-from cnc.machine.board import Board
-from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.machine.models import Axis, Board, Machine, PathLimits
 
 AXES = ("X", "Y", "Z")
 TOOL_LENGTH = 80.0

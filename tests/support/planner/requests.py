@@ -12,14 +12,14 @@ import numpy as np
 from benchmarks import corners, optimum_cases
 from benchmarks.holds import state
 from cnc.api import parse
-from cnc.kernels.path.curve import curve_eval
-from cnc.kernels.planner.timed import is_timed, timed_motion
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import curve_eval
 from cnc.planner.joints import Joints
+from cnc.planner.kernels.timed import is_timed, timed_motion
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.motion_time import motion_time

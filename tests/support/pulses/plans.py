@@ -10,13 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.kernels.path.curve import curve_range
-from cnc.kernels.pulses.catch_up import round_to
-from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.path.kernels.curve import curve_range
 from cnc.planner.plan import PlanChunk
+from cnc.pulses.kernels.grid_moves import Grid, Moves, Piece, round_to
 
 FILE = "p.nc"
 NAMES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cnc.kernels.code_cache import cache_folder
+from cnc.compiled.code_cache import cache_folder
 from tests.support.paths import ROOT
 
 

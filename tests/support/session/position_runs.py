@@ -8,11 +8,11 @@ from pathlib import Path
 
 from cnc.api import Callbacks, Control, Report
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.session.run_pulses import Progress
+from cnc.simulators.grbl.grbl_simulator import GrblSimulator
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.api import load_machine, plan, start_position
-from cnc.kernels.planner.timed import is_timed
 from cnc.model.blocks import Dwell
 from cnc.planner.joints import Joints
+from cnc.planner.kernels.timed import is_timed
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.sampled import Sampled
 from cnc.view.collect import Collector, Picture, Sizes

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
+from cnc.simulators.grbl.workpiece import Environment
 from tests.support.boards.simulator_bench import HOMING, Bench, material_below
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL, NUMBERED_GRBL
+from cnc.simulators.grbl.firmware_profile import GRBLHAL, NUMBERED_GRBL
 from tests.support.boards.simulator_bench import HOMING, Bench, material_below
 
 

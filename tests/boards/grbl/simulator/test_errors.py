@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL
+from cnc.simulators.grbl.workpiece import Environment
 from tests.support.boards.simulator_bench import HOMING, Bench
 
 ERRORS = [

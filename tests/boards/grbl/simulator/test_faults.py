@@ -11,27 +11,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import cnc.boards.grbl.simulator
-from cnc.boards.grbl.simulator.faults import (
+import cnc.simulators.grbl
+from cnc.boards.port import PortLost
+from cnc.boards.serial_port import open_port
+from cnc.machine.load import load_machine
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL, settings_of
+from cnc.simulators.grbl.grbl_simulator import (
     Alarm,
     Corrupt,
     Drop,
     Duplicate,
     Error,
     Freeze,
+    GrblSimulator,
     ScheduledFault,
     Swallow,
     Unplug,
     parse_fault,
 )
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
-from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import GrblSimulatorPort, ScaledTime
-from cnc.boards.grbl.simulator.pty_server import PtyServer
-from cnc.boards.port import PortLost
-from cnc.boards.serial_port import open_port
-from cnc.machine.load import load_machine
+from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer, ScaledTime
 from tests.support.boards.simulator_bench import Bench
 from tests.support.soak import share
 from tests.support.waiting import HANG, wait_until
@@ -319,7 +317,7 @@ def test_as_a_program():
     command = [
         sys.executable,
         "-m",
-        "cnc.boards.grbl.simulator",
+        "cnc.simulators.grbl",
         "--flavour",
         "grblhal",
         "--factor",
@@ -350,7 +348,7 @@ def test_as_a_program():
 
 def test_the_simulator_imports_nothing_of_the_sender():
     """The simulator finds errors of the sender, so the two must not share code."""
-    folder = Path(cnc.boards.grbl.simulator.__file__).parent
+    folder = Path(cnc.simulators.grbl.__file__).parent
     imported: set[str] = set()
     for module in set(folder.glob("*.py")) - {folder / "board.py"}:
         for node in ast.walk(ast.parse(module.read_text())):
@@ -361,7 +359,7 @@ def test_the_simulator_imports_nothing_of_the_sender():
     assert {
         name
         for name in imported
-        if name.startswith("cnc") and not name.startswith("cnc.boards.grbl.simulator")
+        if name.startswith("cnc") and not name.startswith("cnc.simulators.grbl")
     } == {
         "cnc.boards.port",
         "cnc.machine.models",

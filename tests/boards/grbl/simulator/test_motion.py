@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.simulator.planner import junction_speed_sq
+from cnc.simulators.grbl.planner import junction_speed_sq
 from tests.support.boards.simulator_bench import HOMING, Bench
 from tests.support.soak import share
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.simulators.grbl.firmware_profile import GRBLHAL
 from tests.support.boards.simulator_bench import Bench
 
 FEEDS = [

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from cnc.boards.grbl.simulator.firmware import LINE_TIME_A_BYTE
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
+from cnc.simulators.grbl.firmware import LINE_TIME_A_BYTE
+from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL
 from tests.support.boards.simulator_bench import BYTE, Bench
 
 

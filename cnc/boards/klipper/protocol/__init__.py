@@ -1,1 +1,0 @@
-"""Klipper's message protocol, without input and output."""

@@ -1,1 +1,0 @@
-"""Execution of plans on boards: pulse boards, line boards, homing."""

@@ -1,1 +1,0 @@
-"""The effect of each G- and M-code."""

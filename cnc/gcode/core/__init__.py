@@ -1,0 +1,1 @@
+"""The interpreter: modal state, coordinates, codes, cycles, splines and flow."""

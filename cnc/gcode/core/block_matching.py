@@ -1,0 +1,264 @@
+"""Blocks of control lines, from if to endif and from while to endwhile.
+
+A block is read to its end when its first line is executed for the first time. So its faults are
+reported before any line of it is executed. Each of its control lines becomes a step that knows its
+target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cnc.gcode.core.call_stack import Flow, Listing, Loop, Maker, Step
+from cnc.gcode.core.control_flow import (
+    Border,
+    Conditional,
+    ControlLine,
+    Goto,
+    enter_branch,
+    enter_loop,
+    shown,
+)
+from cnc.gcode.kernels import rules
+from cnc.gcode.reader.source_text import Place
+from cnc.gcode.reader.statements import Control
+from cnc.model.diagnostics import CncError
+
+MACRO_LOOPS = ("1", "2", "3")
+"""FANUC's DO numbers."""
+
+_OPENERS = ("if", "while", "do", "repeat", "while-do")
+_OPENER_OF = {
+    "endif": "if",
+    "endwhile": "while",
+    "endrepeat": "repeat",
+    "end": "while-do",
+    "elseif": "if",
+    "else": "if",
+}
+"""The keyword that opens the block of a line. ``while`` may also end a ``do``."""
+_ENDS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
+"""The keyword that ends a block, by the one that opens it."""
+_ACTIONS = {
+    "while": (rules.WHILE, rules.END_WHILE),
+    "while-do": (rules.WHILE, rules.END_WHILE),
+    "do": (rules.DO, rules.DO_WHILE),
+    "repeat": (rules.REPEAT, rules.END_REPEAT),
+}
+"""Actions of the first and the last line of a loop."""
+
+
+@dataclass(slots=True)
+class _Block:
+    """A block whose end has not been found yet.
+
+    Attributes:
+        branches: Its elseif lines.
+        otherwise: The line of its else; 0 for none.
+        leaves: Its break and continue lines.
+    """
+
+    line: int
+    control: Control
+    branches: list[tuple[int, Control]] = field(default_factory=list)
+    otherwise: int = 0
+    leaves: list[tuple[int, Control]] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return shown(self.control)
+
+    def has(self, control: Control) -> bool:
+        """Return whether a control line belongs to this block."""
+        keyword = control.keyword
+        opener = "do" if keyword == "while" else _OPENER_OF.get(keyword)
+        return control.label == self.control.label and opener == self.control.keyword
+
+
+def block_at(flow: Flow, line: int, control: Control) -> Step:
+    """Return the step of a line that opens a block, and make the steps of the whole block.
+
+    Raises:
+        CncError: The block is faulty, or the line belongs to a block that was not opened.
+    """
+    listing = flow.listing
+    if control.keyword not in _OPENERS:
+        raise _not_open(listing, line, control)
+    _Reader(listing, flow.frame.scope).read(line)
+    return listing.steps[line]
+
+
+class _Reader:
+    """Reads the control lines of a block to its end."""
+
+    def __init__(self, listing: Listing, scope: int) -> None:
+        self.listing = listing
+        self.scope = scope
+        self.open: list[_Block] = []
+
+    def read(self, line: int) -> None:
+        """Make the steps of the block that ``line`` opens."""
+        for at, control in self.listing.control_lines(line):
+            keyword = control.keyword
+            if keyword in ("program", "endsub", "sub"):
+                raise self._interrupted(at, control)
+            if keyword in ("break", "continue"):
+                self._add_leave(at, control)
+            elif keyword in _OPENER_OF or (
+                keyword == "while" and any(block.has(control) for block in self.open)
+            ):
+                self._continue_or_end(at, control)
+            elif keyword in _OPENERS:
+                self._begin(at, control)
+            if not self.open:
+                return
+        raise self._not_closed("before the end of the file")
+
+    def _interrupted(self, line: int, control: Control) -> CncError:
+        """Return the error for a subroutine or program that begins or ends inside a block."""
+        if control.keyword == "sub":
+            hint = "define subroutines outside of all blocks"
+            message = f"{shown(control)} inside {self._last()}"
+            return self.listing.control_fault(line, control, "sub-nested", message, hint)
+        event = (
+            "the end of the subroutine"
+            if control.keyword == "endsub"
+            else f"program {shown(control)} begins"
+        )
+        return self._not_closed(f"before {event} in line {line}")
+
+    def _begin(self, line: int, control: Control) -> None:
+        label, listing = control.label, self.listing
+        if not isinstance(label, str):
+            raise listing.control_fault(
+                line,
+                control,
+                "label-computed",
+                f"the label of {control.keyword} must be a number or a name",
+                "only a call may compute its label",
+            )
+        if control.keyword == "while-do":
+            self._check_macro_loop(line, control, label)
+        elif (first := listing.labels.setdefault((self.scope, label), line)) != line:
+            message = f"the label o{label} is used in line {first} already"
+            raise listing.control_fault(
+                line, control, "label-repeated", message, "give each block its own label"
+            )
+        self.open.append(_Block(line, control))
+
+    def _check_macro_loop(self, line: int, control: Control, label: str) -> None:
+        """Raise the error for a wrong or repeated DO number."""
+        if label not in MACRO_LOOPS:
+            raise self.listing.control_fault(
+                line, control, "loop-number-bad", f"DO{label}: loops are DO1, DO2 and DO3"
+            )
+        if same := next((block for block in self.open if block.control.label == label), None):
+            message = f"DO{label} inside the DO{label} of line {same.line}"
+            raise self.listing.control_fault(
+                line, control, "label-repeated", message, "use another number"
+            )
+
+    def _continue_or_end(self, line: int, control: Control) -> None:
+        """Take elseif, else, or the end of a block."""
+        block = self.open[-1]
+        if not block.has(control):
+            if any(other.has(control) for other in self.open):
+                message = f"{shown(control)} inside {self._last()}, which is still open"
+                hint = "close the innermost block first"
+                raise self.listing.control_fault(line, control, "block-crossed", message, hint)
+            raise _not_open(self.listing, line, control)
+        if control.keyword in ("elseif", "else"):
+            if block.otherwise:
+                message = f"{shown(control)} after the else of line {block.otherwise}"
+                raise self.listing.control_fault(line, control, "else-repeated", message)
+            if control.keyword == "else":
+                block.otherwise = line
+            else:
+                block.branches.append((line, control))
+            return
+        self.open.pop()
+        self._close(block, line, control)
+
+    def _add_leave(self, line: int, control: Control) -> None:
+        """Take a break or a continue."""
+        block = next((block for block in self.open if block.control.label == control.label), None)
+        if block is None or block.control.keyword not in ("while", "do"):
+            raise _not_open(self.listing, line, control, block)
+        block.leaves.append((line, control))
+
+    def _close(self, block: _Block, line: int, control: Control) -> None:
+        """Make the steps of a block that ends at ``line``."""
+        listing, first, values = self.listing, block.line, block.control.values
+        opener = block.control.keyword
+        if opener == "if":
+            chain = [(first, values[0]), *((at, each.values[0]) for at, each in block.branches)]
+            enter_branch(listing, chain, block.otherwise, line)
+            return
+        loop = Loop(
+            block.name, Place(first, block.control.column, block.control.length), first, line
+        )
+        # The last line of do .. while has the condition.
+        first_value, last_value = (None, control.values[0]) if opener == "do" else (values[0], None)
+        enter_loop(listing, loop, _ACTIONS[opener], first_value, last_value)
+        for leave, leave_control in block.leaves:
+            to = line + 1 if leave_control.keyword == "break" else line
+            listing.steps[leave] = ControlLine(leave, rules.JUMP, to)
+
+    def _last(self) -> str:
+        block = self.open[-1]
+        return f"{block.name} of line {block.line}"
+
+    def _not_closed(self, where: str) -> CncError:
+        block = self.open[-1]
+        control = block.control
+        needed = (
+            f"END{control.label}"
+            if control.keyword == "while-do"
+            else f"o{control.label} {_ENDS[control.keyword]}"
+        )
+        return self.listing.control_fault(
+            block.line,
+            control,
+            "block-not-closed",
+            f"{block.name} is not closed {where}",
+            f"{needed} is missing",
+        )
+
+
+def _not_open(
+    listing: Listing, line: int, control: Control, block: _Block | None = None
+) -> CncError:
+    """Return the error for a line outside of its block.
+
+    Args:
+        listing: The text.
+        line: The number of the line.
+        control: The control line.
+        block: The block with the label of the line, if it is of another kind.
+    """
+    name, label = shown(control), control.label
+    if control.keyword in ("break", "continue"):
+        if block is not None:
+            message = f"{name}: {block.name} of line {block.line} is not a while or do loop"
+        else:
+            message = f"{name} outside of a loop with that label"
+        hint = f"write {control.keyword} inside o{label} while or o{label} do"
+        return listing.control_fault(line, control, "loop-not-open", message, hint)
+    if control.keyword == "end":
+        message = f"{name} without DO{label} before it"
+        hint = "a GOTO must not lead into a loop"
+        return listing.control_fault(line, control, "block-not-open", message, hint)
+    opener = _OPENER_OF[control.keyword]
+    return listing.control_fault(
+        line, control, "block-not-open", f"{name} without o{label} {opener} before it"
+    )
+
+
+MAKERS: dict[str, Maker] = {
+    **dict.fromkeys((*_OPENERS, *_OPENER_OF, "break", "continue"), block_at),
+    "goto": Goto,
+    "if-goto": Goto,
+    "if-then": Conditional,
+    "program": Border,
+}
+"""Functions that make the step of a control line, by keyword."""

@@ -1,1 +1,0 @@
-"""Canned cycles: drilling and threading."""

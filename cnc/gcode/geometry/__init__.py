@@ -1,1 +1,0 @@
-"""Geometry of arcs and of cutter radius compensation."""

@@ -1,0 +1,1 @@
+"""Compiled code of the reader and of statements that only move."""

@@ -1,0 +1,312 @@
+"""The automaton that reads lines of text: longest tokens, and the LALR parser of a grammar.
+
+It writes *events*: the tokens that are kept, and the rules behind their parts. So the events of an
+expression are its instructions in reverse Polish order. A rule that makes no node has no event; the
+nodes of its parts belong to the rule around it.
+
+Source: Aho, Lam, Sethi, Ullman, "Compilers", second edition, 3.8 (lexical analysis by a finite
+automaton) and 4.6 to 4.7 (LR parsing).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.compiled.jit import njit
+
+Bytes = NDArray[np.uint8]
+Small = NDArray[np.int16]
+States = NDArray[np.uint16]
+Counts = NDArray[np.int32]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+OTHER = 128
+"""Column of the automaton for all characters that are not ASCII."""
+SKIPPED, REFUSED = 129, 130
+"""Classes of bytes: a blank that has no meaning, and a control character."""
+OK, WRONG, TOO_LONG = 0, 1, 2
+"""Status of a line."""
+NONE = 0xFFFF
+"""No state, no terminal. The tables have no signs, which makes them faster to index."""
+INLINED, NODE_OF_SEVERAL, NODE, UNIT = 0, 1, 2, 3
+"""Kinds of rules: without a node; with one unless it has a single part; with a node; with a single
+symbol and no node.
+"""
+DIGITS = 18
+"""Most digits of a number: any number of so many digits fits into an int64."""
+EXACT = 1 << 53
+_POWERS = np.array([float(f"1e{k}") for k in range(DIGITS + 1)])
+_ZERO, _NINE, _DOT, _BLANK, _SEMICOLON, _LESS = 48, 57, 46, 32, 59, 60
+
+
+class Tables(NamedTuple):
+    """The tables of a grammar; n states of the lexers, s of the parser, t terminals, r rules.
+
+    NONE stands for no state and no terminal.
+
+    Attributes:
+        moves: (n, 129) the next state of the lexers by character.
+        final: (n,) 1 if no longer token can follow.
+        lexer: (s,) lexer of each state of the parser.
+        begin: (lexers,) first state of each lexer.
+        token: (lexers, n) the terminal that a state accepts.
+        spelling: (t, n) index of the text of a keyword, -1 for another terminal.
+        action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
+        pair: (s, nonterminals) row of ``after``.
+        after: (pairs, t + 1) state after a rule, by the next terminal.
+        length: (r,) number of symbols of a rule.
+        left: (r,) its nonterminal.
+        kind: (r,) its kind.
+        kept: (t,) whether a terminal has an event.
+        ignored: (t,) whether it may stand anywhere and means nothing.
+        number: (t,) whether it is a number without a sign.
+        ends: first and last state of the parser.
+    """
+
+    moves: States
+    final: Bytes
+    lexer: States
+    begin: States
+    token: States
+    spelling: Small
+    action: Small
+    pair: States
+    after: States
+    length: States
+    left: States
+    kind: Bytes
+    kept: Bytes
+    ignored: Bytes
+    number: Bytes
+    ends: Ints
+
+
+class Events(NamedTuple):
+    """Tokens and rules in the order in which the parser meets them.
+
+    Attributes:
+        kind: (events,) terminal + 1, or -rule - 1.
+        begin: (events,) position of the first byte.
+        end: (events,) position after the last byte.
+        value: (events,) number of a NUMBER (NaN for one with too many digits), index of the text of
+            a keyword, number of parts of a rule.
+    """
+
+    kind: Small
+    begin: Counts
+    end: Counts
+    value: Floats
+
+
+class Results(NamedTuple):
+    """What is known about each line.
+
+    Attributes:
+        first: (lines + 1,) index of its first event; a faulty line has none.
+        status: (lines,) status.
+        place: (lines,) position of the fault.
+        state: (lines,) state of the parser at the fault.
+    """
+
+    first: Counts
+    status: Bytes
+    place: Counts
+    state: Small
+
+
+@njit
+def _has_semicolon(data: Bytes, begin: int, end: int) -> bool:
+    """Return whether a text has a semicolon."""
+    for i in range(begin, end):  # noqa: SIM110 numba compiles no generator
+        if data[i] == _SEMICOLON:
+            return True
+    return False
+
+
+@njit
+def _longest_token(
+    data: Bytes, at: int, stop: int, own: int, tables: Tables, classes: Bytes, loose: bool
+) -> tuple[int, int, int]:
+    """Return the longest token at ``at``, its end, and the state of the lexers there.
+
+    The token is NONE if there is none. Blanks count if ``loose``.
+    """
+    token, end, there = NONE, at, tables.begin[own]
+    here, place = there, at
+    while place < stop:
+        column = classes[data[place]]
+        place += 1
+        if column == REFUSED:
+            break
+        if column == SKIPPED:
+            loose = loose or (data[at] == _LESS and _has_semicolon(data, at, place))
+            if not loose:
+                continue
+            column = _BLANK
+        here = tables.moves[here, column]
+        if here == NONE:
+            break
+        found = tables.token[own, here]
+        if found != NONE:
+            token, end, there = found, place, here
+    return int(token), end, int(there)
+
+
+@njit
+def _number(data: Bytes, begin: int, end: int) -> float:
+    """Return a number without a sign; NaN for one with too many digits.
+
+    Numerator and power of ten are exact, so one division gives the correctly rounded number.
+    Source: Clinger, "How to read floating point numbers accurately", PLDI 1990.
+    """
+    mantissa = digits = decimals = 0
+    pointed = False
+    for k in range(begin, end):
+        char = int(data[k])
+        if _ZERO <= char <= _NINE:
+            mantissa = mantissa * 10 + char - _ZERO
+            digits += 1
+            decimals += pointed
+        elif char == _DOT:
+            pointed = True
+    # More digits than fit have overflowed by now, which is why they are counted.
+    if digits > DIGITS or mantissa > EXACT:
+        return math.nan
+    return mantissa / _POWERS[decimals]
+
+
+@njit
+def read(
+    data: Bytes, begins: Counts, ends: Counts, longest: int, tables: Tables, classes: Bytes,
+    stack: Ints, events: Events, results: Results,
+) -> int:  # fmt: skip
+    """Read lines of a text.
+
+    Args:
+        data: The text.
+        begins: (lines,) position of the first byte of each line.
+        ends: (lines,) position after the last byte.
+        longest: A line of more bytes is not read.
+        tables: The grammar.
+        classes: (256,) column of each byte in the automaton, SKIPPED or REFUSED.
+        stack: (4, longest + 8) scratch space.
+        events: Takes the events. A line for which there is no space is TOO_LONG.
+        results: Filled.
+
+    Returns:
+        The number of events.
+    """
+    moves, final, lexer, token_of = tables.moves, tables.final, tables.lexer, tables.token
+    begins_of = tables.begin
+    action, after, pair = tables.action, tables.after, tables.pair
+    # Blanks between tokens are passed where they end a token, too.
+    gaps = False
+    for k in range(len(tables.ignored)):
+        gaps = gaps or tables.ignored[k] != 0
+    kind, begin_of, end_of, value_of = events
+    states, nodes, firsts, lasts = stack[0], stack[1], stack[2], stack[3]
+    end_token, most = action.shape[1] - 1, len(kind)
+    count = 0
+    for line in range(len(begins)):
+        results.first[line] = count
+        results.status[line] = OK
+        at, stop = int(begins[line]), int(ends[line])
+        if stop - at > longest:
+            results.status[line] = TOO_LONG
+            continue
+        before = count
+        top = 0
+        state = tables.ends[0]
+        states[0] = state
+        # Blanks behind a semicolon count: LinuxCNC takes it for a comment, even in a name.
+        loose = False
+        while True:
+            while at < stop and classes[data[at]] == SKIPPED and not loose:
+                at += 1
+            while gaps and at < stop and classes[data[at]] == _BLANK:
+                at += 1
+            token, end, value = end_token, at, 0.0
+            if at < stop:
+                own = lexer[state]
+                here, place = begins_of[own], at
+                while place < stop:
+                    column = classes[data[place]]
+                    if column >= SKIPPED:
+                        if column == REFUSED or loose or data[at] == _LESS:
+                            break
+                        place += 1
+                        continue
+                    following = moves[here, column]
+                    if following == NONE:
+                        break
+                    here = following
+                    place += 1
+                    end = place
+                    if final[here]:
+                        break
+                token, there = int(token_of[own, here]), int(here)
+                if token == NONE or loose or data[at] == _LESS:
+                    # The text goes on after its longest token, or it is a name.
+                    token, end, there = _longest_token(data, at, stop, own, tables, classes, loose)
+                if token == NONE:
+                    break
+                if tables.ignored[token]:
+                    at = end
+                    continue
+                if tables.number[token]:
+                    value = _number(data, at, end)
+                else:
+                    value = float(tables.spelling[token, there])
+            act = action[state, token]
+            while act < 0:
+                rule = -act - 1
+                sort = tables.kind[rule]
+                if sort == UNIT:
+                    state = after[pair[states[top - 1], tables.left[rule]], token]
+                    states[top] = state
+                    act = action[state, token]
+                    continue
+                length = tables.length[rule]
+                parts = 0
+                first, last = at, at
+                if length > 0:
+                    first, last = firsts[top - length + 1], lasts[top]
+                    for k in range(top - length + 1, top + 1):
+                        parts += nodes[k]
+                top -= length
+                if sort == NODE or (sort == NODE_OF_SEVERAL and parts != 1):
+                    if count == most:
+                        break
+                    kind[count], value_of[count] = -rule - 1, parts
+                    begin_of[count], end_of[count] = first, last
+                    count += 1
+                    parts = 1
+                state = after[pair[states[top], tables.left[rule]], token]
+                top += 1
+                states[top], nodes[top], firsts[top], lasts[top] = state, parts, first, last
+                act = action[state, token]
+            if act <= 0 or token == end_token or count == most:
+                break
+            state = act - 1
+            top += 1
+            states[top], nodes[top], firsts[top], lasts[top] = state, tables.kept[token], at, end
+            if tables.kept[token]:
+                kind[count], value_of[count] = token + 1, value
+                begin_of[count], end_of[count] = at, end
+                count += 1
+            loose = loose or (data[at] == _LESS and _has_semicolon(data, at, end))
+            at = end
+        if count == most:
+            results.status[line] = TOO_LONG
+            count = before
+        elif state != tables.ends[1] or token != end_token:
+            results.status[line] = WRONG
+            results.place[line], results.state[line] = at, state
+            count = before
+    results.first[len(begins)] = count
+    return count

@@ -1,0 +1,1 @@
+"""Macro B: numbered programs, arguments and variables."""

@@ -1,1 +1,0 @@
-"""Execution of programs: lines in order, control flow, subprograms."""

@@ -1,1 +1,0 @@
-"""Splines and NURBS in the words of each dialect."""

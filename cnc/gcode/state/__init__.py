@@ -1,1 +1,0 @@
-"""State of the interpreter: modal groups, coordinates, tools, buffered blocks."""

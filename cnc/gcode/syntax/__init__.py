@@ -1,1 +1,0 @@
-"""From text to statements: scanner, grammar, words, expressions."""

@@ -1,0 +1,1 @@
+"""Turning: cycles, threads, profiles and codes of lathes."""

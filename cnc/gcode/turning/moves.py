@@ -1,0 +1,155 @@
+"""Moves of the cycles of lathes: points of the ZX plane in program coordinates to blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+
+from cnc.gcode.core.compensation_codes import CompensationCodes
+from cnc.gcode.core.cycle_runner import refuse_modes
+from cnc.gcode.core.motion import Motion
+from cnc.gcode.reader.words import LineWords, Word, fault, positive
+from cnc.model.blocks import PathMode, SpindleSync
+
+
+class TurningMoves:
+    """Moves to points (z, x), mm in the coordinate system in use; x is a radius.
+
+    Attributes:
+        compensation: Nose compensation, which some cycles suspend; None if none does.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        context = motion.context
+        self.motion, self.dialect = motion, context.dialect
+        self.state, self.here, self.out = context.state, context.here, context.out
+        self._z = motion.column.get("Z")
+        self._x = motion.column.get("X")
+        self._follows = False
+        self.compensation: CompensationCodes | None = None
+
+    def uncompensated(self, at: Word) -> AbstractContextManager[None]:
+        """Suspend nose compensation for the cycle at a word."""
+        return nullcontext() if self.compensation is None else self.compensation.suspended(at)
+
+    def check(self, at: Word) -> None:
+        """Check that the cycle at a word is possible.
+
+        Raises:
+            GcodeError: ``axis-missing``, ``turning-plane``, ``figure-active``, and those of
+                :func:`refuse_modes`.
+        """
+        name = at.written
+        if self._z is None or self._x is None:
+            raise fault("axis-missing", f"{name} needs the axes X and Z", at)
+        if self.state.plane != "ZX":
+            message = f"{name} in the {self.state.plane} plane"
+            raise fault("turning-plane", message, at, "give G18 before")
+        if self.motion.coordinates.turned:
+            message = f"{name} in a rotated or mirrored coordinate system"
+            raise fault("figure-active", message, at)
+        refuse_modes(self.motion, self.state, name, at)
+
+    def length(self, word: Word, unit: float) -> float:
+        """Return the length of a word of a cycle in mm.
+
+        Args:
+            word: The word, such as P, Q or D.
+            unit: mm of 1 without a decimal point under G21, ten times that of G20; 0 for a word
+                that must have one.
+
+        Raises:
+            GcodeError: ``value-out-of-range``, ``decimal-point-needed``.
+        """
+        number, scale = positive(word, "the length"), self.state.scale
+        if "." in word.written:
+            return number * scale
+        if not unit:
+            message = f"{word.written} has no decimal point: controllers differ on its unit"
+            hint = f"write {word.written}. if that is meant"
+            raise fault("decimal-point-needed", message, word, hint)
+        # The least increment is 0.001 mm, or 0.0001 inch.
+        return word.number * unit * (1.0 if scale == 1.0 else 0.1 * scale)
+
+    @property
+    def columns(self) -> tuple[int, int]:
+        """Columns of Z and X. Call :meth:`check` first."""
+        assert self._z is not None
+        assert self._x is not None
+        return self._z, self._x
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """The position, z and x."""
+        program = self.motion.coordinates.to_program(self.motion.position)
+        z, x = self.columns
+        return program[z], program[x]
+
+    def given(self, words: LineWords, user: str) -> dict[str, float]:
+        """Take the axis words of a line: positions by letter X and Z, increments added.
+
+        Raises:
+            GcodeError: ``axis-not-allowed``.
+        """
+        motion = self.motion
+        end = motion.coordinates.to_program(
+            motion.reached(values := motion.axis_values(words, user), motion.position)
+        )
+        letters = {column: letter for letter, column in motion.column.items()}
+        for column in values:
+            if letters[column] not in "XZ":
+                word = words.users[letters[column]][1]
+                raise fault("axis-not-allowed", f"{user} does not move {word.letter}", word)
+        return {letters[column]: end[column] for column in values}
+
+    def rapid(self, z: float, x: float) -> None:
+        """Traverse to a point."""
+        end = self.end(z, x)
+        if end != self.motion.position:
+            self.motion.traverse(end)
+
+    def cut(self, z: float, x: float, at: Word) -> None:
+        """Cut straight to a point at the feed in effect; errors are reported at a word."""
+        end = self.end(z, x)
+        if end != self.motion.position:
+            motion = self.motion
+            motion.feed_to(end, motion.feed(LineWords(), end, motion.distance(end), at))
+
+    def follow(self, z: float, x: float, pitch: float, turns_per_second: float) -> None:
+        """Cut straight to a point with ``pitch`` mm a turn of the spindle along the move.
+
+        Further moves go on from the one before: a stop between them would cut a groove.
+        """
+        end = self.end(z, x)
+        if end != self.motion.position:
+            if not self._follows:
+                self.out.add(SpindleSync(self.here.file, self.here.line, pitch))
+            self._follows = True
+            self.motion.feed_to(end, pitch * turns_per_second)
+
+    def end_follow(self) -> None:
+        """End the motion that follows the spindle, if there is one."""
+        if self._follows:
+            self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
+        self._follows = False
+
+    def end(self, z: float, x: float) -> list[float]:
+        """Return the machine position of a point. An axis that stays keeps its exact value."""
+        position = self.motion.position
+        zero, found = self.motion.coordinates.zero, position.copy()
+        program = self.motion.coordinates.to_program(position)
+        for column, value in zip(self.columns, (z, x), strict=True):
+            if value != program[column]:
+                found[column] = value + zero[column]
+        return found
+
+    @contextmanager
+    def exact_path(self) -> Iterator[None]:
+        """Suspend G64: cycles need the exact path."""
+        file, line, state = self.here.file, self.here.line, self.state
+        blending = state.path == "blend"
+        if blending:
+            self.out.add(PathMode(file, line, "exact-path"))
+        yield
+        if blending:
+            self.out.add(PathMode(file, line, "blend", state.tolerance))

@@ -1,1 +1,0 @@
-"""Kernels of :mod:`cnc.gcode`: the scanner, and runs of straight moves."""

@@ -1,1 +1,0 @@
-"""File formats: blocks, trace, pulses, summary, SARIF, JUnit, GitHub."""

@@ -1,0 +1,337 @@
+"""The treatment of each corner between two straight moves that has a tolerance.
+
+- Where the machine limits the jerk of an axis, the plan stops, and a fastest motion replaces the
+  stops (:mod:`cnc.planner.kernels.corner_stops`): at turns from 5 to 179 degrees.
+- Elsewhere the corner as it is and a blend are compared by their time. Where the blend is slower,
+  the plan stops, and a motion replaces the stop if one is found. A blend is planned as any curve
+  is. Where no axis limits the jerk, its curvature follows the speed
+  (:mod:`cnc.planner.kernels.corner_bends`). Elsewhere it is a Bezier curve without a jump of the
+  curvature (:mod:`cnc.planner.kernels.corner_cubic`); beyond 135 degrees there is none.
+
+The joints of a machine whose kinematics is not linear have no straight ramps beside a stop. There a
+corner at which the motion would stop has a blend, up to turns of 175 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cnc.compiled.jit import njit
+from cnc.path.kernels.arclength import MAX_ROWS, measure
+from cnc.path.kernels.curve import LENGTH, LINE, ROW, SPAN, SPAN_BODY, START, Floats
+from cnc.path.kernels.fit_spline import Flags
+from cnc.planner.kernels.arrays import LimitArrays, PathArrays
+from cnc.planner.kernels.corner_bends import (
+    MOST_CUBICS,
+    Blend,
+    corner_plane,
+    cubics_of,
+    no_blend,
+    side_time,
+    write_points,
+)
+from cnc.planner.kernels.corner_cubic import (
+    BLEND_POINTS,
+    Scratch,
+    cubic_time,
+    half_time,
+    write_blend,
+)
+from cnc.planner.kernels.corner_room import (
+    LEAST_TURN,
+    blend_along,
+    legs_of,
+    only_along,
+    passed_beside,
+)
+from cnc.planner.kernels.corner_turning import Bend, no_bend
+from cnc.planner.kernels.legs import (
+    LEGS_SHARE,
+    REVERSED,
+    SHARPEST,
+    STRAIGHTEST,
+    directions,
+    line_bounds,
+    write_line,
+)
+from cnc.planner.kernels.limits import piece_junction
+from cnc.planner.kernels.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_cubic, write_turns
+
+BETTER = 1e-3
+"""A blend has to save this part of the time."""
+
+BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
+"""Largest size of the arc-length table of a blend, in numbers."""
+
+STAY, PASS, BLEND = 0, 1, 2
+"""Treatments of a corner: as it is, a motion past the stop there, a curve."""
+
+MOST_PIECES = 1 + MOST_CUBICS
+"""Largest number of pieces that one piece becomes, with the blend behind it."""
+
+SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
+"""Sine of half the largest turn that a blend makes where the motion cannot pass a stop."""
+
+
+class Treatment(NamedTuple):
+    """The treatment of a corner.
+
+    Attributes:
+        choice: STAY, PASS or BLEND.
+        before: length that a blend takes off the line before the corner, mm.
+        after: length that it takes off the line behind it.
+        blend: a blend whose curvature follows the speed; without a time for none.
+        bend: its least radius.
+    """
+
+    choice: int
+    before: float
+    after: float
+    blend: Blend
+    bend: Bend
+
+
+@njit
+def choose(
+    path: PathArrays,
+    k: int,
+    bound: Floats,
+    limits: LimitArrays,
+    out_data: Floats,
+    at: int,
+    scratch: Scratch,
+    ramps: bool,
+    rests: bool,
+    together: bool,
+) -> Treatment:
+    """Choose the fastest treatment of the corner behind line ``k``.
+
+    Each is rated by the time from the middle of the one line to the middle of the other, without
+    acceleration at both.
+
+    Args:
+        path: the path.
+        k: the line before the corner.
+        bound: largest feed of each piece, mm/s.
+        limits: of the machine.
+        out_data: receives the record of a blend, without its table, at index ``at``.
+        at: that index.
+        scratch: scratch.
+        ramps: whether the motion may pass stops.
+        rests: whether the motion rests at the start of the path.
+        together: whether the corner is to be passed with those beside it, if it would be a stop.
+    """
+    data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
+    length1, length2 = path.length[k], path.length[k + 1]
+    u = scratch.u
+    turn = directions(data, a, data, b, u)
+    stays = Treatment(STAY, 0.0, 0.0, no_blend(), no_bend())
+    if turn.sine > 1.0:
+        return stays
+    junction = piece_junction(
+        path.pieces,
+        k,
+        bound[k],
+        path.pieces,
+        k + 1,
+        bound[k + 1],
+        min(length1, length2),
+        limits,
+        scratch.pair,
+    )
+    if not junction.flat:
+        return stays
+    straight = junction.speed
+    passes = ramps and straight == 0.0 and STRAIGHTEST < turn.sine < REVERSED
+    passed = Treatment(PASS, 0.0, 0.0, no_blend(), no_bend())
+    along = only_along(limits)
+    if passes and (together or not along):
+        return passed
+    if ramps and along:
+        if LEAST_TURN < turn.sine < REVERSED:
+            sides = legs_of(path, k, bound, limits, rests, u)
+            blend, bend, tight = blend_along(path, k, bound, limits, sides, turn.sine, scratch)
+            best = side_time(straight, sides[0].length, sides[0])
+            best += side_time(straight, sides[1].length, sides[1])
+            faster = blend.time < best * (1.0 - BETTER)
+            if passes and tight:
+                if passed_beside(path, k, bound, limits, rests, scratch):
+                    # The legs are too short for the tolerance: corners are passed together.
+                    return passed
+                directions(data, a, data, b, u)
+                corner_plane(turn.sine, u, scratch.plane)
+            if faster:
+                return Treatment(BLEND, blend.before.reach, blend.after.reach, blend, bend)
+        # Where no axis limits the jerk, other motions are not always found.
+        return passed if passes else stays
+    line1 = line_bounds(u[0], bound[k], limits)
+    line2 = line_bounds(u[1], bound[k + 1], limits)
+    eps = path.tolerance[k]
+    feed = min(bound[k], bound[k + 1])
+    best = half_time(straight, 0.5 * length1, line1) + half_time(straight, 0.5 * length2, line2)
+    if turn.sine <= (SHARPEST if ramps else SHARPEST_ALONE):
+        d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
+        lines, lengths = (line1, line2), (length1, length2)
+        write_blend(data, a, b, d, out_data, at, scratch)
+        time = cubic_time(out_data, at, d, lengths, feed, lines, limits, scratch)
+        # A stop inside the tolerance takes longer than its blend: the same way with two rests.
+        if (not ramps and straight == 0.0) or time < best * (1.0 - BETTER):
+            return Treatment(BLEND, d, d, no_blend(), no_bend())
+    return stays
+
+
+@njit
+def append_cubics(
+    path: PathArrays,
+    k: int,
+    treatment: Treatment,
+    scratch: Scratch,
+    accuracy: float,
+    out: PathArrays,
+    count: int,
+    used: int,
+) -> tuple[int, int]:
+    """Append the cubics of a blend whose curvature follows the speed.
+
+    Args:
+        path: the path.
+        k: the line before the corner.
+        treatment: the blend.
+        scratch: with the directions of the legs and the plane of the corner.
+        accuracy: largest error of the inverse arc length, mm.
+        out: receives the pieces, without what does not depend on the shape.
+        count: the pieces so far.
+        used: the numbers of records so far.
+
+    Returns:
+        The new numbers of both; (-1, 0) if ``out`` has no space.
+    """
+    data, ends, n = out.pieces.data, scratch.ends, scratch.u.shape[1]
+    corner, like = path.pieces.at[k + 1] + START, out.pieces.at[count - 1]
+    cubics = cubics_of(treatment.blend, treatment.bend)
+    points = np.empty((cubics, 4, 2))
+    write_points(treatment.blend, treatment.bend, points)
+    for i in range(n):
+        ends[3, i] = path.pieces.data[corner + i] - treatment.before * scratch.u[0, i]
+    for c in range(cubics):
+        if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS > len(data):
+            return -1, 0
+        for i in range(n):
+            ends[0, i] = ends[3, i]
+            e1, e2 = scratch.plane[0, i], scratch.plane[1, i]
+            begin = points[c, 0, 0] * e1 + points[c, 0, 1] * e2
+            end = points[c, 3, 0] * e1 + points[c, 3, 1] * e2
+            ends[3, i] = path.pieces.data[corner + i] + end
+            if c + 1 == cubics:
+                ends[3, i] = path.pieces.data[corner + i] + treatment.after * scratch.u[1, i]
+            ends[1, i] = points[c, 1, 0] * e1 + points[c, 1, 1] * e2 - begin
+            ends[2, i] = ends[3, i] - ends[0, i]
+            ends[2, i] += points[c, 2, 0] * e1 + points[c, 2, 1] * e2 - end
+        out.pieces.kind[count], out.pieces.at[count] = SPAN, used
+        table = write_cubic(data, used, like, ends[0], ends[1], ends[2], ends[3])
+        end_of_table = measure(SPAN, data, used, table, accuracy, scratch.q)
+        used = write_turns(data, used, end_of_table)
+        count += 1
+    return count, used
+
+
+@njit
+def round_corners(
+    own: int,
+    path: PathArrays,
+    bound: Floats,
+    taken: float,
+    limits: LimitArrays,
+    accuracy: float,
+    ramps: bool,
+    rests: bool,
+    together: Flags,
+    out: PathArrays,
+) -> tuple[int, int, float]:
+    """Choose the treatment of each corner of a chunk of path, and insert the blends.
+
+    Where the motion passes a stop, the tolerance stays; elsewhere it becomes 0.
+
+    Args:
+        own: number of pieces of the chunk.
+        path: these pieces, and perhaps the one behind them.
+        bound: largest feed of each, mm/s; infinite for a traverse.
+        taken: length that a blend has taken off the first piece, mm.
+        limits: of the machine.
+        accuracy: largest error of the inverse arc length of blends, mm.
+        ramps: whether the motion may pass stops.
+        rests: whether the motion rests at the start.
+        together: (own,): whether the corner behind each is to be passed with those beside it.
+        out: space for MOST_PIECES for each piece, and for their records.
+
+    Returns:
+        The numbers of pieces and of numbers of the result, and the length taken off the piece
+        behind it, mm; (-1, 0, 0) if ``out`` has no space for the records.
+    """
+    n = len(limits.axis_velocity)
+    scratch = Scratch(
+        np.zeros((2, n)),
+        np.zeros((4, n)),
+        np.zeros((2, 4, n)),
+        np.zeros((4, n)),
+        np.zeros((2, n)),
+        np.zeros(BLEND_POINTS),
+        np.zeros(BLEND_POINTS),
+    )
+    pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
+    used = len(path.pieces.data)
+    for i in range(used):
+        data[i] = path.pieces.data[i]
+    count = 0
+    for k in range(own):
+        if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS + START + 2 * n > len(data):
+            return -1, 0, 0.0
+        treatment = Treatment(STAY, 0.0, 0.0, no_blend(), no_bend())
+        blend = used + START + 2 * n
+        if (
+            path.tolerance[k] > 0.0
+            and not path.stop_after[k]
+            and k + 1 < len(path.pieces.kind)
+            and path.pieces.kind[k] == LINE
+            and path.pieces.kind[k + 1] == LINE
+        ):
+            treatment = choose(
+                path, k, bound, limits, data, blend, scratch, ramps, rests, together[k]
+            )
+        choice, reach = treatment.choice, treatment.before
+        pieces.kind[count] = path.pieces.kind[k]
+        at[count] = path.pieces.at[k]
+        if taken > 0.0 or reach > 0.0:
+            at[count] = used
+            used = write_line(data, used, path.pieces.at[k], taken, reach)
+        out.length[count] = data[at[count] + LENGTH]
+        out.feed[count] = path.feed[k]
+        out.line[count] = path.line[k]
+        out.stop_after[count] = path.stop_after[k]
+        out.tolerance[count] = path.tolerance[k] if choice == PASS else 0.0
+        count += 1
+        taken = 0.0
+        if choice == BLEND:
+            taken = treatment.after
+            first = count
+            if treatment.blend.time < math.inf:
+                count, used = append_cubics(path, k, treatment, scratch, accuracy, out, count, used)
+                if count < 0:
+                    return -1, 0, 0.0
+            else:
+                table = blend + START + 2 * n + SPAN_BODY + 4 * (n + 1)
+                end = measure(SPAN, data, blend, table, accuracy, scratch.q)
+                pieces.kind[count], at[count] = SPAN, blend
+                used = write_turns(data, blend, end)
+                count += 1
+            slower = bound[k] <= bound[k + 1]
+            for p in range(first, count):
+                out.feed[p] = path.feed[k] if slower else path.feed[k + 1]
+                out.length[p] = data[at[p] + LENGTH]
+                out.line[p] = path.line[k]
+                out.stop_after[p] = False
+                out.tolerance[p] = 0.0
+    return count, used, taken

@@ -1,0 +1,1 @@
+"""Models of boards, for tests, demonstrations and the console."""
