@@ -1,10 +1,11 @@
 """Check before any motion whether a Klipper board can play a program.
 
 Four things limit the density of a program: the wire, the entries of the move queue, the time that
-the microcontroller needs for a step, and its pulse. Steps are encoded piece by piece as in the run.
+the microcontroller needs for steps and messages, and its pulse. Steps come first, and messages get
+the time that is left. Steps are encoded piece by piece as in the run.
 
       entries of the last LEAST_AHEAD_S      must fit into the queue
-      bytes that wait for the wire           must leave within SLACK_S
+      bytes that wait for wire or processor  must leave within SLACK_S
       steps that wait for the processor      must be made within LATE_S
       time between two steps of an axis      at least two pulses: high and low
 
@@ -13,6 +14,7 @@ The first one keeps at least LEAST_AHEAD_S of motion on the board.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -47,6 +49,8 @@ class Profile:
         bytes_per_s: Bytes per second on the wire.
         step_s: Time that a step takes, s.
         pulse_s: Time for which a step pin stays high, and low after that, s.
+        messages_per_s: Bytes per second that the processor can take when it makes as many steps
+            as it can, and when it makes none.
     """
 
     frequency: float
@@ -54,6 +58,7 @@ class Profile:
     bytes_per_s: float
     step_s: float
     pulse_s: float = 0.0
+    messages_per_s: tuple[float, float] = (math.inf, math.inf)
 
 
 def firmware_of(machine: Machine) -> Firmware:
@@ -72,44 +77,56 @@ def firmware_of(machine: Machine) -> Firmware:
 
 def profile_of(machine: Machine, dictionary: Dictionary | None = None, slots: int = 0) -> Profile:
     """Return the profile of a board, else of the microcontroller of the machine file."""
+    pulse_s = machine.board.step_pulse
     if dictionary is None:
         known = firmware_of(machine)
         wire = known.baud / 10 if known.baud else USB_BYTES_PER_S
-        step_s = _step_s(machine, known)
-        return Profile(known.frequency, known.slots, wire, step_s, machine.board.step_pulse)
+        step_s, messages = _step_s(machine, known), _messages_per_s(machine, known)
+        return Profile(known.frequency, known.slots, wire, step_s, pulse_s, messages)
     frequency = dictionary.constant("CLOCK_FREQ")
     baud = dictionary.constant("SERIAL_BAUD", 0.0)
-    step_s = next(
-        (
-            _step_s(machine, each)
-            for each in FIRMWARES.values()
-            if each.mcu == dictionary.constants.get("MCU")
-        ),
-        CAREFUL_STEP_S,
-    )
     wire = baud / 10 if baud else USB_BYTES_PER_S
-    return Profile(frequency, slots, wire, step_s, machine.board.step_pulse)
+    mcu = dictionary.constants.get("MCU")
+    like = next((each for each in FIRMWARES.values() if each.mcu == mcu), None)
+    if like is None:
+        return Profile(frequency, slots, wire, CAREFUL_STEP_S, pulse_s)
+    step_s, messages = _step_s(machine, like), _messages_per_s(machine, like)
+    return Profile(frequency, slots, wire, step_s, pulse_s, messages)
 
 
-def _step_s(machine: Machine, firmware: Firmware) -> float:
-    """Return the time that a step takes with the pulse of the machine, s.
-
-    The samples of the switches and of the e-stop take a share of the processor's time.
-    """
+def _samples(machine: Machine, firmware: Firmware) -> float:
+    """Return the samples of the switches and of the e-stop in a tick."""
     known, inputs = machine.board.klipper, 0
     if known is not None:
         axes = [known.axis(letter) for letter in machine.axes]
         inputs = sum(len(axis.endstop or ()) for axis in axes if axis is not None)
         inputs += known.emergency_stop is not None
+    return inputs / (REST_S * firmware.frequency)
+
+
+def _step_s(machine: Machine, firmware: Firmware) -> float:
+    """Return the time that a step takes with the pulse of the machine, s.
+
+    The samples take a share of the processor's time.
+    """
     pulse = round(machine.board.step_pulse * firmware.frequency)
-    event = firmware.event_time(pulse, inputs / (REST_S * firmware.frequency))
+    event = firmware.event_time(pulse, _samples(machine, firmware))
     return firmware.events(pulse) * event / firmware.frequency
+
+
+def _messages_per_s(machine: Machine, firmware: Firmware) -> tuple[float, float]:
+    """Return the bytes per second that the processor can take with all steps, and with none."""
+    if not firmware.byte_ticks:
+        return math.inf, math.inf
+    samples, bytes_per_s = _samples(machine, firmware), firmware.frequency / firmware.byte_ticks
+    least, most = (firmware.message_share(steps, samples) for steps in (1.0, 0.0))
+    return least * bytes_per_s, most * bytes_per_s
 
 
 LEAST_AHEAD_S = 0.06
 """Motion that must be on the board at any time."""
 SLACK_S = 0.08
-"""Longest delay of bytes on the wire, less than the horizon of the sender."""
+"""Longest delay of bytes, less than the horizon of the sender."""
 LATE_S = 40e-6
 """Longest delay of a step by steps that were due before it; those due together come on top."""
 COMMAND_BYTES = 9
@@ -195,7 +212,8 @@ class KlipperFeasibility:
             ends += [runs.end] * self._motors[column]
             size += self._motors[column] * _bytes(runs)
         self._queue(np.sort(np.concatenate(ends)), line)
-        self._transfer(size, int(chunk.time_ns[rows][-1]) * 1e-9, line)
+        steps = sum(np.count_nonzero(step, axis=0) * self._motors)
+        self._transfer(size, float(steps), int(chunk.time_ns[rows][-1]) * 1e-9, line)
 
     def _check_pulses(self, chunk: PulseChunk) -> None:
         """Check that the pulses of each axis have ended before its next step."""
@@ -254,16 +272,19 @@ class KlipperFeasibility:
             hint = "lower the feed, raise board.klipper.tolerance_us, or use fewer microsteps"
             raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))
 
-    def _transfer(self, size: float, until_s: float, line: int) -> None:
-        """Count the bytes that wait for the wire."""
-        rate = self._profile.bytes_per_s
+    def _transfer(self, size: float, steps: float, until_s: float, line: int) -> None:
+        """Count the bytes that wait for the wire, or for the time that steps leave."""
+        rate, (least, most) = self._profile.bytes_per_s, self._profile.messages_per_s
+        if math.isfinite(most):
+            busy = min(steps * self._profile.step_s / max(until_s - self._filled_at, PIECE_S), 1.0)
+            rate = min(rate, busy * least + (1.0 - busy) * most)
         self._waiting = max(0.0, self._waiting - (until_s - self._filled_at) * rate) + size
         self._filled_at = until_s
         self.most_waiting_s = max(self.most_waiting_s, self._waiting / rate - PIECE_S)
         if self.most_waiting_s > SLACK_S:
             message = (
-                "the steps of this line are too dense for the serial line, "
-                f"which transfers about {rate:.0f} bytes/s"
+                "the steps of this line are too dense for the serial line and the processor of "
+                f"the board, which take about {rate:.0f} bytes/s"
             )
             hint = "lower the feed, raise board.klipper.tolerance_us, or use fewer microsteps"
             raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))

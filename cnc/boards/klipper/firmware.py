@@ -57,7 +57,7 @@ COMMANDS = (
 )
 FORGET = "reset", "config_reset"
 MESSAGES = 0.06
-"""Share of the processor's time for messages: 4 kB/s take an AVR 5.5 %."""
+"""Least share of the processor's time for messages: steps and samples leave it."""
 LEAST_FREE = 0.1
 """Least share of the processor's time for steps, with many inputs."""
 RESPONSES = (
@@ -116,6 +116,7 @@ class Firmware:
         short_pulse: Longest step pulse whose end is no event of its own, ticks.
         short_ticks: Time of a step with such a pulse, ticks.
         sample_ticks: Time of a sample of a switch, ticks; 0 if it is that of an event.
+        byte_ticks: Time of a received byte, ticks: interrupt, command, answer; 0 if it is little.
         forgets_by: Command after which it forgets its configuration: "reset", which most boards
             have, or "config_reset", which does not restart it.
     """
@@ -132,6 +133,7 @@ class Firmware:
     short_pulse: int = 0
     short_ticks: int = 0
     sample_ticks: int = 0
+    byte_ticks: int = 0
     forgets_by: str = "reset"
 
     def events(self, pulse: int) -> int:
@@ -146,8 +148,21 @@ class Firmware:
             samples: Samples of switches in a tick.
         """
         own = self.short_ticks if pulse <= self.short_pulse else self.event_ticks
+        return own / self.free(samples)
+
+    def free(self, samples: float) -> float:
+        """Return the share of the processor's time that samples and messages leave for steps."""
         free = 1.0 - MESSAGES - samples * (self.sample_ticks or self.event_ticks)
-        return own / max(free, LEAST_FREE)
+        return max(free, LEAST_FREE)
+
+    def message_share(self, steps: float, samples: float) -> float:
+        """Return the share of the processor's time that is left for messages.
+
+        Args:
+            steps: Share that steps take of what is free for them.
+            samples: Samples of switches in a tick.
+        """
+        return MESSAGES + max(1.0 - steps, 0.0) * self.free(samples)
 
     @cached_property
     def content(self) -> dict[str, Any]:
@@ -223,13 +238,15 @@ STM32F4_BUSES = (
 """Names and pins of the SPI buses, as the dictionaries of the firmware have them."""
 AVR_PULSE = 40
 """Step pulse up to which an AVR makes both edges in one event, ticks."""
-AVR_SHORT, AVR_EDGE, AVR_SAMPLE = 225, 313, 281
-"""Times on an AVR, ticks: of a step with such a pulse, of an edge of a longer one, of a sample."""
+AVR_SHORT, AVR_EDGE, AVR_SAMPLE, AVR_BYTE = 225, 313, 281, 205
+"""Times on an AVR, ticks: of a step with such a pulse, of an edge of a longer one, of a sample, of
+a received byte.
+"""
 FIRMWARES = {
     "atmega328p": Firmware(
         "atmega328p",
         16_000_000,
-        113,
+        86,
         250_000,
         AVR_EDGE,
         _ports("ABCD", 8),
@@ -238,6 +255,7 @@ FIRMWARES = {
         short_pulse=AVR_PULSE,
         short_ticks=AVR_SHORT,
         sample_ticks=AVR_SAMPLE,
+        byte_ticks=AVR_BYTE,
     ),
     "atmega2560": Firmware(
         "atmega2560",
@@ -251,6 +269,7 @@ FIRMWARES = {
         short_pulse=AVR_PULSE,
         short_ticks=AVR_SHORT,
         sample_ticks=AVR_SAMPLE,
+        byte_ticks=AVR_BYTE,
     ),
     "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), RP2040_BUSES, window=0),
     "stm32f103": Firmware(

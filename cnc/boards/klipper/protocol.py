@@ -457,25 +457,26 @@ class BlockReader:
 
 # The host's end of the protocol: numbered blocks, acknowledgements, and sending again.
 #
-# The board takes blocks in the order of their sequence numbers (modulo 16) and answers each with
-# the number that it expects next. An empty block with a number that acknowledges nothing is a nak:
-# the board has received a damaged block, or one out of order. After a nak, or without an answer in
-# time, all blocks without acknowledgement are sent again (go-back-N).
+# The board takes blocks in the order of their sequence numbers (modulo 16) and answers each with an
+# empty block, which has the number that it expects next. The same number in a second empty block is
+# a nak: the board has received a damaged block, or one out of order. A response with this number
+# before the first one changes nothing. After a nak, or without an answer in time, all blocks
+# without acknowledgement are sent again (go-back-N).
 #
 #       sent       0  1  2  3  4          2  3  4
 #                       x                 ↑
 #       answers      1  2     2  2  ──────┘          3  4  5     naks that the same loss has caused
 #                             nak (ignored)                      are ignored for a round trip
 #
-# The timeout follows the measured round trips (RFC 6298). It is not doubled, because nobody else
-# uses the line. Responses of the board are not repeated:
-# who waits for one must ask again.
+# The timeout follows the measured round trips (RFC 6298). It doubles with each repetition that it
+# causes, until the board acknowledges a block: a busy board answers late, and what comes twice
+# costs it more time. Responses of the board are not repeated: who waits for one must ask again.
 
 MAX_BLOCKS = 12
 """Most blocks without acknowledgement, less than the 16 sequence numbers."""
 DEFAULT_WINDOW = MAX_BLOCKS * 64
 """Most bytes without acknowledgement, for a firmware without RECEIVE_WINDOW."""
-FIRST_TIMEOUT_S, LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.1, 0.025, 0.2
+FIRST_TIMEOUT_S, LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.1, 0.025, 0.1
 """Time without acknowledgement after which blocks are sent again: at first, and its bounds."""
 LEAST_DEAF_S = 0.002
 """Least time after a repetition in which naks are ignored: they belong to the same loss."""
@@ -496,7 +497,7 @@ class _Sent:
     Attributes:
         data: Its bytes.
         last: Number of its last command.
-        at: Time when it was first sent, s.
+        at: Time when its last byte was first on the board, s.
         repeated: Whether it was sent again.
     """
 
@@ -520,11 +521,17 @@ class Received:
 
 
 class RoundTrip:
-    """Estimate of the round trip, s, and of the timeout (RFC 6298, section 2)."""
+    """Estimate of the round trip, s, and of the timeout (RFC 6298, section 2).
+
+    It begins when a block has left the wire, so a long one tells of a busy board.
+
+    Attributes:
+        mean, least: Its mean, and its least of late, s.
+        timeout: Time without acknowledgement after which blocks are sent again, s.
+    """
 
     def __init__(self) -> None:
-        self.mean = 0.0
-        self.least = 0.0
+        self.mean = self.least = 0.0
         self._deviation = 0.0
         self.timeout = FIRST_TIMEOUT_S
 
@@ -536,9 +543,18 @@ class RoundTrip:
         else:
             self._deviation += (abs(seconds - self.mean) - self._deviation) / 4
             self.mean += (seconds - self.mean) / 8
-            self.least = min(self.least, seconds)
-        timeout = self.mean + 4 * self._deviation
-        self.timeout = min(max(timeout, LEAST_TIMEOUT_S), MOST_TIMEOUT_S)
+            self.least = min(seconds, self.least + (self.mean - self.least) / 8)
+        self.in_time()
+
+    def in_time(self) -> None:
+        """Take back what :meth:`late` has done: the board has acknowledged a block."""
+        if self.mean:
+            timeout = self.mean + 4 * self._deviation
+            self.timeout = min(max(timeout, LEAST_TIMEOUT_S), MOST_TIMEOUT_S)
+
+    def late(self) -> None:
+        """Double the timeout until the board acknowledges a block (RFC 6298, section 5.5)."""
+        self.timeout = min(2 * self.timeout, MOST_TIMEOUT_S)
 
 
 class KlipperLink:
@@ -575,6 +591,8 @@ class KlipperLink:
         self._clean = 0
         self._again = False
         self._deaf_until = 0.0
+        self._told = 0  # Number in the last empty block.
+        self._held = 0  # Bytes that the board still holds, although a response acknowledges them.
 
     @property
     def damaged(self) -> int:
@@ -623,19 +641,18 @@ class KlipperLink:
         if self._sent:
             if self._progress_at is not None and now - self._progress_at > SILENCE_S:
                 raise WireError("the board acknowledges nothing")
-            if now - self._sent_at >= self.round_trip.timeout:
-                self._again = True
-            if self._again:
+            late = now - self._sent_at >= self.round_trip.timeout
+            if late or self._again:
                 parts.append(bytes((SYNC,)))
                 for each in self._sent:
                     each.repeated = True
                     parts.append(each.data)
                 self.resent += len(self._sent)
-                # Until then, naks tell of what was sent before.
-                first = self._sent[0].data
-                drained = max(now, self._wire_free) + len(first) * self.byte_s
+                drained = self._drained(len(self._sent[0].data), now)
+                self._sent_at = self._drained(self._flying - len(self._sent[0].data), now)
                 self._deaf_until = drained + max(self.round_trip.least, LEAST_DEAF_S)
-                self._sent_at = now
+                if not self._again:
+                    self.round_trip.late()
                 self._most = SMALL_CONTENTS
                 self._clean = 0
         self._again = False
@@ -643,15 +660,18 @@ class KlipperLink:
             block = self._next_block()
             if not block:
                 break
+            drained = self._drained(len(block), now)
             if not self._sent:
-                self._progress_at = now
-            self._sent.append(_Sent(block, self.appended - len(self._waiting), now))
+                self._progress_at, self._sent_at = now, drained
+            self._sent.append(_Sent(block, self.appended - len(self._waiting), drained))
             self._flying += len(block)
-            self._sent_at = now
             parts.append(block)
-        data = b"".join(parts)
-        self._wire_free = max(now, self._wire_free) + len(data) * self.byte_s
-        return data
+        return b"".join(parts)
+
+    def _drained(self, size: int, now: float) -> float:
+        """Return when bytes that are sent now have left the wire, s."""
+        self._wire_free = max(now, self._wire_free) + size * self.byte_s
+        return self._wire_free
 
     def receive(self, data: bytes, now: float) -> list[Received]:
         """Take received bytes; return the blocks that have contents."""
@@ -672,36 +692,45 @@ class KlipperLink:
                 self._renumber(expected)
             return
         if done == 0:
-            if empty and self._sent and now >= self._deaf_until:
-                self._again = True
-                # After a repetition, a block that comes twice is out of order.
-                self.refused += not self._sent[0].repeated
+            if empty and self._told == self._base:
+                if self._sent and now >= self._deaf_until:
+                    self._again = True
+                    # After a repetition, a block that comes twice is out of order.
+                    self.refused += not self._sent[0].repeated
+            elif empty:
+                self._told, self._held = self._base, 0
             return
         for _ in range(done):
             first = self._sent.popleft()
             self._flying -= len(first.data)
             self.acknowledged = first.last
+            self._held = 0 if empty else len(first.data)
             if not first.repeated:
                 self.round_trip.add(max(now - first.at, 1e-6))
                 self._clean += 1
+        self.round_trip.in_time()
         if self._clean >= CLEAN_BLOCKS:
             self._most = MAX_CONTENTS
         self._base += done
-        self._progress_at = self._sent_at = now
+        if empty:
+            self._told = self._base
+        self._progress_at = now
+        self._sent_at = max(now, self._sent_at)
 
     def _renumber(self, expected: int) -> None:
         """Continue from another sequence number; what was sent is sent again."""
         blocks = [each.data[2:-3] for each in self._sent]
         self._sent.clear()
         self._flying = 0
-        self._base = expected
+        self._base = self._told = expected
+        self._held = 0
         self._waiting.extendleft(reversed(blocks))
 
     def _next_block(self) -> bytes:
         """Return the next block within the window, empty if there is no space."""
         if len(self._sent) >= MAX_BLOCKS:
             return b""
-        whole = self.window - self._flying - 5
+        whole = self.window - self._flying - self._held - 5
         room = min(self._most, whole)
         contents = bytearray()
         taken = 0

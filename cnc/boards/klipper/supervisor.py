@@ -344,7 +344,10 @@ class Supervisor(PulseSupervisor):
         if sender.cut:
             return
         sent = sender.position
-        positions = self.read_positions()
+        try:
+            positions = self.read_positions()
+        except BoardError as error:
+            raise self._unanswered(error) from error
         point = self.position.of(positions)
         differing = self.position.differing(positions)
         if differing or not np.array_equal(point, sent):
@@ -368,10 +371,10 @@ class Supervisor(PulseSupervisor):
         self._begin_stop()
         try:
             reason = self.guards.end(self.pump)
-        except BoardError:
-            if not self._stop.shutdown:
-                raise
-            raise self._shut_down(self._stop.shutdown) from None
+        except BoardError as error:
+            if self._stop.shutdown:
+                raise self._shut_down(self._stop.shutdown) from None
+            raise self._unanswered(error) from error
         finally:
             self._stopping = False
         # A computer that was late may see the contact only here.
@@ -531,6 +534,10 @@ class Supervisor(PulseSupervisor):
             known = replace(known, message=message)
         self.position.forget()
         return self.fail(type(error)(replace(known, line=known.line or self.sender.tracker.line)))
+
+    def _unanswered(self, error: BoardError) -> BoardError:
+        """Return the fault of a question after a motion; what :meth:`pump` raises is complete."""
+        return self._lost(error, self.sender.end_of_queue) if self.active else error
 
     def fail(self, error: BoardError) -> BoardError:
         """End the use of the board by a fault, and return the fault."""

@@ -196,6 +196,7 @@ class KlipperSimulator:
         self.sequence = 0
         self._reader = BlockReader()
         self._told_damage = False
+        self._unread = self._tasks_free = 0
         self._cpu_free = 0
         self._unsteps = np.empty(0, np.int64)
 
@@ -232,7 +233,7 @@ class KlipperSimulator:
     def write(self, data: bytes) -> None:
         """Send bytes from the host."""
         for arrival, part in self.cable.down(data, self.now):
-            self._at_time(arrival, lambda part=part: self._receive(part))  # type: ignore[misc]
+            self._at_time(arrival, lambda part=part: self._arrive(part))  # type: ignore[misc]
 
     def read(self) -> bytes:
         """Return the bytes that the host can read now."""
@@ -295,9 +296,7 @@ class KlipperSimulator:
         self._unsteps = later[later > clock]
         events = np.concatenate((due, later[later <= clock]))
         order = np.argsort(events, kind="stable")
-        armed = [switch for switch in self.switches if switch.armed and switch.rest_ticks > 0]
-        samples = sum(1.0 / switch.rest_ticks for switch in armed)
-        cost = round(self.firmware.event_time(motors[0].pulse, samples))
+        cost = round(self.firmware.event_time(motors[0].pulse, self._samples()))
         k = np.arange(len(events), dtype=np.int64) * cost
         made = np.maximum(np.maximum.accumulate(events[order] - k), self._cpu_free) + k
         self._cpu_free = int(made[-1]) + cost
@@ -385,6 +384,38 @@ class KlipperSimulator:
 
     def _send(self, contents: bytes) -> None:
         self.cable.up(block_bytes(self.sequence, contents), self.now)
+
+    def _arrive(self, data: bytes) -> None:
+        """Take received bytes when steps and samples leave time; what finds no room is lost."""
+        ticks = self.firmware.byte_ticks
+        if not ticks:
+            self._receive(data)
+            return
+        self.settle(self.clock)
+        data = data[: self.firmware.window - self._unread]
+        self._unread += len(data)
+        begin = max(self.clock, self._tasks_free)
+        self._tasks_free = begin + round(len(data) * ticks / self._message_share())
+
+        def take() -> None:
+            self._receive(data)
+            self._unread -= len(data)
+
+        self.at(self._tasks_free, take)
+
+    def _message_share(self) -> float:
+        """Return the share of the processor's time that is left for messages now."""
+        samples, steps = self._samples(), 0.0
+        for motor in self.motors:
+            if interval := motor.interval:
+                event = self.firmware.event_time(motor.pulse, samples)
+                steps += self.firmware.events(motor.pulse) * event / interval
+        return self.firmware.message_share(steps, samples)
+
+    def _samples(self) -> float:
+        """Return the samples of switches in a tick."""
+        armed = [switch for switch in self.switches if switch.armed and switch.rest_ticks > 0]
+        return sum(1.0 / switch.rest_ticks for switch in armed)
 
     def _receive(self, data: bytes) -> None:
         """Take received bytes; answer those out of order, and the first damaged ones, with a nak.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 
+import numpy as np
 import pytest
 
 from cnc.boards.klipper.protocol import (
     DEFAULT_WINDOW,
     MAX_CONTENTS,
+    MOST_TIMEOUT_S,
     SILENCE_S,
     BlockReader,
     KlipperLink,
@@ -17,6 +19,8 @@ from cnc.boards.klipper.protocol import (
     block_bytes,
 )
 from cnc.simulators.klipper.klipper_simulator import Cable
+from tests.support.boards.klipper_rig import MCUS, board, machine
+from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.soak import share
 
 TRIP_S = 0.004
@@ -109,6 +113,54 @@ def test_one_loss_is_repeated_once_after_a_nak() -> None:
     assert link.outgoing(1.0 + 2 * TRIP_S) == b""
 
 
+def test_acknowledgement_after_a_response_is_no_nak() -> None:
+    """A response already has the number that the acknowledgement of its block has."""
+    link = KlipperLink()
+    link.send(bytes(2))
+    exchange(link, Receiver(), 0.0, 1)
+    for _ in range(2):
+        link.send(bytes(MAX_CONTENTS - 1))
+    data = link.outgoing(1.0)
+    link.receive(block_bytes(2, b"\x01"), 1.001)
+    link.receive(block_bytes(2, b""), 1.002)
+    assert link.outgoing(1.003) == b""
+    assert link.refused == 0
+    link.receive(block_bytes(2, b""), 1.004)
+    assert link.outgoing(1.005).endswith(data[len(data) // 2 :])
+    assert link.refused == 1
+
+
+@pytest.mark.parametrize("mcu", MCUS)
+def test_nothing_is_repeated_on_a_good_cable(mcu: str) -> None:
+    known = machine(mcu)
+    with board(known) as (driver, simulator):
+        driver.start(np.zeros(3, np.int64))
+        for part in chunks(*eased(2000, 400_000), 100):
+            driver.send(part)
+        driver.finish()
+        link = driver._supervisor.connection.link
+    assert (link.refused, link.resent, simulator.blocks_refused) == (0, 0, 0)
+
+
+def test_timeout_doubles_until_the_board_answers() -> None:
+    """RFC 6298, 5.5: what comes twice costs a busy board more time."""
+    link, peer = KlipperLink(), Receiver()
+    for _ in range(20):
+        link.send(bytes(2))
+        exchange(link, peer, 0.0, 1)
+    link.send(bytes(2))
+    first, times = link.outgoing(1.0), []
+    for k in range(1, 500):
+        if link.outgoing(1.0 + k * 0.001):
+            times.append(k)
+    gaps = np.diff([0, *times])
+    assert gaps[0] <= 26
+    np.testing.assert_allclose(gaps[1:3] / gaps[:2], 2.0, rtol=0.05)
+    assert gaps.max() <= 1000 * MOST_TIMEOUT_S + 1
+    link.receive(peer.receive(first), 1.5)
+    assert link.round_trip.timeout < 0.026
+
+
 def test_round_trip_is_measured_and_sets_the_timeout() -> None:
     link, board = KlipperLink(), Receiver()
     for _ in range(60):
@@ -128,6 +180,22 @@ def test_window_limits_the_bytes_on_their_way() -> None:
     data = link.outgoing(1.0)
     assert 100 < len(data) <= 192
     assert link.outgoing(1.001) == b""
+
+
+def test_response_leaves_its_block_in_the_window() -> None:
+    """The board gives the room free after the command, when it sends the empty block."""
+    link, peer = KlipperLink(), Receiver()
+    link.send(bytes(2))
+    exchange(link, peer, 0.0, 1)
+    link.window = 192
+    for _ in range(100):
+        link.send(bytes(MAX_CONTENTS - 1))
+    size = 4 + MAX_CONTENTS
+    assert len(link.outgoing(1.0)) == 192 // size * size
+    link.receive(block_bytes(2, b"\x01"), 1.001)
+    assert link.outgoing(1.002) == b""
+    link.receive(block_bytes(2, b""), 1.003)
+    assert len(link.outgoing(1.004)) == size
 
 
 def test_silence_is_a_fault_of_the_wire() -> None:

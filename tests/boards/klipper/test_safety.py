@@ -280,13 +280,35 @@ def test_cable_that_damages_most_messages_is_named(way: str, tmp_path: Path) -> 
         return sent
 
     setattr(cable, way, damaged)
-    after(simulator, 0.3, lambda: noise.append(0.15))
+    after(simulator, 0.3, lambda: noise.append(0.25))
     report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
     fault = report.faults[0].diagnostic
     assert fault.code in ("board-underrun", "board-silence", "board-silent", "klipper-shutdown")
     assert "check cable" in fault.hint or "check the cable" in fault.hint
     assert "load" not in fault.hint
     assert "the machine is at" in fault.message
+
+
+@pytest.mark.parametrize("question", ["trsync_trigger", "stepper_get_position"])
+def test_cable_that_fails_after_the_motion_leaves_the_end_of_the_moves(
+    question: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The questions after a motion get no answer, but the board has played all its moves."""
+    known = machine("atmega328p")
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 F1500\nM2\n")
+    simulator = simulator_for(known)
+    respond = simulator.respond
+    asked = {"trsync_trigger": "trsync_state", "stepper_get_position": "stepper_position"}
+
+    def lost(name: str, **values: int | bytes) -> None:
+        if not (name == asked[question] and place(known, simulator)[0] > 0):
+            respond(name, **values)
+
+    monkeypatch.setattr(simulator, "respond", lost)
+    report, _ = played(tmp_path / "p.ngc", tmp_path, known, simulator)
+    fault = report.faults[0].diagnostic
+    assert fault.code == "board-silent"
+    assert "the machine is at about X2 " in fault.message
 
 
 @pytest.mark.parametrize(("mcu", "code"), [("atmega2560", "board-reset"), ("rp2040", "port-lost")])

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cnc.boards.klipper import feasibility
 from cnc.boards.klipper.driver import Klipper
 from cnc.boards.klipper.feasibility import KlipperFeasibility, profile_of
+from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MotionLimitError
 from cnc.model.streams import PulseChunk
 from cnc.simulators.klipper.commands import Motor
-from tests.support.boards.klipper_rig import board, machine, pins
+from tests.support.boards.klipper_rig import board, machine, pins, played
 from tests.support.boards.stepper_rig import chunks, line
 
 ROWS = 6000
@@ -94,6 +97,62 @@ def test_step_rates_of_the_firmware(
         with pytest.raises(BoardError, match="klipper-shutdown") as shut:
             play(driver, motion(rate, axes))
     assert "Rescheduled timer in the past" in shut.value.diagnostic.message
+
+
+def turning(tolerance_us: float) -> Machine:
+    """Return a machine with an ATmega328P whose two axes make up to 33 000 steps/s on a circle."""
+    known = load_machine("klipper-uno")
+    axes = {
+        letter: axis.model_copy(
+            update={
+                "homing": None,
+                "travel": (-900.0, 900.0),
+                "steps_per_mm": 200.0,
+                "max_velocity": 200.0,
+                "max_acceleration": 4000.0,
+                "max_jerk": 200_000.0,
+            }
+        )
+        for letter, axis in known.axes.items()
+    }
+    pins = known.board.klipper
+    assert pins is not None
+    board = known.board.model_copy(
+        update={
+            "max_step_rate": 40_000.0,
+            "step_pulse": 2.5e-6,
+            "klipper": pins.model_copy(update={"tolerance_us": tolerance_us}),
+        }
+    )
+    path = known.path.model_copy(update={"max_feed": 12_000.0})
+    return known.model_copy(update={"axes": axes, "board": board, "path": path})
+
+
+@pytest.mark.parametrize(("tolerance_us", "checked"), [(2.0, True), (1.5, True), (1.2, False)])
+def test_messages_need_the_time_that_steps_leave(
+    tolerance_us: float, checked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Klipper's firmware on a simulated ATmega328P played 12 turns with 2 us.
+
+    A smaller tolerance needs more moves: with 1.5 and 1.2 us it shut down, "Timer too close".
+    """
+    if not checked:
+        monkeypatch.setattr(feasibility.KlipperFeasibility, "add", lambda _, chunk: None)
+    turns = 12 * "G3 X30 Y0 I-30 J0\n"
+    (tmp_path / "turns.ngc").write_text(f"G21 G90 G17\nG1 X30 F7000\n{turns}M2\n")
+    known = turning(tolerance_us)
+    report, simulator = played(tmp_path / "turns.ngc", tmp_path, known)
+    found = [(fault.diagnostic.code, fault.diagnostic.message) for fault in report.faults]
+    if tolerance_us == 2.0:
+        assert found == []
+        assert simulator.reason == ""
+    elif checked:
+        assert found[0][0] == "board-too-dense"
+        assert "the processor of the board" in found[0][1]
+        assert report.faults[0].diagnostic.line == 3
+    else:
+        assert found[0][0] == "klipper-shutdown"
+        assert "Timer too close" in found[0][1]
 
 
 def test_step_rate_of_a_fast_microcontroller() -> None:
