@@ -233,7 +233,7 @@ class ArcMoves:
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
         i, j = self._columns(at, "an arc")
-        if self._dialect.grbl_arcs:
+        if self._dialect.arcs.as_grbl:
             self._check_axis_words(words, user, at)
         opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
@@ -305,7 +305,7 @@ class ArcMoves:
         clash = next(filter(None, centers), None)
         if clash is None:
             return
-        if self._dialect.arc_radius_first:
+        if self._dialect.arcs.radius_first:
             message = f"{clash.written} has no effect beside {radius.written}"
             hint = "remove it; other controllers refuse the line"
             self._here.report_warning("word-without-effect", message, clash, hint)
@@ -385,7 +385,7 @@ class ArcMoves:
     ) -> Arc:
         """The arc of I, J, K (None for a missing word); of the radius if ``offsets`` is None."""
         state, position = self._state, self._axis_words.position
-        tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
+        tolerance = self._dialect.arcs.mm if state.scale == 1.0 else self._dialect.arcs.inch
         i, j = plane
         coordinates = self._axis_words.coordinates
         figure, tilted = coordinates.figure, self._tilted(plane)
@@ -399,7 +399,7 @@ class ArcMoves:
         here, there = (position[i], position[j]), (end[i], end[j])
         clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
         if offsets is None:
-            if self._dialect.grbl_arcs and math.dist(here, there) > SAME_POINT:
+            if self._dialect.arcs.as_grbl and math.dist(here, there) > SAME_POINT:
                 self._check_single_precision(here, there, radius * state.scale, word)
             return from_radius(
                 here,
@@ -464,13 +464,13 @@ class ArcMoves:
 
     def _take_idle_center(self, words: LineWords, user: str) -> None:
         """Take a centre word of 0 for the axis across the plane, if the dialect allows one."""
-        if self._dialect.arc_idle_center:
+        if self._dialect.arcs.idle_center:
             for letter in "IJK":
                 if (word := words.rest.get(letter)) and word.number == 0:
                     words.take(letter, user)
 
     def _turns(self, words: LineWords, user: str) -> int:
-        if "P" in words.rest and not self._dialect.arc_turns:
+        if "P" in words.rest and not self._dialect.arcs.turns:
             raise fault(
                 "word-not-in-dialect",
                 f"P turns of an arc are not in the {self._dialect.name} dialect",

@@ -242,7 +242,7 @@ class AxisWords(Executor):
         self._idle: set[str] = set()
         self.polar = PolarMode()
         self._polar_end: tuple[float, float] | None = None
-        self.rotary = RotaryAxes(axes, {}, context.dialect.wrap)
+        self.rotary = RotaryAxes(axes, {}, context.dialect.motion.wrap)
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -264,7 +264,7 @@ class AxisWords(Executor):
     @property
     def has_direction_words(self) -> bool:
         """Whether A3=, B3= and C3= are the direction of the tool."""
-        return self._dialect.flavour == "siemens"
+        return self._dialect.motion.direction_words
 
     @property
     def rotary_columns(self) -> list[int]:
@@ -275,7 +275,7 @@ class AxisWords(Executor):
 
     def needs_interpreter(self, index: int) -> bool:
         """Return whether compiled code does not know the moves of an axis."""
-        all_axes = self._dialect.feed_of_all_axes and not self._linear[index]
+        all_axes = self._dialect.feed.of_all_axes and not self._linear[index]
         return all_axes or self.rotary.has(index)
 
     def turn_directions(self, text: str) -> None:
@@ -384,7 +384,7 @@ class AxisWords(Executor):
             raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
         program = self.coordinates.to_program(self.position)
         here, absolute = (program[x], program[y]), self._state.absolute
-        siemens = self._dialect.flavour == "siemens"
+        siemens = self._dialect.motion.polar == "siemens"
         if siemens:
             refuse_other_start(words, here, self._polar_end)
         point = polar_point(words, user, here, self._state.scale, absolute=absolute)
@@ -410,7 +410,7 @@ class AxisWords(Executor):
     def _polar_columns(self, at: Word | None, user: str) -> tuple[int, int]:
         """Return the columns of X and Y, after checks that polar coordinates may stand here."""
         x, y = self.column.get("X"), self.column.get("Y")
-        if self._dialect.flavour not in ("ngc", "siemens"):
+        if not self._dialect.motion.polar:
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",
@@ -472,14 +472,14 @@ class AxisWords(Executor):
         if absolute or change == 0.0:
             return 0.0
         same_line = moves and line == self._here.line
-        if same_line and self._dialect.length_in_increments == "added":
+        if same_line and self._dialect.tools.length_in_increments == "added":
             return change
         message = (
             f"{at.written} under G91 is the first move along Z after a new tool length: FANUC adds "
             f"its change of {change:g} mm, others do not"
         )
         hint = "give Z under G90 first"
-        if self._dialect.length_in_increments == "unclear":
+        if self._dialect.tools.length_in_increments == "unclear":
             hint += ", or name the --dialect"
         raise fault("tool-length-incremental", message, at, hint)
 
@@ -585,7 +585,7 @@ class MoveFeeds(AxisWords):
 
     def _first_feed(self, words: LineWords, at: Word) -> Feed:
         """Put the feed with which the controller begins into effect, with a warning."""
-        first = self._dialect.first_feed
+        first = self._dialect.feed.at_start
         if not first:
             raise _missing(words, at)
         message = f"no F before this move: the firmware begins with {first:g} mm/min"
@@ -605,7 +605,7 @@ class MoveFeeds(AxisWords):
             steps = [there - here for there, here in zip(end, self.position, strict=True)]
             turned = [step for step, linear in zip(steps, self._linear, strict=True) if not linear]
             shifts, turns = any(compress(steps, self._linear)), any(turned)
-            if self._dialect.feed_of_all_axes and shifts and turns:
+            if self._dialect.feed.of_all_axes and shifts and turns:
                 length = length or self.distance(end)
                 return feed.linear * length / math.hypot(length, *turned)
             return _feed_of_move(feed.linear, feed.rotary, shifts, turns)

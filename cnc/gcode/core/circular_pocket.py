@@ -34,7 +34,7 @@ class CircularPocket(MotionCodes):
 
     def __init__(self, motion: Motion, tools: ToolCodes) -> None:
         super().__init__(motion)
-        self._straight = self._dialect.figures == "mach3"
+        self._straight = self._dialect.offsets.transforms == "mach3"
         self._tools = tools
 
     def make(self, words: LineWords, code: Code | None) -> None:

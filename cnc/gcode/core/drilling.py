@@ -167,7 +167,7 @@ class DrillingCycles(MotionCodes):
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
         )
         self._rules = dialect.cycles
-        self._turns = dialect.cycles.turns and not dialect.lathe
+        self._turns = dialect.cycles.turns and not dialect.turning.lathe
         self._performer = performer
         self._dwells = dwells
         self.series: Series | None = None

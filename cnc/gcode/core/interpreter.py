@@ -153,17 +153,18 @@ class Interpreter:
         self.plain = True
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
-        self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
-        if dialect.lathe or policy.lathe:
+        self.modal = ModalState(
+            motion=dialect.motion.at_start, initial_level=dialect.cycles.initial_level
+        )
+        if dialect.turning.lathe or policy.lathe:
             turning.power_on(self.modal, dialect, policy.diameters)
         if policy.default_feed is not None:
             self.modal.feed = feed_of(policy.default_feed, 1.0)
         self.dialect, self.policy = dialect, policy
         self.parameters = parameters
-        own_zero = dialect.offset_memory or dialect.flavour in ("siemens", "klartext")
         self.coordinates = Coordinates(
-            axes, parameters, systems=dialect.systems, fanuc=own_zero,
-            shift_stays=dialect.shift_stays,
+            axes, parameters, systems=dialect.systems, fanuc=dialect.offsets.local_shift,
+            shift_stays=dialect.offsets.shift_stays,
         )  # fmt: skip
         single = dialect.flavour == "siemens"
         self._assignments = Assignments(
@@ -178,7 +179,7 @@ class Interpreter:
         self._dwells = Dwells(context)
         self.input_output_codes = InputOutputCodes(context, tilting=policy.tool_tip is not None)
         self.motion = motion = Motion(context, axes, position, self.coordinates)
-        motion.rotary = RotaryAxes(axes, policy.wraps, dialect.wrap)
+        motion.rotary = RotaryAxes(axes, policy.wraps, dialect.motion.wrap)
         self.feed_codes = FeedCodes(motion)
         self.tip_control = TipControlCodes(motion, policy.tool_tip)
         self.tool_codes = ToolCodes(
@@ -187,13 +188,13 @@ class Interpreter:
             self.tip_control,
             zero_without_table=policy.tool_lengths == "zero",
         )
-        self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
+        self._turret = turning.Turret(self.tool_codes, self.out) if dialect.turning.lathe else None
         self.offset_codes = OffsetCodes(motion, self.tool_codes)
         self.figure_codes = FigureCodes(motion)
         self.compensation_codes = CompensationCodes(motion, self.tool_codes)
         self.turning_cycles = self._register_curves_and_cycles()
         self._bind_parameters()
-        self.points_wanted = dialect.decimal_points
+        self.points_wanted = dialect.lines.decimal_points
         self._prepared: dict[int, PreparedLine] = {}
         self._saved_state = SavedState(
             self.machine_codes, self.modal, self.motion, self.unused_words
@@ -212,12 +213,12 @@ class Interpreter:
         splines.register_bspline(motion, self.feed_codes.feed)
         runner = CycleRunner(motion)
         self.drilling_cycles = drilling.register(motion, runner, self._dwells)
-        if self.dialect.hole_patterns:
+        if self.dialect.cycles.hole_patterns:
             hole_patterns.register_patterns(motion, self.drilling_cycles)
         threads.register_threading(motion, runner)
         circular_pocket.register(motion, self.tool_codes)
         self.probing = probing.Probing(motion)
-        if not self.dialect.lathe:
+        if not self.dialect.turning.lathe:
             return None
         from cnc.gcode.turning import cycles
 
@@ -317,7 +318,7 @@ class Interpreter:
         state, motion = self.modal, self.motion
         self.plain = (
             state.feeds_are_plain
-            and not self.dialect.lathe
+            and not self.dialect.turning.lathe
             and not state.radius_increments
             and motion.collector is None
             and not self.coordinates.turned
@@ -331,7 +332,7 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
-        if self.dialect.increments:
+        if self.dialect.turning.increments:
             turning.take_increments(words, codes, self.dialect)
         codes = self.tool_codes.with_length(words, codes)
         collector = self.motion.collector
@@ -350,7 +351,7 @@ class Interpreter:
             raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
-        found = not self.begun and self.dialect.program_number and words.rest.keys() == {"O"}
+        found = not self.begun and self.dialect.lines.program_number and words.rest.keys() == {"O"}
         if found:
             whole(words.rest.pop("O"), "a program number", 0)
         return found
@@ -389,14 +390,14 @@ class Interpreter:
             code is not None
             and code.number == M.M5
             and self.feed_codes.moving is not None
-            and self.dialect.stops_after_move
+            and self.dialect.spindle.stops_after_move
         )
 
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
         state, functions = self.modal, self.machine_codes
         self.feed_codes.mode(codes)
-        if self.dialect.units_before_feed:
+        if self.dialect.feed.units_first:
             self.feed_codes.units(codes)
         self.feed_codes.feed(words, codes)
         self.compensation_codes.refuse(codes)

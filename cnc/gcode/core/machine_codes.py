@@ -79,8 +79,8 @@ class MachineCodes(Executor):
         """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
         dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
-        is_time = dwell and "S" in (*self._dialect.dwell, *self._dialect.dwell_turns)
-        if self._dialect.lathe and code is not None and code.number == G.G92:
+        is_time = dwell and "S" in (*self._dialect.dwell.units, *self._dialect.dwell.turns)
+        if self._dialect.turning.lathe and code is not None and code.number == G.G92:
             self._limit_speed(words, codes)
         if (
             "S" in words.rest
@@ -96,7 +96,7 @@ class MachineCodes(Executor):
                 self._unused_words.note(word)
             elif turning and not change:
                 self._spindle(with_motion=self._laser)
-        if self._dialect.lathe:
+        if self._dialect.turning.lathe:
             return
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
@@ -184,7 +184,7 @@ class MachineCodes(Executor):
 
     def _take_power(self, words: LineWords, code: Code) -> None:
         """Take the power of the spindle in per cent, whose speed only the machine knows."""
-        letter = self._dialect.spindle_power
+        letter = self._dialect.spindle.power
         if letter and (word := words.take(letter, code.word.written)):
             message = f"{word.written} (power of the spindle in per cent) has no effect here"
             hint = f"give the speed with S beside {code.word.written}"
@@ -195,7 +195,7 @@ class MachineCodes(Executor):
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
-        if most or not self._dialect.lathe:
+        if most or not self._dialect.turning.lathe:
             state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
         if word is None and state.constant_surface:
@@ -225,10 +225,10 @@ class MachineCodes(Executor):
             self._spindle()
 
     def _orient(self, words: LineWords) -> None:
-        letters = self._dialect.orient_angle
+        letters = self._dialect.spindle.orient_angle
         angle = next((word for each in letters if (word := words.take(each, "M19"))), None)
         timeout = direction_word = None
-        if self._dialect.flavour == "ngc":
+        if self._dialect.spindle.orient_settings:
             timeout, direction_word = words.take("Q", "M19"), words.take("P", "M19")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
@@ -305,9 +305,9 @@ class MachineCodes(Executor):
         control: PathControl = "blend"
         tolerance = 0.0
         if code.number != G.G64:
-            control = "exact-stop" if code.number == G.G61_1 else self._dialect.path_stop
+            control = "exact-stop" if code.number == G.G61_1 else self._dialect.motion.path_stop
         else:
-            for letter in sorted(self._dialect.path_words):
+            for letter in sorted(self._dialect.motion.path_words):
                 if word := words.take(letter, "G64"):
                     value = not_negative(word, "the tolerance") * self._state.scale
                     if letter == "P":
@@ -507,10 +507,10 @@ class Dwells(Executor):
 
     def execute(self, words: LineWords, code: Code) -> None:
         """Execute G4."""
-        word, letters = code.word, self._dialect.dwell_units(words)
+        word, letters = code.word, self._dialect.dwell.units_in(words)
         times = [
             (letter, time)
-            for letter in (*letters, *self._dialect.dwell_turns)
+            for letter in (*letters, *self._dialect.dwell.turns)
             if (time := words.take(letter, "G4"))
         ]
         if not times:
@@ -518,12 +518,12 @@ class Dwells(Executor):
                 "dwell-time-missing",
                 f"{word.written} needs a time",
                 word,
-                f"give {' or '.join((*letters, *self._dialect.dwell_turns))}",
+                f"give {' or '.join((*letters, *self._dialect.dwell.turns))}",
             )
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
-        seconds = self._turns(time) if letter in self._dialect.dwell_turns else self.seconds(time)
+        seconds = self._turns(time) if letter in self._dialect.dwell.turns else self.seconds(time)
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def seconds(self, time: Word) -> float:
@@ -532,9 +532,9 @@ class Dwells(Executor):
         Raises:
             GcodeError: ``decimal-point-needed``, ``decimal-point-place``, ``value-out-of-range``.
         """
-        unit = self._dialect.dwell.get(time.letter, 1.0)
+        unit = self._dialect.dwell.units.get(time.letter, 1.0)
         if "." in time.written:
-            unit = self._unit_with_point(time, self._dialect.dwell_point.get(time.letter, unit))
+            unit = self._unit_with_point(time, self._dialect.dwell.point.get(time.letter, unit))
         seconds, status = _dwell_of(time.number, unit)
         if status == rules.DWELL_WITHOUT_UNIT:
             message = (
@@ -551,7 +551,7 @@ class Dwells(Executor):
         is_short = unit == _MILLISECOND and 0.0 < seconds < _SHORT
         is_hundredths = unit == _HUNDREDTH and seconds > 0.0 and not self._hundredths_reported
         self._hundredths_reported |= is_hundredths
-        if (self._dialect.flavour == "macro-b" and is_short) or is_hundredths:
+        if (self._dialect.dwell.short_is_doubtful and is_short) or is_hundredths:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count seconds "
                 f"take {time.number:g} s"

@@ -138,7 +138,7 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
         if code in _CALLS:
             raise _call_left(word)
         group, before = GROUP_OF_M[code], found.get("coolant")
-        if before and {before.number, code} == _BOTH_COOLANTS and dialect.both_coolants:
+        if before and {before.number, code} == _BOTH_COOLANTS and dialect.lines.both_coolants:
             group = "second-coolant"
         _add(found, group, Code(code, word), dialect)
     return found
@@ -157,7 +157,7 @@ def _call_left(word: Word) -> GcodeError:
 
 def _add(found: Codes, group: str, code: Code, dialect: Dialect) -> None:
     other = found.get(group)
-    if other and other.number == code.number and dialect.same_code_twice:
+    if other and other.number == code.number and dialect.lines.same_code_twice:
         return
     if other and {other.number, code.number} in _ENDS_ANYWAY:
         # G0 to G3 end canned cycles too, so G80 beside one of them is redundant.

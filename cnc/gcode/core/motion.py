@@ -44,11 +44,11 @@ class AssumedMotion:
     """
 
     def __init__(self, dialect: Dialect, here: SourceLocation, state: ModalState) -> None:
-        self._assumes = dialect.after_g80 == "assumed"
+        self._assumes = dialect.motion.after_g80 == "assumed"
         self._here, self._state = here, state
-        self._code: G | None = G.G0 if dialect.motion_assumed else None
-        self.restored = _HIGHEST[dialect.after_g80]
-        self.resting: G | None = dialect.motion
+        self._code: G | None = G.G0 if dialect.motion.assumed else None
+        self.restored = _HIGHEST[dialect.motion.after_g80]
+        self.resting: G | None = dialect.motion.at_start
 
     def end(self) -> None:
         """Assume no motion: a motion code is in effect, or something else than G80 ended it."""
@@ -183,7 +183,7 @@ class Motion(MoveFeeds):
         self.vector_letters: tuple[str, ...] = ()
         self.assumed = AssumedMotion(dialect, here, state)
         self.arcs = ArcMoves(self, dialect, here, state)
-        self.corners = CornerMoves(self, state, here, corners=dialect.corners)
+        self.corners = CornerMoves(self, state, here, corners=dialect.motion.corners)
 
     @property
     def compensated(self) -> bool:
@@ -225,7 +225,7 @@ class Motion(MoveFeeds):
                 beside = (
                     code.number in _STRAIGHT
                     and taker.number in (G.G28, G.G30)
-                    and self._dialect.home_beside_motion
+                    and self._dialect.home.beside_motion
                 )
                 if code.number != _CANCEL and not beside:
                     raise fault(
@@ -268,7 +268,7 @@ class Motion(MoveFeeds):
 
         If an axis letter is the time of the dwell, the line can't have a move.
         """
-        units = self._dialect.dwell_units(words)
+        units = self._dialect.dwell.units_in(words)
         timed = [letter for letter in units if letter in AXES and letter in words.rest]
         if timed and code:
             raise fault(
@@ -339,13 +339,13 @@ class Motion(MoveFeeds):
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
-            angled = words.take(",A", "G1") if self._dialect.corners else None
+            angled = words.take(",A", "G1") if self._dialect.motion.corners else None
             given = set(words.rest) if angled else set()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             if angled:
                 end = self._end_at_angle(angled, given, end)
             feed = self.feed(words, end, None, at)
-            if self._dialect.corners and (word := corners.take(words, "G1")):
+            if self._dialect.motion.corners and (word := corners.take(words, "G1")):
                 start = self.position
                 if self.corners.corner is not None:
                     start = self.corners.finish(end)
@@ -360,7 +360,7 @@ class Motion(MoveFeeds):
                 self._make_tilted_arc(block, at)
                 return
             name = motion.written
-            self._arc(block, corners.take(words, name) if self._dialect.corners else None)
+            self._arc(block, corners.take(words, name) if self._dialect.motion.corners else None)
         else:
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)

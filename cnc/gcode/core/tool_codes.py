@@ -73,10 +73,10 @@ class ToolCodes(MotionCodes):
     def tool_length(self, words: LineWords, code: Code) -> None:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.g
-        if self._dialect.own_tool_offsets:
+        if self._dialect.tools.own_offsets:
             self.motion.length_change = None
         self._length_code = None if number == G.G49 else number
-        if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
+        if number == G.G49 and (self._dialect.tools.memory or self._dialect.lenient):
             self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
@@ -121,8 +121,8 @@ class ToolCodes(MotionCodes):
         if (
             word is None
             or code not in (G.G43, G.G44)
-            or not self._dialect.offset_memory
-            or self._dialect.lathe
+            or not self._dialect.tools.memory
+            or self._dialect.turning.lathe
             or not codes.keys().isdisjoint(("tool-length", "non-modal"))
         ):
             return codes
@@ -139,7 +139,7 @@ class ToolCodes(MotionCodes):
         """Note the change of the offset along Z, for a move along Z under G91."""
         motion = self.motion
         column = motion.column.get("Z")
-        if self._dialect.length_in_increments == "left" or column is None or self._tip.active:
+        if self._dialect.tools.length_in_increments == "left" or column is None or self._tip.active:
             return
         before = motion.length_change[0] if motion.length_change else 0.0
         change = before + offset[column] - self._coordinates.tool_offset[column]
@@ -150,7 +150,7 @@ class ToolCodes(MotionCodes):
 
         Beside G28, G30 and G53, whose moves end without an offset, H0 ends the offset in effect.
         """
-        if "H" not in words.rest or not self._dialect.offset_memory or self._dialect.lathe:
+        if "H" not in words.rest or not self._dialect.tools.memory or self._dialect.turning.lathe:
             return
         word = words.rest["H"]
         ends = word.number == 0.0 and any(code.number in _HOMES for code in words.g)
@@ -164,10 +164,10 @@ class ToolCodes(MotionCodes):
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":
-            if letter in words.rest and letter not in self._dialect.length_axes:
+            if letter in words.rest and letter not in self._dialect.tools.length_axes:
                 raise fault(
                     "axis-not-in-dialect",
-                    f"{user} takes {self._dialect.length_axes} only",
+                    f"{user} takes {self._dialect.tools.length_axes} only",
                     words.rest[letter],
                 )
         values = self.motion.axis_values(words, user)
@@ -187,10 +187,10 @@ class ToolCodes(MotionCodes):
     def tool_in_spindle(self, letter: str, at: Word) -> int:
         """Return the tool for a code without H or D, with a warning where controllers differ."""
         loaded = self.state.loaded
-        if self._dialect.own_tool_offsets and not loaded:
+        if self._dialect.tools.own_offsets and not loaded:
             message = f"{at.written} takes the offset of the tool in the spindle, and there is none"
             raise fault("tool-not-chosen", message, at, "give T, such as T1.1, and M6 before")
-        if loaded and self._dialect.tool_offset_unclear and not self._spindle_reported:
+        if loaded and self._dialect.tools.unclear and not self._spindle_reported:
             self._spindle_reported = True
             message = (
                 f"{at.written} without {letter} takes tool {loaded}, which is in the spindle; "
@@ -203,10 +203,10 @@ class ToolCodes(MotionCodes):
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
-        if word is None and self._dialect.offset_memory and not self._last_h:
+        if word is None and self._dialect.tools.memory and not self._last_h:
             raise offset_missing("tool-offset-missing", "H", words, at)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
-        if not self._dialect.offset_memory:
+        if not self._dialect.tools.memory:
             number = number or self.tool_in_spindle("H", at)
         elif word is None:
             number = self._last_h
@@ -215,7 +215,7 @@ class ToolCodes(MotionCodes):
         if number == 0:
             return [0.0] * len(self.motion.axes)
         entry = self.entry(number, word or at)
-        letters = self._dialect.length_axes
+        letters = self._dialect.tools.length_axes
         self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0
@@ -274,7 +274,7 @@ class ToolCodes(MotionCodes):
         """
         if number and self.table.file:
             self.entry(number, at)
-        if self._dialect.own_tool_offsets and self._length_code:
+        if self._dialect.tools.own_offsets and self._length_code:
             column = self.motion.column.get("Z")
             length = self.entry(number, at).offset("Z") if number else 0.0
             if column is not None and length != self._coordinates.tool_offset[column]:
@@ -313,7 +313,7 @@ class ToolCodes(MotionCodes):
                 "give P and the tool's number",
             )
         number = whole(word, "the tool number", 1, MAX_TOOL)
-        if self._dialect.offset_memory:
+        if self._dialect.tools.memory:
             self._write_memory(words, kind, number, at)
         else:
             self._write_tool(words, kind, self.entry(number, word), at)
@@ -362,7 +362,7 @@ class ToolCodes(MotionCodes):
                 "give R and the offset",
             )
         value = word.number * self.state.scale
-        if kind in (12, 13) and self._dialect.offset_diameters:
+        if kind in (12, 13) and self._dialect.tools.diameters:
             value /= 2.0
             self._report_diameter(word)
         entry = self.table.tool(number) or ToolEntry(number)

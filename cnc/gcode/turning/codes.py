@@ -30,10 +30,10 @@ _LONGEST = 9999
 
 def power_on(state: ModalState, dialect: Dialect, diameters: bool | None) -> None:
     """Set the modes in effect at the start on a lathe; ``diameters`` None is the dialect's rule."""
-    state.diameter = dialect.diameters if diameters is None else diameters
-    if dialect.lathe or dialect.flavour == "siemens":
+    state.diameter = dialect.turning.diameters if diameters is None else diameters
+    if dialect.turning.starts_in_zx:
         state.plane = "ZX"
-    if dialect.lathe:
+    if dialect.turning.lathe:
         state.feed_mode = "per-revolution"
 
 
@@ -46,11 +46,11 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
         GcodeError: ``axis-words-wanted-twice``: an axis has an increment and a coordinate.
     """
     rest = words.rest
-    if rest.keys().isdisjoint(dialect.increments):
+    if rest.keys().isdisjoint(dialect.turning.increments):
         return
     if any(code.number in _OWN_WORDS for code in codes.values()):
         return
-    for letter in dialect.increments:
+    for letter in dialect.turning.increments:
         word = rest.get(letter)
         if word is None:
             continue
@@ -155,7 +155,7 @@ def set_turret_offset(
 
 def _offset(words: LineWords, kind: Word | None, at: Word, dialect: Dialect) -> tuple[bool, int]:
     """Return whether the geometry is meant, and the number of the offset."""
-    by_kind = dialect.turret_offsets == "L"
+    by_kind = dialect.turning.turret_offsets == "L"
     if by_kind and kind is None:
         hint = "L10 sets the geometry of an offset, L11 its wear, L2 an origin"
         raise fault("offset-kind-missing", f"{at.written} needs an L word", at, hint)

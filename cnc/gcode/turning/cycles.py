@@ -75,7 +75,7 @@ class TurningHoles:
         assert cycle is not None
         at = code.word if code else words.first()
         name = at.written
-        along_x = cycle.code in self._dialect.tap_side
+        along_x = cycle.code in self._dialect.turning.tap_side
         refuse_modes(motion, state, name, at)
         refuse_axes(words, name, "XZ")
         plane = CyclePlane(motion, state, "YZ" if along_x else "XY")
@@ -110,7 +110,7 @@ class TurningHoles:
         """The hole at a point, from R and the level before the first cycle."""
         retract = self._words.get("R")
         top = self._level
-        if retract is not None and self._dialect.retract_is_distance:
+        if retract is not None and self._dialect.turning.retract_is_distance:
             # The distance is a radius along X, and its sign says nothing.
             top -= abs(retract.number) * self._state.scale
         elif retract is not None:
@@ -145,7 +145,7 @@ class TurningHoles:
 
     def _depth(self, word: Word) -> float:
         """Q in mm; FANUC counts thousandths without a decimal point."""
-        return self._moves.length(word, self._dialect.integer_unit)
+        return self._moves.length(word, self._dialect.turning.integer_unit)
 
 
 RETRACT = 0.5
@@ -245,7 +245,7 @@ class TurningCycles:
         self.settings.passes = whole(count, "the number of passes", 1, MOST_PASSES)
 
     def _check_form(self, at: Word) -> None:
-        if not self._dialect.two_line_cycles:
+        if not self._dialect.turning.two_line_cycles:
             hint = "give P, Q, D and the allowances U and W in one line"
             message = f"{at.written} without P and Q is not in the {self._dialect.name} dialect"
             raise fault("cycle-word-missing", message, at, hint)
@@ -364,11 +364,13 @@ class TurningCycles:
 
     def _increments(self, words: LineWords, at: Word) -> dict[str, float | None]:
         """Increments in X (radius) and Z: P and Q of FANUC, I and K of Haas."""
-        letters = {"X": "P", "Z": "Q"} if self._dialect.two_line_cycles else {"X": "I", "Z": "K"}
+        letters = (
+            {"X": "P", "Z": "Q"} if self._dialect.turning.two_line_cycles else {"X": "I", "Z": "K"}
+        )
         found: dict[str, float | None] = {}
         for axis, letter in letters.items():
             word = words.take(letter, at.written)
-            unit = self._dialect.integer_unit if letter in "PQ" else 1.0
+            unit = self._dialect.turning.integer_unit if letter in "PQ" else 1.0
             found[axis] = self.moves.length(word, unit) if word else None
         return found
 

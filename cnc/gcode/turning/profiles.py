@@ -170,11 +170,11 @@ class ProfileCycles:
         settings = self._cycles.settings
         depth = settings.depth
         if word := words.take("D", at.written):
-            depth = self._moves.length(word, self._dialect.integer_unit)
+            depth = self._moves.length(word, self._dialect.turning.integer_unit)
         if depth is None:
             letter = "U" if at.number == G.G71.code else "W"
             hint = f"give {at.written} {letter} R in the line before, or D"
-            if not self._dialect.two_line_cycles:
+            if not self._dialect.turning.two_line_cycles:
                 hint = "give D"
             raise fault("cycle-word-missing", f"{at.written} needs the depth of a pass", at, hint)
         cycle = Roughing(profile, allowance, depth, settings.retract, pockets)
@@ -194,7 +194,9 @@ class ProfileCycles:
             relief = (x.number * scale if x else 0.0, z.number * scale if z else 0.0)
             passes = whole(count, "the number of passes", 1, MOST_PASSES)
         if relief is None:
-            hint = "give G73 U W R in the line before" if self._dialect.two_line_cycles else ""
+            hint = (
+                "give G73 U W R in the line before" if self._dialect.turning.two_line_cycles else ""
+            )
             message = f"{at.written} needs the relief and the number of passes"
             raise fault("cycle-word-missing", message, at, hint or "give I, K and D")
         shift = [0.0] * len(motion.position)
@@ -258,7 +260,7 @@ _PATH_LETTERS = frozenset((*"NGXZUWCRIKF", ",R", ",C", ",A"))
 
 def profile_cycle(line: int, statement: Statement, dialect: Dialect) -> ProfileCycle | None:
     """Return the step of a line with G70 to G73, P and Q; None for another line."""
-    if not dialect.lathe or not {"P", "Q"} <= {word.letter for word in statement.words}:
+    if not dialect.turning.lathe or not {"P", "Q"} <= {word.letter for word in statement.words}:
         return None
     for word in statement.words:
         if word.letter == "G":
