@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.axis_words import MoveFeeds
-from cnc.gcode.core.block_buffer import SourceLocation
-from cnc.gcode.core.modal_groups import ModalState
-from cnc.gcode.dialects import Dialect
+from cnc.gcode.core.context import Executor
 from cnc.gcode.dialects.rules import ArcTolerance
 from cnc.gcode.kernels import rules as kernel
 from cnc.gcode.kernels.rules import SAME_POINT, Tolerance, Wanted, center_of_word
@@ -206,16 +204,12 @@ _PLANE_LETTERS = {
 }
 
 
-class ArcMoves:
+class ArcMoves(Executor):
     """Conversion of the words of a line into an arc."""
 
-    def __init__(
-        self, words: MoveFeeds, dialect: Dialect, here: SourceLocation, state: ModalState
-    ) -> None:
+    def __init__(self, words: MoveFeeds) -> None:
+        super().__init__(words.context)
         self._axis_words = words
-        self._dialect = dialect
-        self._here = here
-        self._state = state
 
     def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed | NurbsFeed:
         """Return the arc of a line with G2 or G3, or while one of them is in effect.

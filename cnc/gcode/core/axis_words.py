@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.context import Context, Executor
-from cnc.gcode.core.coordinates import Coordinates, RotaryAxes
+from cnc.gcode.core.coordinates import RotaryAxes
 from cnc.gcode.core.modal_groups import Feed, check_feed, feed_of
 from cnc.gcode.kernels.arithmetic import cosine, sine
 from cnc.gcode.kernels.rules import MIN_FEED, end_of_word, feed_of_move
@@ -233,19 +233,17 @@ class AxisWords(Executor):
     def __init__(
         self,
         context: Context,
-        axes: tuple[str, ...],
         position: list[float],
-        coordinates: Coordinates,
     ) -> None:
         super().__init__(context)
+        self.coordinates = context.coordinates
+        self.axes = axes = self.coordinates.axes
         self.position = position
         self._idle: set[str] = set()
         self.polar = PolarMode()
         self._polar_end: tuple[float, float] | None = None
-        self.rotary = RotaryAxes(axes, {}, context.dialect.motion.wrap)
-        self.axes = axes
+        self.rotary = RotaryAxes(axes, context.policy.wraps, context.dialect.motion.wrap)
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
-        self.coordinates = coordinates
         self.scales: list[float] = []
         self.turns_linearly = False
         self.length_change: tuple[float, int] | None = None

@@ -14,8 +14,8 @@ from decimal import Decimal
 from itertools import pairwise
 from typing import NamedTuple
 
-from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation
-from cnc.gcode.core.modal_groups import GROUP_OF_G, PLAIN_MOTIONS, Codes, ReadingPolicy, codes_of
+from cnc.gcode.core.context import Context, Executor
+from cnc.gcode.core.modal_groups import GROUP_OF_G, PLAIN_MOTIONS, Codes, codes_of
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.rules import NotedCode
 from cnc.gcode.reader.parameters import Parameters
@@ -44,23 +44,13 @@ class ExtraCode(NamedTuple):
     note: NotedCode | None
 
 
-class BuilderCodes:
+class BuilderCodes(Executor):
     """Recognition and execution of these codes."""
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        policy: ReadingPolicy,
-        here: SourceLocation,
-        out: BlockBuffer,
-        axes: tuple[str, ...],
-    ) -> None:
-        self._axes = {axis.upper() for axis in axes}
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._axes = {axis.upper() for axis in context.coordinates.axes}
         self._extruder_reported = False
-        self._dialect = dialect
-        self._policy = policy
-        self._here = here
-        self._out = out
         self._reported: set[tuple[str, float]] = set()
 
     def replace(self, first: Word, second: Word) -> bool:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cnc.gcode.core.block_buffer import SourceLocation
-from cnc.gcode.core.modal_groups import ModalState
+from cnc.gcode.core.context import Executor
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import CncError, GcodeError
@@ -353,22 +352,18 @@ def _meetings(one: _Locus, other: _Locus) -> list[complex]:
     return [centre + (x + sign * 1j * y) * along for sign in (1, -1)]
 
 
-class CornerMoves:
+class CornerMoves(Executor):
     """The corner of the last move, if it has one.
 
     Attributes:
         corner: The corner whose second move is not known yet.
     """
 
-    def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, *, corners: str
-    ) -> None:
-        """``corners``: see the key of the dialect."""
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion.context)
         self.corner: Corner | None = None
         self._motion = motion
-        self._state = state
-        self._here = here
-        self._corners = corners
+        self._corners = motion.context.dialect.motion.corners
 
     def hold(
         self, word: Word, start: list[float], end: list[float], feed: float, line: int

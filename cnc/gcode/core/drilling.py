@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from cnc.compiled.jit import interpreted
+from cnc.gcode.core.context import Context
 from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
@@ -54,10 +55,11 @@ Make = Callable[[LineWords, Code | None], None]
 """A function that makes the holes of a line."""
 
 
-def with_own_words(make: Make, state: ModalState) -> Make:
+def with_own_words(make: Make, context: Context) -> Make:
     """Return the function with the words of a line as Fagor's controls have them."""
 
     def make_own(words: LineWords, code: Code | None) -> None:
+        state = context.state
         cycle, at = state.motion, code.word if code else words.first()
         assert cycle is not None
         _take_plane_and_depth(words, state, cycle, at)
@@ -145,7 +147,7 @@ def register(motion: Motion, performer: CycleRunner, dwells: Dwells) -> Drilling
     """Register the canned cycles of the dialect as handlers, and return them."""
     cycles, dialect = DrillingCycles(motion, performer, dwells), motion.context.dialect
     own = dialect.cycles.plane_and_depth
-    make = with_own_words(cycles.make, motion.context.state) if own else cycles.make
+    make = with_own_words(cycles.make, motion.context) if own else cycles.make
     motion.handlers |= dict.fromkeys(cycles.cycles, make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))

@@ -44,12 +44,6 @@ _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M52: "adaptive_feed",
     M.M53: "feed_stop",
 }
-_SAVED = (
-    "plane", "scale", "feed_scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed",
-    "constant_surface", "speed", "most_rpm", "spindle", "mist", "flood", "initial_level", "path",
-    "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
-)  # fmt: skip
-"""Modal state that M70 and M73 save. They also save the coordinate system in use."""
 
 
 class MachineCodes(Executor):
@@ -58,19 +52,9 @@ class MachineCodes(Executor):
     The methods are called in the standard order of execution.
     """
 
-    def __init__(
-        self, context: Context, *, laser: bool = False, optional_stop: bool = False
-    ) -> None:
-        """Create the executor.
-
-        Args:
-            context: What the modules share.
-            laser: S is the power of a laser, which changes in motion.
-            optional_stop: M1 stops like M0.
-        """
+    def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._laser = laser
-        self._optional_stop = optional_stop
+        self._laser = context.policy.laser
         self._passed_over = False
 
     # Speed, tool, spindle
@@ -336,11 +320,20 @@ class MachineCodes(Executor):
         return replace(self._state)
 
     def restore(self, saved: ModalState) -> None:
-        """Restore a saved state (M72). Blocks report each change outside the interpreter."""
-        state = self._state
-        before = replace(state)
-        for name in _SAVED:
-            setattr(state, name, getattr(saved, name))
+        """Restore a saved state (M72). Blocks report each change outside the interpreter.
+
+        Motion mode, tool, compensation and scaling stay.
+        """
+        before = self._state
+        state = self.context.state = replace(
+            saved,
+            motion=before.motion,
+            radius_increments=before.radius_increments,
+            tool=before.tool,
+            loaded=before.loaded,
+            compensation=before.compensation,
+            scaled=before.scaled,
+        )
         reports: tuple[tuple[tuple[str, ...], Any], ...] = (
             (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
             (("mist", "flood"), self._coolant),
@@ -359,7 +352,7 @@ class MachineCodes(Executor):
         """
         here, state = self._here, self._state
         if code.number in (M.M0, M.M1, M.M60):
-            optional = code.number == M.M1 and not self._optional_stop
+            optional = code.number == M.M1 and not self._policy.optional_stop
             if optional and not self._passed_over:
                 self._passed_over = True
                 message = "M1 does not stop: the optional stop is off"
@@ -399,10 +392,6 @@ class InputOutputCodes(Executor):
         tilting: whether the machine has tool-tip control, which an output would select.
     """
 
-    def __init__(self, context: Context, *, tilting: bool) -> None:
-        super().__init__(context)
-        self._tilting = tilting
-
     def execute(self, words: LineWords, codes: Codes) -> None:
         """Execute M62 to M68."""
         code = codes.get("input-output")
@@ -420,7 +409,7 @@ class InputOutputCodes(Executor):
                     code.word,
                     "give Q and the value",
                 )
-            if self._tilting and channel == KINEMATICS_CHANNEL:
+            if self._policy.tool_tip and channel == KINEMATICS_CHANNEL:
                 raise fault(
                     "code-not-supported",
                     f"{code.word.written} E3 selects the kinematics of a LinuxCNC machine",

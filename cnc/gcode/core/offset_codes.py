@@ -606,7 +606,7 @@ class OffsetVariables(MotionCodes):
 
     def _bind(self, row: range, value: _Value, change: _Change, *, is_unsure: bool) -> None:
         """Bind the variables of one kind of offset."""
-        table, state = self._tools.table, self._tools.state
+        table, state = self._tools.table, self._state
 
         def place_of(place: int) -> Word:
             number = row[place]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cnc.gcode.core.block_buffer import BlockBuffer
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.modal_groups import Codes, ModalState
 from cnc.gcode.core.tool_codes import ToolCodes
 from cnc.gcode.core.tool_table import ORIENTATIONS, ToolEntry
@@ -61,12 +61,12 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
         rest[axis] = rest.pop(letter)
 
 
-class Turret:
+class Turret(Executor):
     """Execution of T words on a lathe."""
 
-    def __init__(self, tools: ToolCodes, out: BlockBuffer) -> None:
+    def __init__(self, tools: ToolCodes) -> None:
+        super().__init__(tools.context)
         self._tools = tools
-        self._out = out
 
     def turn(self, words: LineWords) -> None:
         """Execute the T word of a line.
@@ -78,7 +78,7 @@ class Turret:
         if word is None:
             return
         tool, offset = self._numbers(word)
-        motion, state, here = self._tools.motion, self._tools.state, self._tools.here
+        motion, state, here = self._tools.motion, self._state, self._here
         if motion.compensated:
             message = f"{word.written} under tool nose compensation"
             raise fault("compensation-active", message, word, "give G40 and a move before")
@@ -143,7 +143,7 @@ def set_turret_offset(
     else:
         entry = replace(entry, wear=entry.wear | values)
     if radius is not None:
-        size = radius.number * tools.state.scale
+        size = radius.number * tools.context.state.scale
         entry = (
             replace(entry, diameter=2.0 * size) if geometry else replace(entry, radius_wear=size)
         )
@@ -180,7 +180,7 @@ def _offset(words: LineWords, kind: Word | None, at: Word, dialect: Dialect) -> 
 
 def _values(tools: ToolCodes, words: LineWords, old: dict[str, float]) -> list[tuple[str, float]]:
     """Take X and Z: the new offsets, mm. Diameters are halved, increments added."""
-    state = tools.state
+    state = tools.context.state
     found: list[tuple[str, float]] = []
     for letter in "XZ":
         word = words.take(letter, "G10")

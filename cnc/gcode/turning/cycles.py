@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.compensation_codes import CompensationCodes
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
@@ -55,13 +56,12 @@ def register_holes(moves: TurningMoves) -> None:
     moves.motion.handlers |= dict.fromkeys(known, holes.make)
 
 
-class TurningHoles:
+class TurningHoles(Executor):
     """Execution of the drilling cycles."""
 
     def __init__(self, moves: TurningMoves) -> None:
-        self._dialect = moves.dialect
+        super().__init__(moves.context)
         self._moves = moves
-        self._state = moves.state
         self._dwells = Dwells(moves.motion.context)
         self._runner = CycleRunner(moves.motion)
         self._words: dict[str, Word] = {}
@@ -196,14 +196,13 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     return cycles
 
 
-class TurningCycles:
+class TurningCycles(Executor):
     """Execution of single cycles and pecking; ``settings`` are those of the other cycles."""
 
     def __init__(self, moves: TurningMoves) -> None:
         self.settings = CycleSettings()
         self.moves = moves
-        self._dialect = moves.dialect
-        self._state = moves.state
+        super().__init__(moves.context)
         self._motion = moves.motion
         self._staying = _Staying()
 

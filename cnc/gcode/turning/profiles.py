@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -188,7 +188,7 @@ class ProfileCycles:
     ) -> Pattern:
         settings, motion = self._cycles.settings, self._moves.motion
         relief, passes = settings.relief, settings.passes
-        scale = self._moves.state.scale
+        scale = self._moves.context.state.scale
         x, z, count = (words.take(letter, at.written) for letter in "IKD")
         if count is not None:
             relief = (x.number * scale if x else 0.0, z.number * scale if z else 0.0)
@@ -423,16 +423,15 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
 
     Position and modes are as before afterwards, and the current line is ``line``.
     """
-    motion, modal = interpreter.motion, interpreter.modal
-    state, position = replace(modal), motion.position
+    motion = interpreter.motion
+    state, position = replace(interpreter.modal), motion.position
     unused = interpreter.unused_words
     notes, unused.enabled = unused.enabled, False
     with interpreter.out.captured() as found:
         for number, statement in lines:
             interpreter.execute(statement, number)
     unused.enabled = notes
-    for each in fields(state):
-        setattr(modal, each.name, getattr(state, each.name))
+    interpreter.context.state = state
     motion.position, interpreter.here.line = position, line
     interpreter.update_plain()
     return [block for block in found if isinstance(block, Polyline | ArcFeed)]
@@ -534,10 +533,10 @@ class SubroutineProfiles(ProfileCycles):
     def _distance(self, words: LineWords, letter: str, default: float, at: Word) -> float:
         word = words.take(letter, at.written)
         if word is None:
-            return default * self._moves.state.scale
+            return default * self._moves.context.state.scale
         if word.number < 0.0:
             raise fault("value-out-of-range", f"{word.written}: it must not be negative", word)
-        return word.number * self._moves.state.scale
+        return word.number * self._moves.context.state.scale
 
     def _passes(
         self, words: LineWords, body: Profile, start: complex, at: Word
@@ -709,8 +708,7 @@ class SubroutineCycle(ProfileCycle):
         interpreter = flow.interpreter
         flow.profile = None
         found = interpreter.out.restore(profile.blocks)
-        for each in fields(profile.modal):
-            setattr(interpreter.modal, each.name, getattr(profile.modal, each.name))
+        interpreter.context.state = profile.modal
         interpreter.motion.position = profile.position
         interpreter.here.line = profile.line
         interpreter.update_plain()

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.cycle_runner import (
     Cut,
     CyclePlane,
@@ -98,13 +99,12 @@ def register(moves: TurningMoves, once: Callable[[Handler], Handler]) -> None:
     }
 
 
-class TurningThreads:
+class TurningThreads(Executor):
     """Execution of the threads."""
 
     def __init__(self, moves: TurningMoves) -> None:
-        self._dialect = moves.dialect
+        super().__init__(moves.context)
         self._moves = moves
-        self._state = moves.state
         self._lead: float | None = None
         self._staying: dict[str, float] = {}
         # m, r and a of G76's first line, with the least depth and the allowance, mm.
