@@ -69,24 +69,24 @@ def from_center(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-mismatch``.
     """
-    found = _arc_of(
+    arc = _arc_of(
         Wanted(*start, *end, *center, 0.0, clockwise),
         Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
     )
-    if found.status == kernel.NO_RADIUS:
-        which = "start" if found.radius == 0 else "end"
+    if arc.status == kernel.NO_RADIUS:
+        which = "start" if arc.radius == 0 else "end"
         hint = "give I, J, K from the start point to the centre"
         raise fault("arc-radius-zero", f"the centre of the arc is its {which} point", word, hint)
-    if found.status == kernel.MISMATCH:
+    if arc.status == kernel.MISMATCH:
         raise fault(
             "arc-radius-mismatch",
-            f"the arc has radius {found.radius:.6g} mm at its start and {found.end_radius:.6g} mm "
+            f"the arc has radius {arc.radius:.6g} mm at its start and {arc.end_radius:.6g} mm "
             "at its end",
             word,
             "the centre must be as far from the end point as from the start point; "
             "absolute I, J and K need G90.1 (LinuxCNC, Mach3)",
         )
-    return _with_turns(found, turns, clockwise=clockwise)
+    return _with_turns(arc, turns, clockwise=clockwise)
 
 
 def from_radius(
@@ -106,32 +106,32 @@ def from_radius(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-no-chord``, ``arc-radius-too-small``.
     """
-    found = _arc_of(
+    arc = _arc_of(
         Wanted(*start, *end, math.nan, math.nan, radius, clockwise),
         Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
     )
-    if found.status == kernel.NO_RADIUS:
+    if arc.status == kernel.NO_RADIUS:
         raise fault("arc-radius-zero", "the radius of the arc is 0", word)
-    if found.status == kernel.NO_CHORD:
+    if arc.status == kernel.NO_CHORD:
         raise fault(
             "arc-radius-no-chord",
             "an arc with R can't end where it starts",
             word,
             "write a full circle with I, J, K, or as two arcs",
         )
-    if found.status == kernel.TOO_SMALL:
-        message = f"R is {found.radius:.6g} mm, but the end point is {found.end_radius:.6g} mm away"
+    if arc.status == kernel.TOO_SMALL:
+        message = f"R is {arc.radius:.6g} mm, but the end point is {arc.end_radius:.6g} mm away"
         raise fault("arc-radius-too-small", message, word, "R must be at least half of that")
-    return _with_turns(found, turns, clockwise=clockwise)
+    return _with_turns(arc, turns, clockwise=clockwise)
 
 
-def _with_turns(found: kernel.Arc, turns: int, *, clockwise: bool) -> Arc:
+def _with_turns(arc: kernel.Arc, turns: int, *, clockwise: bool) -> Arc:
     """Return the arc with the full turns that the P word adds."""
     return Arc(
-        (found.x, found.y),
-        found.radius,
-        found.end_radius,
-        found.turns + (1 - turns if clockwise else turns - 1),
+        (arc.x, arc.y),
+        arc.radius,
+        arc.end_radius,
+        arc.turns + (1 - turns if clockwise else turns - 1),
     )
 
 
@@ -351,8 +351,8 @@ class ArcMoves(Executor):
     def _tilted(self, plane: tuple[int, int]) -> bool:
         """Return whether a rotation tilts a plane of the program."""
         coordinates = self._axis_words.coordinates
-        other = coordinates.figure.plane not in (None, plane)
-        return other or (coordinates.rotation != 0.0 and self._state.plane != "XY")
+        tilted = coordinates.figure.plane not in (None, plane)
+        return tilted or (coordinates.rotation != 0.0 and self._state.plane != "XY")
 
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
         """Return the columns of the two axes of the plane, which a rotation may tilt."""

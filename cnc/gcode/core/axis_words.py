@@ -301,7 +301,7 @@ class AxisWords(Executor):
             GcodeError: ``axis-not-in-dialect``, ``axis-missing``, and the errors of polar
                 coordinates.
         """
-        found: dict[int, float] = {}
+        values: dict[int, float] = {}
         for letter in [letter for letter in words.rest if letter in AXES]:
             index = self.column.get(letter)
             if letter not in self._dialect.axes:
@@ -320,24 +320,24 @@ class AxisWords(Executor):
                 )
             word = words.take(letter, user)
             assert word is not None
-            found[index] = word.number * self.scales[index]
+            values[index] = word.number * self.scales[index]
             if self.rotary.wrapped and self._state.absolute and user in _MOVES:
                 self.rotary.check(index, word.number, word)
             if word.letter != letter and self._state.absolute:
-                found[index] += self.coordinates.to_program(self.position)[index]
+                values[index] += self.coordinates.to_program(self.position)[index]
         if not POLAR.isdisjoint(words.rest):
-            self._polar(words, user, found)
-        if user in _POLAR_USERS and found and not self._machine_words:
+            self._polar(words, user, values)
+        if user in _POLAR_USERS and values and not self._machine_words:
             if self.coordinates.figure_is_new:
-                self._check_first_point(words, found)
+                self._check_first_point(words, values)
             if self.polar.plane is not None:
-                self._polar_mode(found, self.polar.plane)
-        return found
+                self._polar_mode(values, self.polar.plane)
+        return values
 
-    def _check_first_point(self, words: LineWords, found: dict[int, float]) -> None:
+    def _check_first_point(self, words: LineWords, values: dict[int, float]) -> None:
         """Refuse one axis of a new rotation: controllers differ on the other one's coordinate."""
         plane = self.coordinates.figure.plane
-        given = [index for index in plane or () if index in found]
+        given = [index for index in plane or () if index in values]
         if len(given) == 1 and self._state.absolute:
             letter = self.axes[given[0]].upper()
             raise fault(
@@ -353,17 +353,17 @@ class AxisWords(Executor):
         """Return whether values by column have a radius or an angle of G16."""
         return self.polar.plane is not None and not values.keys().isdisjoint(self.polar.plane)
 
-    def _polar_mode(self, found: dict[int, float], plane: tuple[int, int]) -> None:
+    def _polar_mode(self, values: dict[int, float], plane: tuple[int, int]) -> None:
         """Replace radius and angle of G16 by the two axis values."""
         i, j = plane
-        if not self.in_polar_mode(found):
+        if not self.in_polar_mode(values):
             return
         absolute, scale = self._state.absolute, self.scales[j]
-        angle = found[j] / scale if j in found else None
+        angle = values[j] / scale if j in values else None
         program = self.coordinates.to_program(self.position)
         here = program[i], program[j]
-        x, y = self.polar.place(found.get(i), angle, here, absolute=absolute)
-        found[i], found[j] = (x, y) if absolute else (x - here[0], y - here[1])
+        x, y = self.polar.place(values.get(i), angle, here, absolute=absolute)
+        values[i], values[j] = (x, y) if absolute else (x - here[0], y - here[1])
 
     def _take_idle(self, words: LineWords, letter: str, user: str) -> None:
         """Take a word of 0 for an axis that the machine lacks, and report it once."""
@@ -374,11 +374,11 @@ class AxisWords(Executor):
             message = f"{word.written}: the machine has no {letter} axis; its words of 0 do nothing"
             self._here.report_warning("axis-idle", message, word)
 
-    def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
+    def _polar(self, words: LineWords, user: str, values: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
         at = first_polar(words)
         x, y = self._polar_columns(at, user)
-        if {x, y} & found.keys():
+        if {x, y} & values.keys():
             raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
         program = self.coordinates.to_program(self.position)
         here, absolute = (program[x], program[y]), self._state.absolute
@@ -386,7 +386,7 @@ class AxisWords(Executor):
         if siemens:
             refuse_other_start(words, here, self._polar_end)
         point = polar_point(words, user, here, self._state.scale, absolute=absolute)
-        found[x], found[y] = point
+        values[x], values[y] = point
         if siemens:
             self._polar_end = point if absolute else (here[0] + point[0], here[1] + point[1])
 

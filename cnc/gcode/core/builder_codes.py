@@ -280,10 +280,10 @@ class PreparedLine:
             new = {words[index].letter: words[index] for index, _ in statement.computed}
             return LineWords(self.words.g, self.words.m, rest | new)
         empty = tuple(words.pop(index) for index in reversed(vacant))
-        found = LineWords.of(words, self.builder.replace)
-        found.vacant = empty
-        self.builder.take(found)
-        return found
+        line = LineWords.of(words, self.builder.replace)
+        line.vacant = empty
+        self.builder.take(line)
+        return line
 
 
 def _code(word: Word, number: float) -> Word:

@@ -144,12 +144,15 @@ class Assignments(Executor):
     def execute(self, assignments: tuple[Assignment, ...]) -> None:
         """Set parameters."""
         if len(assignments) == 1 or self._one_by_one:
-            for each in assignments:
-                self._set(each, self._target(each), each.value(self._parameters))
+            for assignment in assignments:
+                self._set(assignment, self._target(assignment), assignment.value(self._parameters))
             return
-        found = [(each, self._target(each), each.value(self._parameters)) for each in assignments]
-        for each, target, value in found:
-            self._set(each, target, value)
+        computed = [
+            (assignment, self._target(assignment), assignment.value(self._parameters))
+            for assignment in assignments
+        ]
+        for assignment, target, value in computed:
+            self._set(assignment, target, value)
 
     def _target(self, assignment: Assignment) -> str | float:
         target = assignment.target

@@ -331,12 +331,12 @@ class DrillingCycles(MotionCodes):
         )
         if cycle in DWELLING or cycle == FINE_BORING or pauses:
             optional = not rules.dwell_needed or cycle in TAPS
-            found = (
+            letters = (
                 self._staying(words, series, "P", name)
                 if optional
                 else self._word(words, series, "P", name, at)
             )
-            dwell = self._dwells.seconds(found) if found else 0.0
+            dwell = self._dwells.seconds(letters) if letters else 0.0
         elif rules.idle_dwell and "P" in words.rest:
             self._keep_dwell(words, series, name)
         if cycle in NEEDS_SPINDLE:
@@ -375,11 +375,11 @@ class DrillingCycles(MotionCodes):
         self, words: LineWords, series: Series, name: str, at: Word
     ) -> tuple[float, float, float]:
         """Take I, J and K: the first peck, the decrease, and the smallest one, mm."""
-        found = [self._word(words, series, letter, name, at) for letter in "IJK"]
-        first, less, least = (word.number * self._state.scale for word in found)
+        pecks = [self._word(words, series, letter, name, at) for letter in "IJK"]
+        first, less, least = (word.number * self._state.scale for word in pecks)
         if first <= 0.0 or less < 0.0 or not 0.0 < least <= first:
             message = f"{name}: I and K must be more than 0, K not more than I, and J not negative"
-            raise fault("value-out-of-range", message, found[0])
+            raise fault("value-out-of-range", message, pecks[0])
         return first, less, least
 
     def _check_spindle(self, cycle: G, name: str, at: Word) -> None:
@@ -404,16 +404,16 @@ class DrillingCycles(MotionCodes):
             raise fault("spindle-direction", message, at, hint)
 
     def _repeats(self, words: LineWords, name: str) -> int:
-        found = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
-        if len(found) > 1:
-            later = max(found, key=lambda word: word.column)
+        given = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
+        if len(given) > 1:
+            later = max(given, key=lambda word: word.column)
             raise fault(
                 "word-wanted-twice",
                 f"{name} takes {' or '.join(self._rules.repeats)}, not both",
                 later,
             )
         least = 0 if self._rules.no_hole else 1
-        return whole(found[0], "the repeats", least, MOST_REPEATS) if found else 1
+        return whole(given[0], "the repeats", least, MOST_REPEATS) if given else 1
 
     def _check_distance(
         self, series: Series, heights: tuple[Word, Word], name: str, at: Word
@@ -525,16 +525,16 @@ class HolePatterns(MotionCodes):
         if motion.polar.plane is not None:
             message = f"{name} under G16: its holes have no radius and angle"
             raise fault("polar-active", message, code.word, "give G15 before")
-        found: dict[str, Word] = {}
+        own: dict[str, Word] = {}
         for letter in _LETTERS[code.g]:
             word = words.take(letter, name)
             if word is None:
                 message = f"{name} needs {letter}"
                 raise fault("cycle-word-missing", message, code.word, f"give {letter}")
-            found[letter] = word
-        count = whole(found["L"], "the holes", 1, MOST_REPEATS)
-        positive(found["I"], "the radius")
-        numbers = {letter: word.number for letter, word in found.items()}
+            own[letter] = word
+        count = whole(own["L"], "the holes", 1, MOST_REPEATS)
+        positive(own["I"], "the radius")
+        numbers = {letter: word.number for letter, word in own.items()}
         here = motion.coordinates.to_program(motion.position)
         x, y = motion.column["X"], motion.column["Y"]
         centre = complex(here[x], here[y]) / state.scale

@@ -199,7 +199,7 @@ class Interpreter:
     def _register_curves_and_cycles(self) -> TurningCycles | None:
         """Register the curves and cycles as motion codes; return the cycles of a lathe."""
         motion = self.motion
-        splines.register_bezier(motion)
+        splines.register_g5(motion)
         nurbs.register_g6_2(motion)
         nurbs.register_g5_2(motion, self.feed_codes.feed)
         splines.register_bspline(motion, self.feed_codes.feed)
@@ -338,10 +338,12 @@ class Interpreter:
             raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
-        found = not self.begun and self.dialect.lines.program_number and words.rest.keys() == {"O"}
-        if found:
+        is_number = (
+            not self.begun and self.dialect.lines.program_number and words.rest.keys() == {"O"}
+        )
+        if is_number:
             whole(words.rest.pop("O"), "a program number", 0)
-        return found
+        return is_number
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""

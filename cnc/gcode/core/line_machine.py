@@ -55,9 +55,9 @@ class RowBlocks:
         different = set(kinds.tolist())
         if len(different) == 1:
             return self._of_kind(different.pop(), numbers)
-        found = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
+        of_kind = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
         # Each next block is the next one of the kind of its row.
-        return [next(found[kind]) for kind in kinds.tolist()]
+        return [next(of_kind[kind]) for kind in kinds.tolist()]
 
     def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of rows of one kind."""
@@ -380,7 +380,7 @@ class LineMachine:
         cycles, here = interpreter.drilling_cycles, interpreter.here
         if not cycle or not lines.any():
             return
-        known = cycles.series.words if cycles.series else {}
+        before = cycles.series.words if cycles.series else {}
         kept: dict[str, Word] = {}
         for letter, number, line in zip(
             _letters(_PLANES[plane]), words.tolist(), lines.tolist(), strict=True
@@ -389,7 +389,7 @@ class LineMachine:
                 found = next(word for word in here.words_of(line) if word.letter == letter)
                 kept[letter] = replace(found, number=number)
             elif number == number:
-                kept[letter] = known[letter]
+                kept[letter] = before[letter]
         place = start[: len(interpreter.motion.axes)].tolist()
         absolute = dict.fromkeys(kept, distance == 1 + True)
         cycles.series = Series(G(10 * cycle), _PLANES[plane], place, kept, absolute)

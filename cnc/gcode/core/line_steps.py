@@ -209,11 +209,11 @@ class PlainLines:
 
         The last search is kept: if many runs are short, each would search the rest of the window.
         """
-        where, lines, found = self._searched
-        if where is not window or index not in lines or end > lines.stop or found < index:
-            found = window.find(WITHOUT_POINT, index, end)
-            self._searched = window, range(index, end), found
-        return min(found, end)
+        where, lines, missing = self._searched
+        if where is not window or index not in lines or end > lines.stop or missing < index:
+            missing = window.find(WITHOUT_POINT, index, end)
+            self._searched = window, range(index, end), missing
+        return min(missing, end)
 
 
 # Builder's M-codes that execute a file: ``M31 = { file = "m31.ngc" }`` in the machine file.

@@ -210,7 +210,7 @@ class MachineCodes(Executor):
 
     def _orient(self, words: LineWords) -> None:
         letters = self._dialect.spindle.orient_angle
-        angle = next((word for each in letters if (word := words.take(each, "M19"))), None)
+        angle = next((word for letter in letters if (word := words.take(letter, "M19"))), None)
         timeout = direction_word = None
         if self._dialect.spindle.orient_settings:
             timeout, direction_word = words.take("Q", "M19"), words.take("P", "M19")

@@ -147,7 +147,7 @@ class NurbsBlock(PointCollector):
         self.weights.append(weight_of(weight) if weight else 1.0)
 
     def _close(self, words: LineWords, codes: Codes, code: Code) -> None:
-        self.no_codes({group: other for group, other in codes.items() if other is not code})
+        self.no_codes({group: given for group, given in codes.items() if given is not code})
         self.no_words(words)
         degree = self._order - 1
         if len(self.points) < self._order:
@@ -383,12 +383,12 @@ class NurbsCollector(PointCollector):
 
     def _axes(self, words: LineWords) -> list[Word]:
         """The axis words of a line. The first line with a point sets the axes of all."""
-        found = self.axes(words)
-        for word in found:
+        axes = self.axes(words)
+        for word in axes:
             if self._named is not None and word.letter not in self._named:
                 message = f"{word.letter} is not among the axes of the first control point"
                 raise fault("nurbs-mixed-axes", message, word, "name all axes in the first one")
-        return found
+        return axes
 
     def _add_point(
         self, words: LineWords, axes: list[Word], knot: Word | None, weight: Word | None

@@ -213,8 +213,8 @@ class FigureCodes(MotionCodes):
             centre = self._centre_of_mach3(words, plane, at)
         else:
             centre = motion.axis_values(words, "G68")
-        if other := next((index for index in centre if index not in plane), None):
-            message = f"{motion.axes[other].upper()} is across the plane of the rotation"
+        if outside := next((index for index in centre if index not in plane), None):
+            message = f"{motion.axes[outside].upper()} is across the plane of the rotation"
             hint = f"its axes are {' '.join(names).upper()}"
             raise fault("axis-not-allowed", message, at, hint)
         none = Figure.none(len(here))
@@ -256,13 +256,13 @@ class FigureCodes(MotionCodes):
         self, words: LineWords, plane: tuple[int, int], at: Word
     ) -> dict[int, float]:
         """A and B: the centre of the rotation in X and Y."""
-        found = words.take("A", "G68"), words.take("B", "G68")
-        if found[0] is None or found[1] is None or self._state.plane != "XY":
+        centre = words.take("A", "G68"), words.take("B", "G68")
+        if centre[0] is None or centre[1] is None or self._state.plane != "XY":
             hint = "such as G17 G68 A0 B0 R45"
             message = f"{at.written} needs A and B, the centre in X and Y, and the plane G17"
             raise fault("axis-words-missing", message, at, hint)
         scale = self._state.scale
-        return {plane[0]: found[0].number * scale, plane[1]: found[1].number * scale}
+        return {plane[0]: centre[0].number * scale, plane[1]: centre[1].number * scale}
 
 
 _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
@@ -541,9 +541,9 @@ class OffsetCodes(MotionCodes):
         return word.number
 
 
-def _kinds(known: list[int]) -> str:
+def _kinds(kinds: list[int]) -> str:
     """A list of the L words that G10 has."""
-    *most, last = (f"L{kind}" for kind in known)
+    *most, last = (f"L{kind}" for kind in kinds)
     return f"the dialect has {', '.join(most)} and {last}"
 
 

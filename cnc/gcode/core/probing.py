@@ -103,11 +103,11 @@ class Probing(MotionCodes):
         """
         out, values, here = self._out, self._parameters.values, self._here
         at_contact = code.number == M.M78
-        found, hint = "no", "check the end point of the move, and whether a workpiece is there"
+        contact, hint = "no", "check the end point of the move, and whether a workpiece is there"
         if at_contact:
-            found, hint = "a", "see what the probe touched; clear it before the next run"
+            contact, hint = "a", "see what the probe touched; clear it before the next run"
         error = fault(
-            "probe-alarm", f"{code.word.written}: the probe made {found} contact", code.word, hint
+            "probe-alarm", f"{code.word.written}: the probe made {contact} contact", code.word, hint
         ).at(file=here.file, line=here.line, text=here.text)
 
         def check() -> None:

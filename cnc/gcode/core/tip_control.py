@@ -185,11 +185,11 @@ class TipControlCodes(MotionCodes):
         for index, word in zip(columns, taken, strict=True):
             vector[index] = 0.0 if word is None else word.number
         turned = coordinates.rotated(vector) if coordinates.turned else vector
-        found = np.array([turned[index] for index in columns])
-        if not found.any():
+        direction = np.array([turned[index] for index in columns])
+        if not direction.any():
             names = ", ".join(self._motion.vector_letters)
             raise fault("tool-direction", f"{names} are 0", at, "give the direction of the tool")
-        return found
+        return direction
 
     def _of_tool(self, offset: list[float]) -> Offset:
         """Return the offset along X, Y and Z."""

@@ -273,7 +273,11 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
             f"{dialect.name}-{kind}", builder if kind == "m" else ""
         )
         return fault("code-not-supported", f"{name} ({own}) is not supported", word, hint)
-    elsewhere = [other for other in with_codes() if other != "auto" and code in _legal(other)[kind]]
+    elsewhere = [
+        name_of_other
+        for name_of_other in with_codes()
+        if name_of_other != "auto" and code in _legal(name_of_other)[kind]
+    ]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}{f'; {builder}' if kind == 'm' else ''}"
         if (note := load("fanuc").noted.get((kind.upper(), code))) and note.needs:
@@ -293,8 +297,10 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         message = f"{name} (a command of the user's own, M100 to M199) is not supported"
         return fault("code-not-supported", message, word, builder)
     similar = " or ".join(
-        f"{kind.upper()}{other}"
-        for other in near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
+        f"{kind.upper()}{name_of_other}"
+        for name_of_other in near(
+            f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind]
+        )
     )
     hint = f"did you mean {similar}?" if similar else ""
     if kind == "m":

@@ -181,7 +181,7 @@ def _offset(words: LineWords, kind: Word | None, at: Word, dialect: Dialect) -> 
 def _values(tools: ToolCodes, words: LineWords, old: dict[str, float]) -> list[tuple[str, float]]:
     """Take X and Z: the new offsets, mm. Diameters are halved, increments added."""
     state = tools.context.state
-    found: list[tuple[str, float]] = []
+    values: list[tuple[str, float]] = []
     for letter in "XZ":
         word = words.take(letter, "G10")
         if word is None:
@@ -190,5 +190,5 @@ def _values(tools: ToolCodes, words: LineWords, old: dict[str, float]) -> list[t
         if letter == "X" and state.diameter:
             value /= 2.0
         adds = word.letter != letter or not state.absolute
-        found.append((letter, value + (old.get(letter, 0.0) if adds else 0.0)))
-    return found
+        values.append((letter, value + (old.get(letter, 0.0) if adds else 0.0)))
+    return values

@@ -52,8 +52,8 @@ _peck_count = interpreted(peck_count)
 def register_holes(moves: TurningMoves) -> None:
     """Register the handlers of the drilling cycles of the dialect."""
     holes = TurningHoles(moves)
-    known = [code for code in _CODES if code in moves.dialect.g]
-    moves.motion.handlers |= dict.fromkeys(known, holes.make)
+    codes = [code for code in _CODES if code in moves.dialect.g]
+    moves.motion.handlers |= dict.fromkeys(codes, holes.make)
 
 
 class TurningHoles(Executor):
@@ -125,8 +125,8 @@ class TurningHoles(Executor):
 
     def _settings(self, cycle: G, hole: Hole, at: Word) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
-        state, found = self._state, self._words
-        peck = self._depth(found["Q"]) if cycle == G.G83 and "Q" in found else 0.0
+        state, settings = self._state, self._words
+        peck = self._depth(settings["Q"]) if cycle == G.G83 and "Q" in settings else 0.0
         if peck and _peck_count(hole.retract, hole.bottom, peck) > MOST_PECKS:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, at, "give a larger Q")
@@ -136,7 +136,7 @@ class TurningHoles(Executor):
         rules = self._dialect.cycles
         return HoleSettings(
             feed=0.0,
-            dwell=self._dwells.seconds(found["P"]) if "P" in found else 0.0,
+            dwell=self._dwells.seconds(settings["P"]) if "P" in settings else 0.0,
             peck=peck,
             clearance=rules.clearance,
             out_to_retract=rules.feed_out_to == "retract",
@@ -366,12 +366,12 @@ class TurningCycles(Executor):
         letters = (
             {"X": "P", "Z": "Q"} if self._dialect.turning.two_line_cycles else {"X": "I", "Z": "K"}
         )
-        found: dict[str, float | None] = {}
+        increments: dict[str, float | None] = {}
         for axis, letter in letters.items():
             word = words.take(letter, at.written)
             unit = self._dialect.turning.integer_unit if letter in "PQ" else 1.0
-            found[axis] = self.moves.length(word, unit) if word else None
-        return found
+            increments[axis] = self.moves.length(word, unit) if word else None
+        return increments
 
 
 def _stations(start: float, end: float, step: float | None, at: Word) -> Iterator[float]:

@@ -136,12 +136,12 @@ class TurningMoves:
     def end(self, z: float, x: float) -> list[float]:
         """Return the machine position of a point. An axis that stays keeps its exact value."""
         position = self.motion.position
-        zero, found = self.motion.coordinates.zero, position.copy()
+        zero, end = self.motion.coordinates.zero, position.copy()
         program = self.motion.coordinates.to_program(position)
         for column, value in zip(self.columns, (z, x), strict=True):
             if value != program[column]:
-                found[column] = value + zero[column]
-        return found
+                end[column] = value + zero[column]
+        return end
 
     @contextmanager
     def exact_path(self) -> Iterator[None]:

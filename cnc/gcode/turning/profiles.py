@@ -239,13 +239,13 @@ def _placed(view: View, position: list[float], point: complex) -> list[float]:
 
 def ends_of(blocks: list[Block]) -> list[list[float]]:
     """Return the ends of moves, as machine positions."""
-    found: list[list[float]] = []
+    ends: list[list[float]] = []
     for block in blocks:
         if isinstance(block, Polyline):
-            found += block.points.tolist()
+            ends += block.points.tolist()
         else:
-            found.append(block.end.tolist())  # type: ignore[attr-defined]
-    return found
+            ends.append(block.end.tolist())  # type: ignore[attr-defined]
+    return ends
 
 
 MOST_LINES = 10_000
@@ -303,7 +303,7 @@ class ProfileCycle:
             self._refuse_rest(words)
             _finish(interpreter, lines, line)
             return after
-        moves = [_Line(each.number, _path_words(each.statement)) for each in lines]
+        moves = [_Line(row.number, _path_words(row.statement)) for row in lines]
         turning = interpreter.turning_cycles
         assert turning is not None
         letters = {word.letter for word in lines[0].statement.words}
@@ -356,7 +356,7 @@ class ProfileCycle:
         if last - first >= MOST_LINES:
             message = f"the profile has more than {MOST_LINES} lines"
             raise self._fault("profile-too-long", message)
-        found: list[_Line] = []
+        lines: list[_Line] = []
         for number in range(first, last + 1):
             statement = _statement(flow, number)
             if statement is None:
@@ -364,8 +364,8 @@ class ProfileCycle:
             if statement.control is not None or statement.percent or _calls(statement):
                 message = f"line {number} of the profile is no move"
                 raise self._fault("profile-line", message, "profiles have no jumps and no calls")
-            found.append(_Line(number, statement))
-        return found
+            lines.append(_Line(number, statement))
+        return lines
 
     def _after(self, flow: Flow, first: int, last: int, line: int) -> int:
         """The line to continue at."""
@@ -427,14 +427,14 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
     state, position = replace(interpreter.modal), motion.position
     unused = interpreter.unused_words
     notes, unused.enabled = unused.enabled, False
-    with interpreter.out.captured() as found:
+    with interpreter.out.captured() as blocks:
         for number, statement in lines:
             interpreter.execute(statement, number)
     unused.enabled = notes
     interpreter.context.state = state
     motion.position, interpreter.here.line = position, line
     interpreter.update_plain()
-    return [block for block in found if isinstance(block, Polyline | ArcFeed)]
+    return [block for block in blocks if isinstance(block, Polyline | ArcFeed)]
 
 
 def _finish(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> None:
@@ -515,11 +515,11 @@ class SubroutineProfiles(ProfileCycles):
         """The profile without the approach, and its view. G70 finds the axis by itself."""
         z, x = self._moves.columns
         first = ends_of(blocks)[0]
-        for each in (G.G71, G.G72) if code == G.G70 else (code,):
+        for cycle in (G.G71, G.G72) if code == G.G70 else (code,):
             # The profile runs from its first point: G70 may start at its end.
-            along, begin = (x if each == G.G72 else z), start.copy()
+            along, begin = (x if cycle == G.G72 else z), start.copy()
             begin[along] = first[along]
-            view = self._view(each, blocks, begin, at)
+            view = self._view(cycle, blocks, begin, at)
             path = profile_of(blocks, start, view)
             body = path[1:] if isinstance(blocks[0], Polyline) and len(path) > 1 else path
             if is_monotone((body[0].start.real, *(piece.end.real for piece in body))):
@@ -578,7 +578,7 @@ class SubroutineProfiles(ProfileCycles):
         if not distance:
             return body
         curves = [_beside(piece, distance) for piece in _whole(body)]
-        found: Profile = []
+        offset: Profile = []
         begin: complex | None = None
         cut_before = 0.0
         for a, b in pairwise([*curves, None]):
@@ -588,13 +588,13 @@ class SubroutineProfiles(ProfileCycles):
             corner = None if b is None else join(a, b, _LEFT, distance)
             if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
                 break
-            found += _pieces(a, here, a.last if corner is None else corner.leave)
+            offset += _pieces(a, here, a.last if corner is None else corner.leave)
             if b is None:
-                return found
+                return offset
             assert corner is not None
             if corner.around:
                 around = Piece(corner.leave, corner.enter, a.corner, -1)
-                found += arc_pieces(around.start, around.end, a.corner, around.turns)
+                offset += arc_pieces(around.start, around.end, a.corner, around.turns)
             begin, cut_before = corner.enter, max(corner.begin, 0.0)
         message = f"the distance {distance:g} mm does not fit into a corner of the profile"
         raise fault("allowance-in-pocket", message, at, "give a smaller one")
@@ -602,15 +602,15 @@ class SubroutineProfiles(ProfileCycles):
 
 def _whole(body: Profile) -> Profile:
     """Return a profile with its arcs in one piece, which were cut at their quadrants."""
-    found: Profile = []
+    profile: Profile = []
     for piece in body:
-        last = found[-1] if found else None
+        last = profile[-1] if profile else None
         same = last is not None and (last.center, last.spin) == (piece.center, piece.spin)
         if last is not None and same and piece.center is not None:
-            found[-1] = replace(last, end=piece.end)
+            profile[-1] = replace(last, end=piece.end)
         else:
-            found.append(piece)
-    return found
+            profile.append(piece)
+    return profile
 
 
 def _beside(piece: Piece, distance: float) -> Curve | None:
@@ -707,12 +707,14 @@ class SubroutineCycle(ProfileCycle):
     def _end(self, flow: Flow, profile: OpenProfile) -> None:
         interpreter = flow.interpreter
         flow.profile = None
-        found = interpreter.out.restore(profile.blocks)
+        kept_back = interpreter.out.restore(profile.blocks)
         interpreter.context.state = profile.modal
         interpreter.motion.position = profile.position
         interpreter.here.line = profile.line
         interpreter.update_plain()
-        blocks: list[Block] = [block for block in found if isinstance(block, Polyline | ArcFeed)]
+        blocks: list[Block] = [
+            block for block in kept_back if isinstance(block, Polyline | ArcFeed)
+        ]
         if not blocks:
             raise self._fault("profile-empty", "the profile has no move")
         self._cycles(flow).make(self._code, profile.words, blocks, self._word)
