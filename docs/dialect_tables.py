@@ -8,7 +8,7 @@ from cnc.gcode import dialects
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.recognition import evidence
 
-NAMES = tuple(name for name in dialects.WITH_CODES if name != "paper")
+NAMES = tuple(name for name in dialects.with_codes() if name != "paper")
 
 TOPICS = {
     "straight moves, arcs, pockets": "G0 G1 G2 G3 G9 G12 G13 G53 G53.1",
@@ -76,22 +76,22 @@ def _word(value: object) -> str:
 def _seconds(rules: Dialect) -> str:
     """Return the letters of G4 with their units."""
     units = {1.0: "s", 0.1: "0.1 s", 0.01: "0.01 s", 0.001: "ms"}
-    found = [f"{letter} ({units[unit]})" for letter, unit in rules.dwell.items() if unit]
-    found += [f"{letter} with a point ({units[u]})" for letter, u in rules.dwell_point.items() if u]
-    found += [f"{letter} (turns)" for letter in rules.dwell_turns]
+    found = [f"{letter} ({units[unit]})" for letter, unit in rules.dwell.units.items() if unit]
+    found += [f"{letter} with a point ({units[u]})" for letter, u in rules.dwell.point.items() if u]
+    found += [f"{letter} (turns)" for letter in rules.dwell.turns]
     return ", ".join(found)
 
 
 def _first_motion(rules: Dialect) -> str:
     """Return the motion of a first move without a code."""
-    if rules.motion is not None:
-        return rules.motion.written
-    return "G0, with a warning" if rules.motion_assumed else "error"
+    if rules.motion.at_start is not None:
+        return rules.motion.at_start.written
+    return "G0, with a warning" if rules.motion.assumed else "error"
 
 
 def _arc(rules: Dialect) -> str:
     """Return the allowed difference of the radii of an arc."""
-    arc = rules.arc_mm
+    arc = rules.arcs.mm
     share = f", or {arc.relative:.1%} up to {arc.limit:.3g} mm" if arc.relative else ""
     return f"{arc.slack:.3g} mm{share}"
 
@@ -100,40 +100,42 @@ MEANINGS: dict[str, Callable[[Dialect], str]] = {
     "expressions and control flow": lambda rules: (
         "" if rules.flavour == "none" else _word(rules.flavour)
     ),
-    "needs M2, M30 or a pair of `%`": lambda rules: _word(rules.program_end),
+    "needs M2, M30 or a pair of `%`": lambda rules: _word(rules.lines.program_end),
     "first move without a motion code": _first_motion,
-    "motion after G80": lambda rules: _word(rules.after_g80),
+    "motion after G80": lambda rules: _word(rules.motion.after_g80),
     "time of G4": _seconds,
-    "G61": lambda rules: _word(rules.path_stop),
+    "G61": lambda rules: _word(rules.motion.path_stop),
     "tolerance of the radii of an arc": _arc,
-    "P turns of an arc": lambda rules: _word(rules.arc_turns),
-    "R of an arc before I, J, K": lambda rules: _word(rules.arc_radius_first),
+    "P turns of an arc": lambda rules: _word(rules.arcs.turns),
+    "R of an arc before I, J, K": lambda rules: _word(rules.arcs.radius_first),
     "forms of G6.2": lambda rules: ", ".join(rules.nurbs),
-    "L of G10": lambda rules: " ".join(str(number) for number in sorted(rules.offsets)),
-    "G10 L2 adds under G91": lambda rules: _word(rules.offsets_add),
-    "systems of G54.1 (G505 ..)": lambda rules: str(rules.more_systems or ""),
-    "tool offset acts on": lambda rules: "all axes" if len(rules.length_axes) > 1 else "Z",
+    "L of G10": lambda rules: " ".join(str(number) for number in sorted(rules.offsets.written)),
+    "G10 L2 adds under G91": lambda rules: _word(rules.offsets.add),
+    "systems of G54.1 (G505 ..)": lambda rules: str(rules.offsets.more_systems or ""),
+    "tool offset acts on": lambda rules: "all axes" if len(rules.tools.length_axes) > 1 else "Z",
     "Z moves by the tool length in the line of G43 under G91": lambda rules: _word(
-        rules.length_in_increments
+        rules.tools.length_in_increments
     ),
-    "memory of offsets by H and D": lambda rules: _word(rules.offset_memory),
+    "memory of offsets by H and D": lambda rules: _word(rules.tools.memory),
     "repeats of a cycle": lambda rules: ", ".join(rules.cycles.repeats),
     "clearance of G73 and G83, mm": lambda rules: f"{rules.cycles.clearance:g}",
     "R and depth when G90 or G91 changes": lambda rules: _word(rules.cycles.heights),
     "G76 is fine boring": lambda rules: _word(rules.cycles.fine_boring),
-    "`,C` and `,R`": lambda rules: _word(rules.corners),
-    "M7 and M8 in one line": lambda rules: _word(rules.both_coolants),
-    "M5 in the line of a move acts behind it": lambda rules: _word(rules.stops_after_move),
-    "last of two words counts": lambda rules: ", ".join(rules.repeated),
-    "a code may stand twice in a line": lambda rules: _word(rules.same_code_twice),
-    "last of two codes of a group counts": lambda rules: _word(rules.last_of_group),
-    "G41 under G41": lambda rules: _word(rules.compensation_again) or "error",
-    "moves of a rotary axis that repeats": lambda rules: _word(rules.wrap),
-    "F counts along all axes": lambda rules: _word(rules.feed_of_all_axes),
+    "`,C` and `,R`": lambda rules: _word(rules.motion.corners),
+    "M7 and M8 in one line": lambda rules: _word(rules.lines.both_coolants),
+    "M5 in the line of a move acts behind it": lambda rules: _word(rules.spindle.stops_after_move),
+    "last of two words counts": lambda rules: ", ".join(rules.lines.repeated),
+    "a code may stand twice in a line": lambda rules: _word(rules.lines.same_code_twice),
+    "last of two codes of a group counts": lambda rules: _word(rules.lines.last_of_group),
+    "G41 under G41": lambda rules: _word(rules.tools.compensation_again) or "error",
+    "moves of a rotary axis that repeats": lambda rules: _word(rules.motion.wrap),
+    "F counts along all axes": lambda rules: _word(rules.feed.of_all_axes),
     "feed before the first F, mm/min": lambda rules: (
-        f"{rules.first_feed:g}" if rules.first_feed else ""
+        f"{rules.feed.at_start:g}" if rules.feed.at_start else ""
     ),
-    "warning of a distance without a decimal point": lambda rules: _word(rules.decimal_points),
+    "warning of a distance without a decimal point": lambda rules: _word(
+        rules.lines.decimal_points
+    ),
 }
 """Meanings that differ, by what they are about."""
 

@@ -355,7 +355,9 @@ class ProgramReader:
         is_lathe = self.machine.kind == "lathe"
         system = self.machine.program.g_code_system if is_lathe else None
         if self.dialect != "auto":
-            if self.dialect in (*dialects.LATHES, "siemens") and not is_lathe:
+            if (
+                self.dialect == "siemens" or dialects.has_lathe_language(self.dialect)
+            ) and not is_lathe:
                 refuse_lathe(self._evidence(), self.machine.kind, self.name)
             return dialects.load(self.dialect, lathe=system)
         if self.recognition is None:
@@ -395,9 +397,9 @@ class ProgramReader:
         """Return how a program is read on a lathe at its start."""
         name = self.dialect_in_use
         stated = self.machine.diameters
-        diameters = dialects.load(name, lathe="A").diameters if stated is None else stated
+        diameters = dialects.load(name, lathe="A").turning.diameters if stated is None else stated
         read = f"X in {'diameters' if diameters else 'radii'}"
-        if name in dialects.LATHES:
+        if dialects.has_lathe_language(name):
             system = self.machine.program.g_code_system
             return (
                 f"lathe, G-code system {system}; {read}; at the start G18 and feed per "

@@ -32,7 +32,7 @@ def test_every_code_has_a_modal_group(name: str) -> None:
     dialect = dialects.load(name)
     assert dialect.g <= GROUP_OF_G.keys()
     assert dialect.m <= GROUP_OF_M.keys()
-    assert dialect.motion is None or GROUP_OF_G[dialect.motion] == "motion"
+    assert dialect.motion.at_start is None or GROUP_OF_G[dialect.motion.at_start] == "motion"
 
 
 def test_named_unsupported_codes_are_in_no_dialect() -> None:

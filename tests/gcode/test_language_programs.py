@@ -41,7 +41,7 @@ class Case:
     def in_dialects(self) -> list[str]:
         """The dialects that it is run in."""
         codes = {code for code in self.codes if re.match(r"[GM]\d", code)}
-        return [name for name in self.dialects or dialects.WITH_CODES if codes <= _codes(name)]
+        return [name for name in self.dialects or dialects.with_codes() if codes <= _codes(name)]
 
 
 @cache
@@ -181,7 +181,7 @@ TILTING = {"G43.4", "G43.5", "M428", "M429", "M430"}
 """Codes of machines with tilting axes, which have tests of their own."""
 
 
-@pytest.mark.parametrize("dialect", dialects.WITH_CODES)
+@pytest.mark.parametrize("dialect", dialects.with_codes())
 def test_every_code_has_a_program(dialect: str) -> None:
     """Every legal code of a dialect is in a program that is run in that dialect."""
     shown = {code for case in CASES if dialect in case.in_dialects() for code in case.codes}

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.axis_words import MoveFeeds
-from cnc.gcode.core.block_buffer import SourceLocation
-from cnc.gcode.core.modal_groups import ModalState
-from cnc.gcode.dialects import Dialect
+from cnc.gcode.core.context import Executor
 from cnc.gcode.dialects.rules import ArcTolerance
 from cnc.gcode.kernels import rules as kernel
 from cnc.gcode.kernels.rules import SAME_POINT, Tolerance, Wanted, center_of_word
@@ -71,24 +69,24 @@ def from_center(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-mismatch``.
     """
-    found = _arc_of(
+    arc = _arc_of(
         Wanted(*start, *end, *center, 0.0, clockwise),
         Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
     )
-    if found.status == kernel.NO_RADIUS:
-        which = "start" if found.radius == 0 else "end"
+    if arc.status == kernel.NO_RADIUS:
+        which = "start" if arc.radius == 0 else "end"
         hint = "give I, J, K from the start point to the centre"
         raise fault("arc-radius-zero", f"the centre of the arc is its {which} point", word, hint)
-    if found.status == kernel.MISMATCH:
+    if arc.status == kernel.MISMATCH:
         raise fault(
             "arc-radius-mismatch",
-            f"the arc has radius {found.radius:.6g} mm at its start and {found.end_radius:.6g} mm "
+            f"the arc has radius {arc.radius:.6g} mm at its start and {arc.end_radius:.6g} mm "
             "at its end",
             word,
             "the centre must be as far from the end point as from the start point; "
             "absolute I, J and K need G90.1 (LinuxCNC, Mach3)",
         )
-    return _with_turns(found, turns, clockwise=clockwise)
+    return _with_turns(arc, turns, clockwise=clockwise)
 
 
 def from_radius(
@@ -108,32 +106,32 @@ def from_radius(
     Raises:
         GcodeError: ``arc-radius-zero``, ``arc-radius-no-chord``, ``arc-radius-too-small``.
     """
-    found = _arc_of(
+    arc = _arc_of(
         Wanted(*start, *end, math.nan, math.nan, radius, clockwise),
         Tolerance(tolerance.slack, tolerance.relative, tolerance.limit, tolerance.reach),
     )
-    if found.status == kernel.NO_RADIUS:
+    if arc.status == kernel.NO_RADIUS:
         raise fault("arc-radius-zero", "the radius of the arc is 0", word)
-    if found.status == kernel.NO_CHORD:
+    if arc.status == kernel.NO_CHORD:
         raise fault(
             "arc-radius-no-chord",
             "an arc with R can't end where it starts",
             word,
             "write a full circle with I, J, K, or as two arcs",
         )
-    if found.status == kernel.TOO_SMALL:
-        message = f"R is {found.radius:.6g} mm, but the end point is {found.end_radius:.6g} mm away"
+    if arc.status == kernel.TOO_SMALL:
+        message = f"R is {arc.radius:.6g} mm, but the end point is {arc.end_radius:.6g} mm away"
         raise fault("arc-radius-too-small", message, word, "R must be at least half of that")
-    return _with_turns(found, turns, clockwise=clockwise)
+    return _with_turns(arc, turns, clockwise=clockwise)
 
 
-def _with_turns(found: kernel.Arc, turns: int, *, clockwise: bool) -> Arc:
+def _with_turns(arc: kernel.Arc, turns: int, *, clockwise: bool) -> Arc:
     """Return the arc with the full turns that the P word adds."""
     return Arc(
-        (found.x, found.y),
-        found.radius,
-        found.end_radius,
-        found.turns + (1 - turns if clockwise else turns - 1),
+        (arc.x, arc.y),
+        arc.radius,
+        arc.end_radius,
+        arc.turns + (1 - turns if clockwise else turns - 1),
     )
 
 
@@ -206,16 +204,12 @@ _PLANE_LETTERS = {
 }
 
 
-class ArcMoves:
+class ArcMoves(Executor):
     """Conversion of the words of a line into an arc."""
 
-    def __init__(
-        self, words: MoveFeeds, dialect: Dialect, here: SourceLocation, state: ModalState
-    ) -> None:
+    def __init__(self, words: MoveFeeds) -> None:
+        super().__init__(words.context)
         self._axis_words = words
-        self._dialect = dialect
-        self._here = here
-        self._state = state
 
     def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed | NurbsFeed:
         """Return the arc of a line with G2 or G3, or while one of them is in effect.
@@ -233,7 +227,7 @@ class ArcMoves:
         user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
         i, j = self._columns(at, "an arc")
-        if self._dialect.grbl_arcs:
+        if self._dialect.arcs.as_grbl:
             self._check_axis_words(words, user, at)
         opening = words.take(",O", user)
         end = mover.target(words, user, mover.position)
@@ -305,7 +299,7 @@ class ArcMoves:
         clash = next(filter(None, centers), None)
         if clash is None:
             return
-        if self._dialect.arc_radius_first:
+        if self._dialect.arcs.radius_first:
             message = f"{clash.written} has no effect beside {radius.written}"
             hint = "remove it; other controllers refuse the line"
             self._here.report_warning("word-without-effect", message, clash, hint)
@@ -357,8 +351,8 @@ class ArcMoves:
     def _tilted(self, plane: tuple[int, int]) -> bool:
         """Return whether a rotation tilts a plane of the program."""
         coordinates = self._axis_words.coordinates
-        other = coordinates.figure.plane not in (None, plane)
-        return other or (coordinates.rotation != 0.0 and self._state.plane != "XY")
+        tilted = coordinates.figure.plane not in (None, plane)
+        return tilted or (coordinates.rotation != 0.0 and self._state.plane != "XY")
 
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
         """Return the columns of the two axes of the plane, which a rotation may tilt."""
@@ -385,7 +379,7 @@ class ArcMoves:
     ) -> Arc:
         """The arc of I, J, K (None for a missing word); of the radius if ``offsets`` is None."""
         state, position = self._state, self._axis_words.position
-        tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
+        tolerance = self._dialect.arcs.mm if state.scale == 1.0 else self._dialect.arcs.inch
         i, j = plane
         coordinates = self._axis_words.coordinates
         figure, tilted = coordinates.figure, self._tilted(plane)
@@ -399,7 +393,7 @@ class ArcMoves:
         here, there = (position[i], position[j]), (end[i], end[j])
         clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
         if offsets is None:
-            if self._dialect.grbl_arcs and math.dist(here, there) > SAME_POINT:
+            if self._dialect.arcs.as_grbl and math.dist(here, there) > SAME_POINT:
                 self._check_single_precision(here, there, radius * state.scale, word)
             return from_radius(
                 here,
@@ -464,13 +458,13 @@ class ArcMoves:
 
     def _take_idle_center(self, words: LineWords, user: str) -> None:
         """Take a centre word of 0 for the axis across the plane, if the dialect allows one."""
-        if self._dialect.arc_idle_center:
+        if self._dialect.arcs.idle_center:
             for letter in "IJK":
                 if (word := words.rest.get(letter)) and word.number == 0:
                     words.take(letter, user)
 
     def _turns(self, words: LineWords, user: str) -> int:
-        if "P" in words.rest and not self._dialect.arc_turns:
+        if "P" in words.rest and not self._dialect.arcs.turns:
             raise fault(
                 "word-not-in-dialect",
                 f"P turns of an arc are not in the {self._dialect.name} dialect",

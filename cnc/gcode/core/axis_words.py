@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.context import Context, Executor
-from cnc.gcode.core.coordinates import Coordinates, RotaryAxes
+from cnc.gcode.core.coordinates import RotaryAxes
 from cnc.gcode.core.modal_groups import Feed, check_feed, feed_of
 from cnc.gcode.kernels.arithmetic import cosine, sine
 from cnc.gcode.kernels.rules import MIN_FEED, end_of_word, feed_of_move
@@ -233,19 +233,17 @@ class AxisWords(Executor):
     def __init__(
         self,
         context: Context,
-        axes: tuple[str, ...],
         position: list[float],
-        coordinates: Coordinates,
     ) -> None:
         super().__init__(context)
+        self.coordinates = context.coordinates
+        self.axes = axes = self.coordinates.axes
         self.position = position
         self._idle: set[str] = set()
         self.polar = PolarMode()
         self._polar_end: tuple[float, float] | None = None
-        self.rotary = RotaryAxes(axes, {}, context.dialect.wrap)
-        self.axes = axes
+        self.rotary = RotaryAxes(axes, context.policy.wraps, context.dialect.motion.wrap)
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
-        self.coordinates = coordinates
         self.scales: list[float] = []
         self.turns_linearly = False
         self.length_change: tuple[float, int] | None = None
@@ -264,7 +262,7 @@ class AxisWords(Executor):
     @property
     def has_direction_words(self) -> bool:
         """Whether A3=, B3= and C3= are the direction of the tool."""
-        return self._dialect.flavour == "siemens"
+        return self._dialect.motion.direction_words
 
     @property
     def rotary_columns(self) -> list[int]:
@@ -275,7 +273,7 @@ class AxisWords(Executor):
 
     def needs_interpreter(self, index: int) -> bool:
         """Return whether compiled code does not know the moves of an axis."""
-        all_axes = self._dialect.feed_of_all_axes and not self._linear[index]
+        all_axes = self._dialect.feed.of_all_axes and not self._linear[index]
         return all_axes or self.rotary.has(index)
 
     def turn_directions(self, text: str) -> None:
@@ -303,7 +301,7 @@ class AxisWords(Executor):
             GcodeError: ``axis-not-in-dialect``, ``axis-missing``, and the errors of polar
                 coordinates.
         """
-        found: dict[int, float] = {}
+        values: dict[int, float] = {}
         for letter in [letter for letter in words.rest if letter in AXES]:
             index = self.column.get(letter)
             if letter not in self._dialect.axes:
@@ -322,24 +320,24 @@ class AxisWords(Executor):
                 )
             word = words.take(letter, user)
             assert word is not None
-            found[index] = word.number * self.scales[index]
+            values[index] = word.number * self.scales[index]
             if self.rotary.wrapped and self._state.absolute and user in _MOVES:
                 self.rotary.check(index, word.number, word)
             if word.letter != letter and self._state.absolute:
-                found[index] += self.coordinates.to_program(self.position)[index]
+                values[index] += self.coordinates.to_program(self.position)[index]
         if not POLAR.isdisjoint(words.rest):
-            self._polar(words, user, found)
-        if user in _POLAR_USERS and found and not self._machine_words:
+            self._polar(words, user, values)
+        if user in _POLAR_USERS and values and not self._machine_words:
             if self.coordinates.figure_is_new:
-                self._check_first_point(words, found)
+                self._check_first_point(words, values)
             if self.polar.plane is not None:
-                self._polar_mode(found, self.polar.plane)
-        return found
+                self._polar_mode(values, self.polar.plane)
+        return values
 
-    def _check_first_point(self, words: LineWords, found: dict[int, float]) -> None:
+    def _check_first_point(self, words: LineWords, values: dict[int, float]) -> None:
         """Refuse one axis of a new rotation: controllers differ on the other one's coordinate."""
         plane = self.coordinates.figure.plane
-        given = [index for index in plane or () if index in found]
+        given = [index for index in plane or () if index in values]
         if len(given) == 1 and self._state.absolute:
             letter = self.axes[given[0]].upper()
             raise fault(
@@ -355,17 +353,17 @@ class AxisWords(Executor):
         """Return whether values by column have a radius or an angle of G16."""
         return self.polar.plane is not None and not values.keys().isdisjoint(self.polar.plane)
 
-    def _polar_mode(self, found: dict[int, float], plane: tuple[int, int]) -> None:
+    def _polar_mode(self, values: dict[int, float], plane: tuple[int, int]) -> None:
         """Replace radius and angle of G16 by the two axis values."""
         i, j = plane
-        if not self.in_polar_mode(found):
+        if not self.in_polar_mode(values):
             return
         absolute, scale = self._state.absolute, self.scales[j]
-        angle = found[j] / scale if j in found else None
+        angle = values[j] / scale if j in values else None
         program = self.coordinates.to_program(self.position)
         here = program[i], program[j]
-        x, y = self.polar.place(found.get(i), angle, here, absolute=absolute)
-        found[i], found[j] = (x, y) if absolute else (x - here[0], y - here[1])
+        x, y = self.polar.place(values.get(i), angle, here, absolute=absolute)
+        values[i], values[j] = (x, y) if absolute else (x - here[0], y - here[1])
 
     def _take_idle(self, words: LineWords, letter: str, user: str) -> None:
         """Take a word of 0 for an axis that the machine lacks, and report it once."""
@@ -376,19 +374,19 @@ class AxisWords(Executor):
             message = f"{word.written}: the machine has no {letter} axis; its words of 0 do nothing"
             self._here.report_warning("axis-idle", message, word)
 
-    def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
+    def _polar(self, words: LineWords, user: str, values: dict[int, float]) -> None:
         """Take @ and ^ and add X and Y to the values found."""
         at = first_polar(words)
         x, y = self._polar_columns(at, user)
-        if {x, y} & found.keys():
+        if {x, y} & values.keys():
             raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
         program = self.coordinates.to_program(self.position)
         here, absolute = (program[x], program[y]), self._state.absolute
-        siemens = self._dialect.flavour == "siemens"
+        siemens = self._dialect.motion.polar == "siemens"
         if siemens:
             refuse_other_start(words, here, self._polar_end)
         point = polar_point(words, user, here, self._state.scale, absolute=absolute)
-        found[x], found[y] = point
+        values[x], values[y] = point
         if siemens:
             self._polar_end = point if absolute else (here[0] + point[0], here[1] + point[1])
 
@@ -410,7 +408,7 @@ class AxisWords(Executor):
     def _polar_columns(self, at: Word | None, user: str) -> tuple[int, int]:
         """Return the columns of X and Y, after checks that polar coordinates may stand here."""
         x, y = self.column.get("X"), self.column.get("Y")
-        if self._dialect.flavour not in ("ngc", "siemens"):
+        if not self._dialect.motion.polar:
             raise fault(
                 "syntax-not-in-dialect",
                 f"polar coordinates are not in the {self._dialect.name} dialect",
@@ -472,14 +470,14 @@ class AxisWords(Executor):
         if absolute or change == 0.0:
             return 0.0
         same_line = moves and line == self._here.line
-        if same_line and self._dialect.length_in_increments == "added":
+        if same_line and self._dialect.tools.length_in_increments == "added":
             return change
         message = (
             f"{at.written} under G91 is the first move along Z after a new tool length: FANUC adds "
             f"its change of {change:g} mm, others do not"
         )
         hint = "give Z under G90 first"
-        if self._dialect.length_in_increments == "unclear":
+        if self._dialect.tools.length_in_increments == "unclear":
             hint += ", or name the --dialect"
         raise fault("tool-length-incremental", message, at, hint)
 
@@ -585,7 +583,7 @@ class MoveFeeds(AxisWords):
 
     def _first_feed(self, words: LineWords, at: Word) -> Feed:
         """Put the feed with which the controller begins into effect, with a warning."""
-        first = self._dialect.first_feed
+        first = self._dialect.feed.at_start
         if not first:
             raise _missing(words, at)
         message = f"no F before this move: the firmware begins with {first:g} mm/min"
@@ -605,7 +603,7 @@ class MoveFeeds(AxisWords):
             steps = [there - here for there, here in zip(end, self.position, strict=True)]
             turned = [step for step, linear in zip(steps, self._linear, strict=True) if not linear]
             shifts, turns = any(compress(steps, self._linear)), any(turned)
-            if self._dialect.feed_of_all_axes and shifts and turns:
+            if self._dialect.feed.of_all_axes and shifts and turns:
                 length = length or self.distance(end)
                 return feed.linear * length / math.hypot(length, *turned)
             return _feed_of_move(feed.linear, feed.rotary, shifts, turns)

@@ -264,8 +264,8 @@ class BlockBuffer:
     def _note_commands(self, places: NDArray[np.intp], commands: list[Block]) -> None:
         """Note the commands of moves that follow, by their places in the polyline."""
         if len(places) and places[0] not in self._commands and np.diff(places).all():
-            each = np.fromiter(zip(commands, strict=True), np.object_, len(commands))
-            self._many_commands.append((places, each))
+            singles = np.fromiter(zip(commands, strict=True), np.object_, len(commands))
+            self._many_commands.append((places, singles))
             return
         for place, command in zip(places.tolist(), commands, strict=True):
             self._commands[place] = (*self._commands.get(place, ()), command)
@@ -283,8 +283,11 @@ class BlockBuffer:
         for k in np.flatnonzero(ends - begins > MAX_MOVES)[:1].tolist():
             cut = int(begins[k])
             head, tail = slice(cut), slice(cut, None)
-            one, two = slice(k + 1), slice(k + 1, None)
-            for rows, part, at in (head, one, places[one]), (tail, two, places[two] - cut):
+            before, behind = slice(k + 1), slice(k + 1, None)
+            for rows, part, at in (
+                (head, before, places[before]),
+                (tail, behind, places[behind] - cut),
+            ):
                 self._interleaved(points[rows], feeds[rows], lines[rows], at, blocks[part])
             return
         first, last = int(places[0]), int(places[-1])
@@ -383,12 +386,12 @@ class BlockBuffer:
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:
         """Take the blocks that are added meanwhile; the list has them at the end."""
-        found: list[Block] = []
+        blocks: list[Block] = []
         kept = self.divert()
         try:
-            yield found
+            yield blocks
         finally:
-            found += self.restore(kept)
+            blocks += self.restore(kept)
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""

@@ -191,7 +191,7 @@ class _Reader:
         listing, first, values = self.listing, block.line, block.control.values
         opener = block.control.keyword
         if opener == "if":
-            chain = [(first, values[0]), *((at, each.values[0]) for at, each in block.branches)]
+            chain = [(first, values[0]), *((at, branch.values[0]) for at, branch in block.branches)]
             enter_branch(listing, chain, block.otherwise, line)
             return
         loop = Loop(

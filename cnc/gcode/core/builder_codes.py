@@ -14,8 +14,8 @@ from decimal import Decimal
 from itertools import pairwise
 from typing import NamedTuple
 
-from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation
-from cnc.gcode.core.modal_groups import GROUP_OF_G, PLAIN_MOTIONS, Codes, ReadingPolicy, codes_of
+from cnc.gcode.core.context import Context, Executor
+from cnc.gcode.core.modal_groups import GROUP_OF_G, PLAIN_MOTIONS, Codes, codes_of
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.rules import NotedCode
 from cnc.gcode.reader.parameters import Parameters
@@ -44,23 +44,13 @@ class ExtraCode(NamedTuple):
     note: NotedCode | None
 
 
-class BuilderCodes:
+class BuilderCodes(Executor):
     """Recognition and execution of these codes."""
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        policy: ReadingPolicy,
-        here: SourceLocation,
-        out: BlockBuffer,
-        axes: tuple[str, ...],
-    ) -> None:
-        self._axes = {axis.upper() for axis in axes}
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._axes = {axis.upper() for axis in context.coordinates.axes}
         self._extruder_reported = False
-        self._dialect = dialect
-        self._policy = policy
-        self._here = here
-        self._out = out
         self._reported: set[tuple[str, float]] = set()
 
     def replace(self, first: Word, second: Word) -> bool:
@@ -68,7 +58,7 @@ class BuilderCodes:
 
         A 0 after another number never does: it would stop the spindle or the feed.
         """
-        if first.letter not in self._dialect.repeated or (first.number and not second.number):
+        if first.letter not in self._dialect.lines.repeated or (first.number and not second.number):
             return False
         message = f"{first.written} has no effect: {second.written} in the same line replaces it"
         self._here.report_warning("word-replaced", message, first, "remove one of them")
@@ -76,16 +66,16 @@ class BuilderCodes:
 
     def take(self, words: LineWords) -> tuple[ExtraCode, ...]:
         """Take these codes out of the words of a line."""
-        if self._dialect.extruder and "E" in words.rest:
+        if self._dialect.lines.extruder and "E" in words.rest:
             self._extrude(words)
         if not (words.m or words.g or "D" in words.rest):
             return ()
         found: list[ExtraCode] = []
-        if self._dialect.flavour == "siemens":
+        if self._dialect.tools.edges:
             _activate_edge(words)
         if self._dialect.aliases:
             words.g[:] = [self._meant(word, words) for word in words.g]
-        if self._dialect.last_of_group and len(words.g) > 1:
+        if self._dialect.lines.last_of_group and len(words.g) > 1:
             self._drop_replaced(words.g)
         for row in (words.g, words.m):
             for word in tuple(row):
@@ -130,7 +120,7 @@ class BuilderCodes:
 
     def _extrude(self, words: LineWords) -> None:
         """Let E move its axis, or leave it out with a warning on a machine without one."""
-        word, letter = words.rest.pop("E"), self._dialect.extruder
+        word, letter = words.rest.pop("E"), self._dialect.lines.extruder
         if any(code.letter == "M" for code in words.m):
             return
         if letter in self._axes:
@@ -290,10 +280,10 @@ class PreparedLine:
             new = {words[index].letter: words[index] for index, _ in statement.computed}
             return LineWords(self.words.g, self.words.m, rest | new)
         empty = tuple(words.pop(index) for index in reversed(vacant))
-        found = LineWords.of(words, self.builder.replace)
-        found.vacant = empty
-        self.builder.take(found)
-        return found
+        line = LineWords.of(words, self.builder.replace)
+        line.vacant = empty
+        self.builder.take(line)
+        return line
 
 
 def _code(word: Word, number: float) -> Word:
@@ -315,7 +305,7 @@ def prepare(statement: Statement, dialect: Dialect, builder: BuilderCodes) -> Pr
         GcodeError: The words or codes are wrong.
     """
     words = LineWords.of(statement.words, builder.replace)
-    if dialect.most_line_number:
+    if dialect.lines.most_number:
         _check_line_number(statement, dialect)
     if "E" in words.rest:
         _refuse_exponent(statement)
@@ -328,9 +318,9 @@ def prepare(statement: Statement, dialect: Dialect, builder: BuilderCodes) -> Pr
 
 def _check_line_number(statement: Statement, dialect: Dialect) -> None:
     for word in statement.words:
-        if word.letter == "N" and word.number > dialect.most_line_number:
+        if word.letter == "N" and word.number > dialect.lines.most_number:
             message = f"{word.written}: {dialect.name} has line numbers up to "
-            message += f"{dialect.most_line_number}"
+            message += f"{dialect.lines.most_number}"
             raise fault("line-number-bad", message, word, "number the lines anew, or without N")
 
 

@@ -407,8 +407,8 @@ class Flow:
             return outermost.caller, outermost.at, f"the call of {outermost.name}"
         enough = self.executed - (self.executed - self.new) // 2
         return next(
-            (each for each in suspects if each[0] <= enough),
-            min(suspects, key=lambda each: each[0]),
+            (suspect for suspect in suspects if suspect[0] <= enough),
+            min(suspects, key=lambda suspect: suspect[0]),
         )[1:]
 
     def _mark(self, frame: Frame, *, inside: bool) -> None:

@@ -34,7 +34,7 @@ class CircularPocket(MotionCodes):
 
     def __init__(self, motion: Motion, tools: ToolCodes) -> None:
         super().__init__(motion)
-        self._straight = self._dialect.figures == "mach3"
+        self._straight = self._dialect.offsets.transforms == "mach3"
         self._tools = tools
 
     def make(self, words: LineWords, code: Code | None) -> None:
@@ -49,7 +49,9 @@ class CircularPocket(MotionCodes):
         refuse_axes(words, name, "Z")
         if state.plane != "XY":
             raise fault("pocket-plane", f"{name} in the {state.plane} plane", at, "give G17")
-        if self._straight and (extra := next((each for each in "DKQLZ" if each in words.rest), "")):
+        if self._straight and (
+            extra := next((letter for letter in "DKQLZ" if letter in words.rest), "")
+        ):
             word = words.rest[extra]
             raise fault("word-unused", f"{name} takes I only, not {word.written}", word)
         clockwise = (state.motion is G.G12) != motion.coordinates.figure.mirrors(

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 
-from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation
-from cnc.gcode.core.coordinates import Coordinates
+from cnc.gcode.core.context import Context, Executor
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.statements import MENDED, NOTED, SHOWN, Assignment, Remark
 from cnc.gcode.reader.words import Word, fault
@@ -73,17 +72,12 @@ def shown(text: str, parameters: Parameters) -> str:
 _MESSAGES = ("msg", "debug", "print")
 
 
-class CommentCommands:
+class CommentCommands(Executor):
     """Executes the commands in comments."""
 
-    def __init__(
-        self, here: SourceLocation, out: BlockBuffer, parameters: Parameters, *, aborts: bool
-    ) -> None:
-        """With ``aborts`` the dialect has ABORT."""
-        self._here = here
-        self._out = out
-        self._parameters = parameters
-        self._aborts = aborts
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._aborts = context.dialect.flavour == "ngc"
         self._noted: set[str] = set()
         self._may_abort: set[tuple[str, int]] = set()
 
@@ -139,37 +133,26 @@ class CommentCommands:
 # Assignments to parameters.
 
 
-class Assignments:
-    """Execution of the assignments of a line.
+class Assignments(Executor):
+    """Execution of the assignments of a line."""
 
-    Args:
-        one_by_one: Whether they take effect from left to right. If not, all values are computed
-            before the first is set (RS274/NGC).
-    """
-
-    def __init__(
-        self,
-        parameters: Parameters,
-        coordinates: Coordinates,
-        here: SourceLocation,
-        out: BlockBuffer,
-        *,
-        one_by_one: bool,
-    ) -> None:
-        self._here, self._out = here, out
-        self._parameters = parameters
-        self._coordinates = coordinates
-        self._one_by_one = one_by_one
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        # RS274/NGC computes all values before the first is set.
+        self._one_by_one = context.dialect.flavour == "siemens"
 
     def execute(self, assignments: tuple[Assignment, ...]) -> None:
         """Set parameters."""
         if len(assignments) == 1 or self._one_by_one:
-            for each in assignments:
-                self._set(each, self._target(each), each.value(self._parameters))
+            for assignment in assignments:
+                self._set(assignment, self._target(assignment), assignment.value(self._parameters))
             return
-        found = [(each, self._target(each), each.value(self._parameters)) for each in assignments]
-        for each, target, value in found:
-            self._set(each, target, value)
+        computed = [
+            (assignment, self._target(assignment), assignment.value(self._parameters))
+            for assignment in assignments
+        ]
+        for assignment, target, value in computed:
+            self._set(assignment, target, value)
 
     def _target(self, assignment: Assignment) -> str | float:
         target = assignment.target

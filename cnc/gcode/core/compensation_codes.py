@@ -93,7 +93,7 @@ class CompensationCodes(MotionCodes):
         if self._motion.coordinates.figure.mirrors(columns):
             side = "right" if side == "left" else "left"
         given = side, radius, self._state.plane, shift
-        again = self._dialect.compensation_again
+        again = self._dialect.tools.compensation_again
         idle = again == "same" or (again == "zero" and radius == 0.0)
         if idle and self._motion.compensated and given == self._active:
             return
@@ -136,7 +136,7 @@ class CompensationCodes(MotionCodes):
         Raises:
             GcodeError: ``compensation-active``.
         """
-        if not self._dialect.offset_memory or "D" not in words.rest:
+        if not self._dialect.tools.memory or "D" not in words.rest:
             return
         word = words.rest.pop("D")
         if self._motion.compensated:
@@ -176,13 +176,13 @@ class CompensationCodes(MotionCodes):
             hint = f"for the diameter of the tool write {at.written}.1 {word.written}"
             raise fault("value-out-of-range", message, word, hint)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
-        if word and self._dialect.own_tool_offsets and number != self._state.loaded:
+        if word and self._dialect.tools.own_offsets and number != self._state.loaded:
             message = f"{word.written} is not the offset of the tool in the spindle"
             hint = "it would change the length of the tool, too, which is not supported"
             raise fault("tool-offset-other", message, word, hint)
-        if self._dialect.lathe:
+        if self._dialect.turning.lathe:
             number = number or self._tools.turret_offset
-        elif self._dialect.offset_memory:
+        elif self._dialect.tools.memory:
             self._offset = number if word else self._offset
             number = self._offset
             if word is None and number == 0:

@@ -112,12 +112,14 @@ class Table:
         control, first, index = self.text.control, self.window.first, entry.line - self.window.first
         chain = [entry]
         # A jump asks no other line, even if it is an elseif, which its if asks.
-        while entry.action != rules.JUMP and (other := chain[-1].other) is not None:
-            chain.append(other)
+        while entry.action != rules.JUMP and (alternative := chain[-1].other) is not None:
+            chain.append(alternative)
         is_known = entry.action != rules.END_REPEAT or chain[-1].line - first in self.repeats
         if not is_known or not 0 <= entry.target - first <= self.window.count:
             return
-        if not all(self._has_values(each.line - first, each.value is not None) for each in chain):
+        if not all(
+            self._has_values(branch.line - first, branch.value is not None) for branch in chain
+        ):
             return
         for before, after in pairwise(chain):
             control.other[before.line - first] = after.line - first
@@ -147,12 +149,12 @@ class Table:
     def add_copies(self, new: list[Copy]) -> None:
         """Append copies of subroutines; their places are set."""
         place = len(self.text.line)
-        for each in new:
-            each.place = self.places[each.source.window.first + each.begin] = place
-            place += each.end - each.begin + 1
+        for copy in new:
+            copy.place = self.places[copy.source.window.first + copy.begin] = place
+            place += copy.end - copy.begin + 1
         self.text = _joined(self.text, len(self.slots), len(self.labels), new)
-        self.slots = np.concatenate([self.slots, *(each.source.slots for each in new)])
-        self.labels = self.labels + [label for each in new for label in each.source.labels]
+        self.slots = np.concatenate([self.slots, *(copy.source.slots for copy in new)])
+        self.labels = self.labels + [label for copy in new for label in copy.source.labels]
         self.copies += new
 
     def update_copies(self) -> None:
@@ -162,17 +164,21 @@ class Table:
             if copy.version == source.version:
                 continue
             copy.version = source.version
-            known, own = source.text.control, self.text.control
+            source_lines, own = source.text.control, self.text.control
             span = slice(copy.begin, copy.end + 1)
             here = slice(place, place + copy.end + 1 - copy.begin)
-            action, target, other = known.action[span], known.target[span], known.other[span]
+            action, target, other_lines = (
+                source_lines.action[span],
+                source_lines.target[span],
+                source_lines.other[span],
+            )
             inside = (copy.begin <= target) & (target <= copy.end)
             inside |= action == rules.RETURN
-            inside &= (other < 0) | ((copy.begin <= other) & (other <= copy.end))
+            inside &= (other_lines < 0) | ((copy.begin <= other_lines) & (other_lines <= copy.end))
             shift = place - copy.begin
             own.action[here] = np.where(inside, action, rules.LEFT_OUT)
             own.target[here] = target + shift
-            own.other[here] = np.where(other < 0, -1, other + shift)
+            own.other[here] = np.where(other_lines < 0, -1, other_lines + shift)
             for index, step in source.repeats.items():
                 if copy.begin <= index <= copy.end:
                     self.repeats[index + shift] = step
@@ -264,9 +270,9 @@ def _joined(text: kernel.Text, names: int, labels: int, copies: list[Copy]) -> k
         copies: The copies.
     """
     parts = [_Part(text, 0, len(text.line), 0, 0)]
-    for each in copies:
-        source = each.source
-        parts.append(_Part(source.text, each.begin, each.end + 1, names, labels))
+    for copy in copies:
+        source = copy.source
+        parts.append(_Part(source.text, copy.begin, copy.end + 1, names, labels))
         names, labels = names + len(source.slots), labels + len(source.labels)
     words = items = instructions = 0
     joined: dict[str, list[Array]] = {"first": [], "item": [], "begin": [], "end": []}
@@ -374,14 +380,14 @@ class ParameterMirror:
             names: Their places in it.
             left_alone: Whether compiled code must not set each; None for none.
         """
-        found = np.empty(len(names.begin), np.int32)
-        self._grow(len(found), int((names.end - names.begin).sum()))
+        slots = np.empty(len(names.begin), np.int32)
+        self._grow(len(slots), int((names.end - names.begin).sum()))
         data = np.frombuffer(text, np.uint8)
-        add_names(data, names.begin, names.end, self._text, self._known, found)
+        add_names(data, names.begin, names.end, self._text, self._known, slots)
         if left_alone is not None:
-            self._left_alone[found[left_alone]] = True
-            self._changes.named[found[left_alone]] = _OF_INTERPRETER
-        return found
+            self._left_alone[slots[left_alone]] = True
+            self._changes.named[slots[left_alone]] = _OF_INTERPRETER
+        return slots
 
     def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
         """Return the values of all parameters.
@@ -407,8 +413,8 @@ class ParameterMirror:
 
     def local_slots(self, slots: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the slots of the names that belong to their call."""
-        known = np.unique(slots)
-        return known[self._is_local()[known]]
+        distinct = np.unique(slots)
+        return distinct[self._is_local()[distinct]]
 
     def restore(self, frames: Frames, depth: int) -> None:
         """Copy the local parameters of a caller back, before its call is entered."""
@@ -463,16 +469,16 @@ class ParameterMirror:
 
     def _grow(self, names: int, size: int) -> None:
         """Make space for more names, of ``size`` bytes in all."""
-        known, used = self._known, int(self._known.used[0])
-        end = int(known.end[used - 1]) if used else 0
+        values, used = self._known, int(self._known.used[0])
+        end = int(values.end[used - 1]) if used else 0
         # A known name stands behind the others while it is looked up.
         if end + size > len(self._text):
             self._text = np.concatenate((self._text, np.empty(end + size, np.uint8)))
-        if used + names <= len(known.begin):
+        if used + names <= len(values.begin):
             return
-        more = len(known.begin) + names
-        self._known = names_space(len(known.begin) + more)
-        begins, ends = known.begin[:used], known.end[:used]
+        more = len(values.begin) + names
+        self._known = names_space(len(values.begin) + more)
+        begins, ends = values.begin[:used], values.end[:used]
         text = self._text.copy()
         add_names(text, begins, ends, self._text, self._known, np.empty(used, np.int32))
         self._named = np.concatenate((self._named, np.full(more, math.nan)))
@@ -622,41 +628,45 @@ class CompiledProgram:
         elif isinstance(step, Return):
             label, sub = step.control.label, 0
             if step.control.keyword != "return":
-                found = self._flow.listing.subs.get(label) if isinstance(label, str) else None
-                if found is None or found.first < window.first:
+                subroutine = self._flow.listing.subs.get(label) if isinstance(label, str) else None
+                if subroutine is None or subroutine.first < window.first:
                     return
-                sub = found.first
+                sub = subroutine.first
             table.enter_return(index, sub, len(step.control.values))
 
     def _find_subs(self, table: Table) -> None:
         """Enter the subroutines that are known by now; those of other windows are copied."""
         listing = self._flow.listing
         table.subs = len(listing.subs)
-        copied = sum(each.end - each.begin + 1 for each in table.copies)
+        copied = sum(copy.end - copy.begin + 1 for copy in table.copies)
         done = 0
         while done < len(table.labels):
             new: dict[str, Copy] = {}
             for label in table.labels[done:]:
-                found = listing.subs.get(label)
-                if found is None or table.index_of(found.first) >= 0 or label in new:
+                subroutine = listing.subs.get(label)
+                if subroutine is None or table.index_of(subroutine.first) >= 0 or label in new:
                     continue
-                window = listing.window(found.first)
-                length = found.last - found.first + 1
+                window = listing.window(subroutine.first)
+                length = subroutine.last - subroutine.first + 1
                 if (
                     window is None
-                    or found.last >= window.first + window.count
+                    or subroutine.last >= window.first + window.count
                     or copied + length > MOST_COPIED
                 ):
                     continue
                 copied += length
                 first = window.first
-                new[label] = Copy(self._table(window), found.first - first, found.last - first)
+                new[label] = Copy(
+                    self._table(window), subroutine.first - first, subroutine.last - first
+                )
             done = len(table.labels)
             if new:
                 table.add_copies(list(new.values()))
         for index, label in enumerate(table.labels):
-            found = listing.subs.get(label)
-            table.text.control.sub[index] = -1 if found is None else table.index_of(found.first)
+            subroutine = listing.subs.get(label)
+            table.text.control.sub[index] = (
+                -1 if subroutine is None else table.index_of(subroutine.first)
+            )
         if table.labels:
             assert self._mirror is not None
             table.frames = frames_of(self._mirror.local_slots(table.slots))

@@ -94,11 +94,11 @@ def enter_branch(
         otherwise: Line of the else; 0 for none.
         last: Its last line.
     """
-    steps, other = listing.steps, None
+    steps, alternative = listing.steps, None
     for line, condition in reversed(chain[1:]):
-        other = steps[line] = ControlLine(line, JUMP, last + 1, condition, other)
+        alternative = steps[line] = ControlLine(line, JUMP, last + 1, condition, alternative)
     first, condition = chain[0]
-    steps[first] = ControlLine(first, IF, (otherwise or last) + 1, condition, other)
+    steps[first] = ControlLine(first, IF, (otherwise or last) + 1, condition, alternative)
     for line in filter(None, (otherwise, last)):
         steps[line] = ControlLine(line, JUMP, last + 1)
 

@@ -71,11 +71,11 @@ class Figure:
 
     def point(self, at: list[float]) -> list[float]:
         """Return the image of a point."""
-        found = [
+        image = [
             fixed + factor * (value - fixed)
             for value, factor, fixed in zip(at, self.factors, self.fixed, strict=True)
         ]
-        turned = self._turned(found, 1.0, self.centre)
+        turned = self._turned(image, 1.0, self.centre)
         if not self.shift:
             return turned
         return [value + step for value, step in zip(turned, self.shift, strict=True)]
@@ -84,16 +84,16 @@ class Figure:
         """Return the point that a point is the image of."""
         if self.shift:
             at = [value - step for value, step in zip(at, self.shift, strict=True)]
-        found = self._turned(at, -1.0, self.centre)
+        point = self._turned(at, -1.0, self.centre)
         return [
             fixed + (value - fixed) / factor
-            for value, factor, fixed in zip(found, self.factors, self.fixed, strict=True)
+            for value, factor, fixed in zip(point, self.factors, self.fixed, strict=True)
         ]
 
     def vector(self, delta: list[float]) -> list[float]:
         """Return the image of a difference of two points."""
-        found = [value * factor for value, factor in zip(delta, self.factors, strict=True)]
-        return self._turned(found, 1.0, (0.0, 0.0))
+        image = [value * factor for value, factor in zip(delta, self.factors, strict=True)]
+        return self._turned(image, 1.0, (0.0, 0.0))
 
     def mirrors(self, plane: tuple[int, int]) -> bool:
         """Return whether the direction of turns in a plane (two columns) is reversed."""
@@ -239,14 +239,14 @@ class Coordinates:
 
     def to_program(self, machine: list[float]) -> list[float]:
         """Return the program coordinates of a machine position."""
-        found = self._unshifted(machine)
-        return self._figure.original(found) if self._figure_changes else found
+        program = self._unshifted(machine)
+        return self._figure.original(program) if self._figure_changes else program
 
     def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
-        each = zip(self._from_origin(machine), self._shift, self._local, strict=True)
-        return [value - a - b for value, a, b in each]
+        terms = zip(self._from_origin(machine), self._shift, self._local, strict=True)
+        return [value - a - b for value, a, b in terms]
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cnc.gcode.core.block_buffer import SourceLocation
-from cnc.gcode.core.modal_groups import ModalState
+from cnc.gcode.core.context import Executor
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import CncError, GcodeError
@@ -116,16 +115,16 @@ def line_with_angle(
     if len(given) != 1:
         message = f"{word.written} needs one axis of the plane; the angle gives the other"
         raise fault("corner-angle", message, word, "give one of the two axes")
-    (known,) = given
-    (other,) = (index for index in plane if index != known)
-    angle, found = math.radians(word.number), end.copy()
+    (given_axis,) = given
+    (free_axis,) = (index for index in plane if index != given_axis)
+    angle, target = math.radians(word.number), end.copy()
     first, second = math.cos(angle), math.sin(angle)
-    along, across = (first, second) if known == plane[0] else (second, first)
+    along, across = (first, second) if given_axis == plane[0] else (second, first)
     if abs(along) < _STRAIGHT:
         message = f"{word.written} is at right angles to the axis that the line gives"
         raise fault("corner-angle", message, word, "give the other axis of the plane")
-    found[other] = start[other] + (end[known] - start[known]) * across / along
-    return found
+    target[free_axis] = start[free_axis] + (end[given_axis] - start[given_axis]) * across / along
+    return target
 
 
 def cut(corner: Corner, following: list[float]) -> Cut:
@@ -306,7 +305,7 @@ def round_between(first: Move, second: Move, radius: float) -> Round | None:
     if abs(turn) < _STRAIGHT:
         return None
     side = math.copysign(1.0, turn)
-    found: list[tuple[float, Round]] = []
+    candidates: list[tuple[float, Round]] = []
     for centre in _meetings(_centres(first, side * radius), _centres(second, side * radius)):
         if any(isinstance(move, Arc) and centre == move.centre for move in (first, second)):
             continue
@@ -316,8 +315,8 @@ def round_between(first: Move, second: Move, radius: float) -> Round | None:
         angle = cmath.phase((end - centre) / (begin - centre))
         if angle * side < 0.0:
             angle += side * math.tau
-        found.append((abs(centre - corner), Round(begin, end, centre, angle / math.tau)))
-    return min(found, key=lambda each: each[0])[1] if found else None
+        candidates.append((abs(centre - corner), Round(begin, end, centre, angle / math.tau)))
+    return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
 
 
 _Locus = tuple[complex, complex] | tuple[complex, float]
@@ -332,14 +331,14 @@ def _centres(move: Move, offset: float) -> _Locus:
     return move.centre, abs(move.start - move.centre) - move.spin * offset
 
 
-def _meetings(one: _Locus, other: _Locus) -> list[complex]:
+def _meetings(first: _Locus, second: _Locus) -> list[complex]:
     """Return the common points of two loci, of which at least one is a circle."""
-    if isinstance(one[1], complex):
-        one, other = other, one
-    centre, radius = one
+    if isinstance(first[1], complex):
+        first, second = second, first
+    centre, radius = first
     if isinstance(radius, complex) or radius <= 0.0:
         return []
-    point, size = other
+    point, size = second
     if isinstance(size, complex):
         foot = point + ((centre - point) * size.conjugate()).real * size
         square = radius**2 - abs(foot - centre) ** 2
@@ -353,22 +352,18 @@ def _meetings(one: _Locus, other: _Locus) -> list[complex]:
     return [centre + (x + sign * 1j * y) * along for sign in (1, -1)]
 
 
-class CornerMoves:
+class CornerMoves(Executor):
     """The corner of the last move, if it has one.
 
     Attributes:
         corner: The corner whose second move is not known yet.
     """
 
-    def __init__(
-        self, motion: Motion, state: ModalState, here: SourceLocation, *, corners: str
-    ) -> None:
-        """``corners``: see the key of the dialect."""
+    def __init__(self, motion: Motion) -> None:
+        super().__init__(motion.context)
         self.corner: Corner | None = None
         self._motion = motion
-        self._state = state
-        self._here = here
-        self._corners = corners
+        self._corners = motion.context.dialect.motion.corners
 
     def hold(
         self, word: Word, start: list[float], end: list[float], feed: float, line: int
@@ -436,9 +431,9 @@ class CornerMoves:
             raise self.fault("an arc")
         corner = self._taken()
         arc = self._arc(corner, corner.end, block)
-        found = self._round(corner, arc)
-        start = self._rounded(corner, found)
-        left = arc.spin * max(0.0, abs(arc.turns) - arc.part(found.end))
+        rounding = self._round(corner, arc)
+        start = self._rounded(corner, rounding)
+        left = arc.spin * max(0.0, abs(arc.turns) - arc.part(rounding.end))
         return replace(block, turns=left), start
 
     def _taken(self) -> Corner:
@@ -454,28 +449,28 @@ class CornerMoves:
             else self._arc(corner, corner.start, corner.arc)
         )
         make = round_between if corner.word.letter == ",R" else chamfer_between
-        found = make(first, second, corner.size)
-        if found is None:
+        rounding = make(first, second, corner.size)
+        if rounding is None:
             message = f"{corner.word.written} does not fit between the two moves"
             hint = "make it smaller; tangential moves have no corner"
             raise fault("corner-too-large", message, corner.word, hint).at(line=corner.line)
-        return found
+        return rounding
 
-    def _rounded(self, corner: Corner, found: Round) -> list[float]:
+    def _rounded(self, corner: Corner, rounding: Round) -> list[float]:
         """Make the first move and the round; return the place behind it."""
         motion = self._motion
-        begin, end = (self._at(corner, place) for place in (found.begin, found.end))
+        begin, end = (self._at(corner, place) for place in (rounding.begin, rounding.end))
         if corner.arc is None:
             motion.make_straight(begin, corner.feed, corner.line)
         else:
             arc = self._arc(corner, corner.start, corner.arc)
-            turns = arc.spin * arc.part(found.begin)
+            turns = arc.spin * arc.part(rounding.begin)
             motion.make_arc(replace(corner.arc, end=np.array(begin), turns=turns))
-        if found.centre is None:
+        if rounding.centre is None:
             motion.make_straight(end, corner.feed, corner.line)
             return end
-        centre = found.centre.real, found.centre.imag
-        motion.make_arc(self._block(corner, centre, end, corner.size, found.turns))
+        centre = rounding.centre.real, rounding.centre.imag
+        motion.make_arc(self._block(corner, centre, end, corner.size, rounding.turns))
         return end
 
     def _block(
@@ -491,9 +486,9 @@ class CornerMoves:
 
     def _at(self, corner: Corner, place: complex) -> list[float]:
         """Return the machine position of a place in the plane of a corner."""
-        found = corner.end.copy()
-        found[corner.plane[0]], found[corner.plane[1]] = place.real, place.imag
-        return found
+        position = corner.end.copy()
+        position[corner.plane[0]], position[corner.plane[1]] = place.real, place.imag
+        return position
 
     def _line(self, corner: Corner, start: list[float], end: list[float]) -> Line:
         self._check_plane(corner, start, end)

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from cnc.compiled.jit import interpreted
+from cnc.gcode.core.context import Context
 from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
@@ -54,10 +55,11 @@ Make = Callable[[LineWords, Code | None], None]
 """A function that makes the holes of a line."""
 
 
-def with_own_words(make: Make, state: ModalState) -> Make:
+def with_own_words(make: Make, context: Context) -> Make:
     """Return the function with the words of a line as Fagor's controls have them."""
 
     def make_own(words: LineWords, code: Code | None) -> None:
+        state = context.state
         cycle, at = state.motion, code.word if code else words.first()
         assert cycle is not None
         _take_plane_and_depth(words, state, cycle, at)
@@ -145,7 +147,7 @@ def register(motion: Motion, performer: CycleRunner, dwells: Dwells) -> Drilling
     """Register the canned cycles of the dialect as handlers, and return them."""
     cycles, dialect = DrillingCycles(motion, performer, dwells), motion.context.dialect
     own = dialect.cycles.plane_and_depth
-    make = with_own_words(cycles.make, motion.context.state) if own else cycles.make
+    make = with_own_words(cycles.make, motion.context) if own else cycles.make
     motion.handlers |= dict.fromkeys(cycles.cycles, make)
     if dialect.cycles.words_stay:
         motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
@@ -167,7 +169,7 @@ class DrillingCycles(MotionCodes):
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
         )
         self._rules = dialect.cycles
-        self._turns = dialect.cycles.turns and not dialect.lathe
+        self._turns = dialect.cycles.turns and not dialect.turning.lathe
         self._performer = performer
         self._dwells = dwells
         self.series: Series | None = None
@@ -329,12 +331,12 @@ class DrillingCycles(MotionCodes):
         )
         if cycle in DWELLING or cycle == FINE_BORING or pauses:
             optional = not rules.dwell_needed or cycle in TAPS
-            found = (
+            letters = (
                 self._staying(words, series, "P", name)
                 if optional
                 else self._word(words, series, "P", name, at)
             )
-            dwell = self._dwells.seconds(found) if found else 0.0
+            dwell = self._dwells.seconds(letters) if letters else 0.0
         elif rules.idle_dwell and "P" in words.rest:
             self._keep_dwell(words, series, name)
         if cycle in NEEDS_SPINDLE:
@@ -373,11 +375,11 @@ class DrillingCycles(MotionCodes):
         self, words: LineWords, series: Series, name: str, at: Word
     ) -> tuple[float, float, float]:
         """Take I, J and K: the first peck, the decrease, and the smallest one, mm."""
-        found = [self._word(words, series, letter, name, at) for letter in "IJK"]
-        first, less, least = (word.number * self._state.scale for word in found)
+        pecks = [self._word(words, series, letter, name, at) for letter in "IJK"]
+        first, less, least = (word.number * self._state.scale for word in pecks)
         if first <= 0.0 or less < 0.0 or not 0.0 < least <= first:
             message = f"{name}: I and K must be more than 0, K not more than I, and J not negative"
-            raise fault("value-out-of-range", message, found[0])
+            raise fault("value-out-of-range", message, pecks[0])
         return first, less, least
 
     def _check_spindle(self, cycle: G, name: str, at: Word) -> None:
@@ -402,16 +404,16 @@ class DrillingCycles(MotionCodes):
             raise fault("spindle-direction", message, at, hint)
 
     def _repeats(self, words: LineWords, name: str) -> int:
-        found = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
-        if len(found) > 1:
-            later = max(found, key=lambda word: word.column)
+        given = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
+        if len(given) > 1:
+            later = max(given, key=lambda word: word.column)
             raise fault(
                 "word-wanted-twice",
                 f"{name} takes {' or '.join(self._rules.repeats)}, not both",
                 later,
             )
         least = 0 if self._rules.no_hole else 1
-        return whole(found[0], "the repeats", least, MOST_REPEATS) if found else 1
+        return whole(given[0], "the repeats", least, MOST_REPEATS) if given else 1
 
     def _check_distance(
         self, series: Series, heights: tuple[Word, Word], name: str, at: Word
@@ -523,16 +525,16 @@ class HolePatterns(MotionCodes):
         if motion.polar.plane is not None:
             message = f"{name} under G16: its holes have no radius and angle"
             raise fault("polar-active", message, code.word, "give G15 before")
-        found: dict[str, Word] = {}
+        own: dict[str, Word] = {}
         for letter in _LETTERS[code.g]:
             word = words.take(letter, name)
             if word is None:
                 message = f"{name} needs {letter}"
                 raise fault("cycle-word-missing", message, code.word, f"give {letter}")
-            found[letter] = word
-        count = whole(found["L"], "the holes", 1, MOST_REPEATS)
-        positive(found["I"], "the radius")
-        numbers = {letter: word.number for letter, word in found.items()}
+            own[letter] = word
+        count = whole(own["L"], "the holes", 1, MOST_REPEATS)
+        positive(own["I"], "the radius")
+        numbers = {letter: word.number for letter, word in own.items()}
         here = motion.coordinates.to_program(motion.position)
         x, y = motion.column["X"], motion.column["Y"]
         centre = complex(here[x], here[y]) / state.scale

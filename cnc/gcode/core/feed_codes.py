@@ -74,7 +74,7 @@ class FeedCodes(MotionCodes):
         """
         if "F" not in words.rest or self._is_dwell_time(codes):
             return
-        if self._dialect.lathe and self.moving in THREADS:
+        if self._dialect.turning.lathe and self.moving in THREADS:
             return
         state = self._state
         if state.feed_mode == "inverse-time":
@@ -87,7 +87,7 @@ class FeedCodes(MotionCodes):
         if (
             (code := codes.get("units"))
             and state.scale != _scale(code)
-            and not self._dialect.units_before_feed
+            and not self._dialect.feed.units_first
         ):
             message = f"F is read before {code.word.written} takes effect"
             hint = "write F in the next line"
@@ -104,7 +104,7 @@ class FeedCodes(MotionCodes):
     def _leaves_feeds(self, code: Code) -> bool:
         """Whether a code changes the units of distances alone; feeds are in mm then."""
         number = code.word.written[1:].strip()
-        return number.isdigit() and int(number) in self._dialect.length_units
+        return number.isdigit() and int(number) in self._dialect.feed.length_units
 
     def _report_feed_units(self, word: Word) -> None:
         """Warn once that F is in mm where distances are in inches."""
@@ -124,7 +124,7 @@ class FeedCodes(MotionCodes):
     def _is_dwell_time(self, codes: Codes) -> bool:
         """Whether F is the time of a dwell in its line."""
         code = codes.get("non-modal")
-        return code is not None and code.number == G.G4 and "F" in self._dialect.dwell
+        return code is not None and code.number == G.G4 and "F" in self._dialect.dwell.units
 
 
 def _scale(code: Code) -> float:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cnc.gcode import dialects
 from cnc.gcode.core import circular_pocket, drilling, feed_codes, nurbs, probing, splines
 from cnc.gcode.core import drilling as hole_patterns
 from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation, UnusedWords, Warn
@@ -19,7 +18,7 @@ from cnc.gcode.core.builder_codes import BuilderCodes, ExtraCode, PreparedLine, 
 from cnc.gcode.core.comments import Assignments, CommentCommands
 from cnc.gcode.core.compensation_codes import CompensationCodes
 from cnc.gcode.core.context import Context
-from cnc.gcode.core.coordinates import Coordinates, RotaryAxes, bind_position
+from cnc.gcode.core.coordinates import Coordinates, bind_position
 from cnc.gcode.core.cycle_runner import CycleRunner
 from cnc.gcode.core.feed_codes import FeedCodes, take_idle, unused
 from cnc.gcode.core.machine_codes import Dwells, InputOutputCodes, MachineCodes
@@ -33,11 +32,12 @@ from cnc.gcode.core.modal_groups import (
     codes_of,
     feed_of,
 )
-from cnc.gcode.core.motion import Motion
+from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.core.offset_codes import FigureCodes, OffsetCodes, OffsetVariables
 from cnc.gcode.core.tip_control import TipControlCodes
 from cnc.gcode.core.tool_codes import ToolCodes
 from cnc.gcode.core.tool_table import ToolTable
+from cnc.gcode.dialects import Dialect
 from cnc.gcode.macro_b import variables
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.statements import DIAMETERS, DIRECTION, Statement
@@ -55,20 +55,12 @@ if TYPE_CHECKING:
 _Saved = tuple[ModalState, tuple[int, list[float]]]
 
 
-class SavedState:
+class SavedState(MotionCodes):
     """Saves and restores the modal state. Each call has a saved state of its own."""
 
-    def __init__(
-        self,
-        machine_codes: MachineCodes,
-        modal: ModalState,
-        motion: Motion,
-        unused_words: UnusedWords,
-    ) -> None:
+    def __init__(self, machine_codes: MachineCodes, motion: Motion) -> None:
+        super().__init__(motion)
         self._machine_codes = machine_codes
-        self._modal = modal
-        self._motion = motion
-        self._unused_words = unused_words
         self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
 
@@ -112,7 +104,7 @@ class SavedState:
         modal, system = saved
         coordinates = self._motion.coordinates
         if self._motion.compensated and (
-            modal.plane != self._modal.plane or system != coordinates.save()
+            modal.plane != self._state.plane or system != coordinates.save()
         ):
             message = "the saved plane or coordinate system differs, and cutter compensation is on"
             raise fault("compensation-active", message, at, "write G40 and a move before")
@@ -120,6 +112,16 @@ class SavedState:
         self._unused_words.words.clear()
         coordinates.restore(system)
         self._motion.units_changed()
+
+
+def _state_at_start(dialect: Dialect, policy: ReadingPolicy) -> ModalState:
+    """Return the modal state in effect at the start of a program."""
+    state = ModalState(motion=dialect.motion.at_start, initial_level=dialect.cycles.initial_level)
+    if dialect.turning.lathe or policy.lathe:
+        turning.power_on(state, dialect, policy.diameters)
+    if policy.default_feed is not None:
+        state.feed = feed_of(policy.default_feed, 1.0)
+    return state
 
 
 MOST_PREPARED = 8192
@@ -142,7 +144,7 @@ class Interpreter:
         self,
         file: str,
         axes: tuple[str, ...],
-        dialect: dialects.Dialect,
+        dialect: Dialect,
         position: list[float],
         parameters: Parameters,
         warn: Warn | None,
@@ -153,71 +155,62 @@ class Interpreter:
         self.plain = True
         self.here = SourceLocation(file, warn)
         self.out = BlockBuffer(self.here, len(axes))
-        self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
-        if dialect.lathe or policy.lathe:
-            turning.power_on(self.modal, dialect, policy.diameters)
-        if policy.default_feed is not None:
-            self.modal.feed = feed_of(policy.default_feed, 1.0)
-        self.dialect, self.policy = dialect, policy
-        self.parameters = parameters
-        own_zero = dialect.offset_memory or dialect.flavour in ("siemens", "klartext")
+        self.dialect, self.policy, self.parameters = dialect, policy, parameters
         self.coordinates = Coordinates(
-            axes, parameters, systems=dialect.systems, fanuc=own_zero,
-            shift_stays=dialect.shift_stays,
+            axes, parameters, systems=dialect.systems, fanuc=dialect.offsets.local_shift,
+            shift_stays=dialect.offsets.shift_stays,
         )  # fmt: skip
-        single = dialect.flavour == "siemens"
-        self._assignments = Assignments(
-            parameters, self.coordinates, self.here, self.out, one_by_one=single
-        )
         self.unused_words = UnusedWords(self.here)
-        self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out, axes)
-        context = Context(dialect, self.here, self.modal, self.out, parameters, self.unused_words)
-        self.machine_codes = MachineCodes(
-            context, laser=policy.laser, optional_stop=policy.optional_stop
-        )
+        self.context = context = Context(
+            dialect, policy, self.here, _state_at_start(dialect, policy), self.out, parameters,
+            self.coordinates, self.unused_words,
+        )  # fmt: skip
+        self.motion = motion = Motion(context, position)
+        self._add_codes(motion, ToolTable() if tools is None else tools)
+        self.turning_cycles = self._register_curves_and_cycles()
+        self._bind_parameters()
+        self.points_wanted = dialect.lines.decimal_points
+        self._prepared: dict[int, PreparedLine] = {}
+        self.update_plain()
+
+    @property
+    def modal(self) -> ModalState:
+        """The modal state."""
+        return self.context.state
+
+    def _add_codes(self, motion: Motion, tools: ToolTable) -> None:
+        """Create the modules of the codes."""
+        context = self.context
+        self._assignments = Assignments(context)
+        self._comment_commands = CommentCommands(context)
+        self._builder_codes = BuilderCodes(context)
+        self.machine_codes = MachineCodes(context)
+        self._saved_state = SavedState(self.machine_codes, motion)
         self._dwells = Dwells(context)
-        self.input_output_codes = InputOutputCodes(context, tilting=policy.tool_tip is not None)
-        self.motion = motion = Motion(context, axes, position, self.coordinates)
-        motion.rotary = RotaryAxes(axes, policy.wraps, dialect.wrap)
+        self.input_output_codes = InputOutputCodes(context)
         self.feed_codes = FeedCodes(motion)
-        self.tip_control = TipControlCodes(motion, policy.tool_tip)
-        self.tool_codes = ToolCodes(
-            motion,
-            ToolTable() if tools is None else tools,
-            self.tip_control,
-            zero_without_table=policy.tool_lengths == "zero",
-        )
-        self._turret = turning.Turret(self.tool_codes, self.out) if dialect.lathe else None
+        self.tip_control = TipControlCodes(motion)
+        self.tool_codes = ToolCodes(motion, tools, self.tip_control)
+        self._turret = turning.Turret(self.tool_codes) if self.dialect.turning.lathe else None
         self.offset_codes = OffsetCodes(motion, self.tool_codes)
         self.figure_codes = FigureCodes(motion)
         self.compensation_codes = CompensationCodes(motion, self.tool_codes)
-        self.turning_cycles = self._register_curves_and_cycles()
-        self._bind_parameters()
-        self.points_wanted = dialect.decimal_points
-        self._prepared: dict[int, PreparedLine] = {}
-        self._saved_state = SavedState(
-            self.machine_codes, self.modal, self.motion, self.unused_words
-        )
-        self._comment_commands = CommentCommands(
-            self.here, self.out, parameters, aborts=dialect.flavour == "ngc"
-        )
-        self.update_plain()
 
     def _register_curves_and_cycles(self) -> TurningCycles | None:
         """Register the curves and cycles as motion codes; return the cycles of a lathe."""
         motion = self.motion
-        splines.register_bezier(motion)
+        splines.register_g5(motion)
         nurbs.register_g6_2(motion)
         nurbs.register_g5_2(motion, self.feed_codes.feed)
         splines.register_bspline(motion, self.feed_codes.feed)
         runner = CycleRunner(motion)
         self.drilling_cycles = drilling.register(motion, runner, self._dwells)
-        if self.dialect.hole_patterns:
+        if self.dialect.cycles.hole_patterns:
             hole_patterns.register_patterns(motion, self.drilling_cycles)
         threads.register_threading(motion, runner)
         circular_pocket.register(motion, self.tool_codes)
         self.probing = probing.Probing(motion)
-        if not self.dialect.lathe:
+        if not self.dialect.turning.lathe:
             return None
         from cnc.gcode.turning import cycles
 
@@ -225,21 +218,16 @@ class Interpreter:
 
     def _bind_parameters(self) -> None:
         """Let parameters read the position and the state."""
-        parameters, modal = self.parameters, self.modal
-        bind_position(self.coordinates, lambda: self.motion.position, lambda: modal.scale)
-        variables.bind_system_parameters(parameters, modal, self.here)
+        parameters, context = self.parameters, self.context
+        bind_position(self.coordinates, lambda: self.motion.position, lambda: context.state.scale)
+        variables.bind_system_parameters(context)
         if self.dialect.flavour == "siemens":
-            parameters.bind("_x_absolute", lambda: modal.x_factor(absolute=True))
-            parameters.bind("_x_incremental", lambda: modal.x_factor(absolute=False))
+            parameters.bind("_x_absolute", lambda: context.state.x_factor(absolute=True))
+            parameters.bind("_x_incremental", lambda: context.state.x_factor(absolute=False))
         if parameters.macro:
-            variables.bind_macro_variables(
-                parameters, modal, self.here, self.coordinates, self.out,
-                lambda: self.motion.position,
-            )  # fmt: skip
+            variables.bind_macro_variables(context, lambda: self.motion.position)
             OffsetVariables(self.tool_codes)
-            variables.bind_control_variables(
-                parameters, self.here, self.policy, self.dialect.variables
-            )
+            variables.bind_control_variables(context)
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
 
     def execute(self, statement: Statement, line: int) -> None:
@@ -317,7 +305,7 @@ class Interpreter:
         state, motion = self.modal, self.motion
         self.plain = (
             state.feeds_are_plain
-            and not self.dialect.lathe
+            and not self.dialect.turning.lathe
             and not state.radius_increments
             and motion.collector is None
             and not self.coordinates.turned
@@ -331,7 +319,7 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
-        if self.dialect.increments:
+        if self.dialect.turning.increments:
             turning.take_increments(words, codes, self.dialect)
         codes = self.tool_codes.with_length(words, codes)
         collector = self.motion.collector
@@ -350,10 +338,12 @@ class Interpreter:
             raise self.motion.corners.fault("a line without a move")
 
     def _is_program_number(self, words: LineWords) -> bool:
-        found = not self.begun and self.dialect.program_number and words.rest.keys() == {"O"}
-        if found:
+        is_number = (
+            not self.begun and self.dialect.lines.program_number and words.rest.keys() == {"O"}
+        )
+        if is_number:
             whole(words.rest.pop("O"), "a program number", 0)
-        return found
+        return is_number
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
@@ -389,14 +379,14 @@ class Interpreter:
             code is not None
             and code.number == M.M5
             and self.feed_codes.moving is not None
-            and self.dialect.stops_after_move
+            and self.dialect.spindle.stops_after_move
         )
 
     def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
         state, functions = self.modal, self.machine_codes
         self.feed_codes.mode(codes)
-        if self.dialect.units_before_feed:
+        if self.dialect.feed.units_first:
             self.feed_codes.units(codes)
         self.feed_codes.feed(words, codes)
         self.compensation_codes.refuse(codes)

@@ -55,9 +55,9 @@ class RowBlocks:
         different = set(kinds.tolist())
         if len(different) == 1:
             return self._of_kind(different.pop(), numbers)
-        found = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
+        of_kind = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
         # Each next block is the next one of the kind of its row.
-        return [next(found[kind]) for kind in kinds.tolist()]
+        return [next(of_kind[kind]) for kind in kinds.tolist()]
 
     def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> list[Block]:
         """Return the blocks of rows of one kind."""
@@ -164,14 +164,14 @@ class LineMachine:
         for m, action in _M_ACTIONS.items():
             if m in dialect.m and m not in policy.codes and ("M", m) not in dialect.noted:
                 setup["m_action"][m] = action
-        if dialect.stops_after_move:
+        if dialect.spindle.stops_after_move:
             setup["m_action"][M.M5] = kernel.STOP
-        setup["most_line_number"] = dialect.most_line_number or math.inf
-        cycles, dwell = dialect.cycles, dialect.dwell
+        setup["most_line_number"] = dialect.lines.most_number or math.inf
+        cycles, dwell = dialect.cycles, dialect.dwell.units
         # The unit of a P with a decimal point is another one.
-        if "P" not in dialect.dwell_point:
+        if "P" not in dialect.dwell.point:
             setup["dwell"], setup["cycle_dwell"] = dwell.get("P", 0.0), dwell.get("P", 1.0)
-        setup["idle_center"], setup["grbl_arcs"] = dialect.arc_idle_center, dialect.grbl_arcs
+        setup["idle_center"], setup["grbl_arcs"] = dialect.arcs.idle_center, dialect.arcs.as_grbl
         setup["dwell_needed"], setup["words_stay"] = cycles.dwell_needed, cycles.words_stay
         setup["repeats_k"], setup["clearance"] = "K" in cycles.repeats, cycles.clearance
         setup["out_to_retract"] = cycles.feed_out_to == "retract"
@@ -243,7 +243,7 @@ class LineMachine:
         """Bring the settings up to date that codes can change."""
         interpreter, setup = self._interpreter, self._setup
         modal, motion, dialect = interpreter.modal, interpreter.motion, interpreter.dialect
-        arc = dialect.arc_mm if modal.scale == 1.0 else dialect.arc_inch
+        arc = dialect.arcs.mm if modal.scale == 1.0 else dialect.arcs.inch
         count = len(motion.axes)
         setup["scale"][:count] = motion.scales
         setup["zero"][:count] = motion.coordinates.zero
@@ -380,7 +380,7 @@ class LineMachine:
         cycles, here = interpreter.drilling_cycles, interpreter.here
         if not cycle or not lines.any():
             return
-        known = cycles.series.words if cycles.series else {}
+        before = cycles.series.words if cycles.series else {}
         kept: dict[str, Word] = {}
         for letter, number, line in zip(
             _letters(_PLANES[plane]), words.tolist(), lines.tolist(), strict=True
@@ -389,7 +389,7 @@ class LineMachine:
                 found = next(word for word in here.words_of(line) if word.letter == letter)
                 kept[letter] = replace(found, number=number)
             elif number == number:
-                kept[letter] = known[letter]
+                kept[letter] = before[letter]
         place = start[: len(interpreter.motion.axes)].tolist()
         absolute = dict.fromkeys(kept, distance == 1 + True)
         cycles.series = Series(G(10 * cycle), _PLANES[plane], place, kept, absolute)

@@ -209,11 +209,11 @@ class PlainLines:
 
         The last search is kept: if many runs are short, each would search the rest of the window.
         """
-        where, lines, found = self._searched
-        if where is not window or index not in lines or end > lines.stop or found < index:
-            found = window.find(WITHOUT_POINT, index, end)
-            self._searched = window, range(index, end), found
-        return min(found, end)
+        where, lines, missing = self._searched
+        if where is not window or index not in lines or end > lines.stop or missing < index:
+            missing = window.find(WITHOUT_POINT, index, end)
+            self._searched = window, range(index, end), missing
+        return min(missing, end)
 
 
 # Builder's M-codes that execute a file: ``M31 = { file = "m31.ngc" }`` in the machine file.
@@ -349,7 +349,7 @@ class StepMaker:
             raise control_flow.not_ended(flow, "before the end of the file")
         klartext.end_of_file(flow, line)
         flow.interpreter.end_of_file()
-        if self._dialect.program_end:
+        if self._dialect.lines.program_end:
             source = flow.listing.source
             numbers = (number for number in range(line - 1, 0, -1) if source(number).strip())
             last = next(numbers, 1)
@@ -424,17 +424,17 @@ class StepMaker:
                     statement,
                     word,
                     macro=self._macro,
-                    packed=self._dialect.repeats_in_call,
-                    sequence=self._dialect.sequence_calls,
+                    packed=self._dialect.calls.repeats_in_number,
+                    sequence=self._dialect.calls.by_sequence,
                 )
-        if self._dialect.profile_subroutines and any(
+        if self._dialect.calls.profiles and any(
             word.letter == "G" and word.number in _PROFILE_CODES for word in statement.words
         ):
             from cnc.gcode.turning.profiles import subroutine_cycle
 
             if profile := subroutine_cycle(line, statement):
                 return profile
-        if self._dialect.lathe:
+        if self._dialect.turning.lathe:
             from cnc.gcode.turning.profiles import profile_cycle
 
             if cycle := profile_cycle(line, statement, self._dialect):

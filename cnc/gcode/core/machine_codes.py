@@ -44,12 +44,6 @@ _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M52: "adaptive_feed",
     M.M53: "feed_stop",
 }
-_SAVED = (
-    "plane", "scale", "feed_scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed",
-    "constant_surface", "speed", "most_rpm", "spindle", "mist", "flood", "initial_level", "path",
-    "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
-)  # fmt: skip
-"""Modal state that M70 and M73 save. They also save the coordinate system in use."""
 
 
 class MachineCodes(Executor):
@@ -58,19 +52,9 @@ class MachineCodes(Executor):
     The methods are called in the standard order of execution.
     """
 
-    def __init__(
-        self, context: Context, *, laser: bool = False, optional_stop: bool = False
-    ) -> None:
-        """Create the executor.
-
-        Args:
-            context: What the modules share.
-            laser: S is the power of a laser, which changes in motion.
-            optional_stop: M1 stops like M0.
-        """
+    def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._laser = laser
-        self._optional_stop = optional_stop
+        self._laser = context.policy.laser
         self._passed_over = False
 
     # Speed, tool, spindle
@@ -79,8 +63,8 @@ class MachineCodes(Executor):
         """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
         dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
-        is_time = dwell and "S" in (*self._dialect.dwell, *self._dialect.dwell_turns)
-        if self._dialect.lathe and code is not None and code.number == G.G92:
+        is_time = dwell and "S" in (*self._dialect.dwell.units, *self._dialect.dwell.turns)
+        if self._dialect.turning.lathe and code is not None and code.number == G.G92:
             self._limit_speed(words, codes)
         if (
             "S" in words.rest
@@ -96,7 +80,7 @@ class MachineCodes(Executor):
                 self._unused_words.note(word)
             elif turning and not change:
                 self._spindle(with_motion=self._laser)
-        if self._dialect.lathe:
+        if self._dialect.turning.lathe:
             return
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
@@ -184,7 +168,7 @@ class MachineCodes(Executor):
 
     def _take_power(self, words: LineWords, code: Code) -> None:
         """Take the power of the spindle in per cent, whose speed only the machine knows."""
-        letter = self._dialect.spindle_power
+        letter = self._dialect.spindle.power
         if letter and (word := words.take(letter, code.word.written)):
             message = f"{word.written} (power of the spindle in per cent) has no effect here"
             hint = f"give the speed with S beside {code.word.written}"
@@ -195,7 +179,7 @@ class MachineCodes(Executor):
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
-        if most or not self._dialect.lathe:
+        if most or not self._dialect.turning.lathe:
             state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
         if word is None and state.constant_surface:
@@ -225,10 +209,10 @@ class MachineCodes(Executor):
             self._spindle()
 
     def _orient(self, words: LineWords) -> None:
-        letters = self._dialect.orient_angle
-        angle = next((word for each in letters if (word := words.take(each, "M19"))), None)
+        letters = self._dialect.spindle.orient_angle
+        angle = next((word for letter in letters if (word := words.take(letter, "M19"))), None)
         timeout = direction_word = None
-        if self._dialect.flavour == "ngc":
+        if self._dialect.spindle.orient_settings:
             timeout, direction_word = words.take("Q", "M19"), words.take("P", "M19")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
@@ -305,9 +289,9 @@ class MachineCodes(Executor):
         control: PathControl = "blend"
         tolerance = 0.0
         if code.number != G.G64:
-            control = "exact-stop" if code.number == G.G61_1 else self._dialect.path_stop
+            control = "exact-stop" if code.number == G.G61_1 else self._dialect.motion.path_stop
         else:
-            for letter in sorted(self._dialect.path_words):
+            for letter in sorted(self._dialect.motion.path_words):
                 if word := words.take(letter, "G64"):
                     value = not_negative(word, "the tolerance") * self._state.scale
                     if letter == "P":
@@ -336,11 +320,20 @@ class MachineCodes(Executor):
         return replace(self._state)
 
     def restore(self, saved: ModalState) -> None:
-        """Restore a saved state (M72). Blocks report each change outside the interpreter."""
-        state = self._state
-        before = replace(state)
-        for name in _SAVED:
-            setattr(state, name, getattr(saved, name))
+        """Restore a saved state (M72). Blocks report each change outside the interpreter.
+
+        Motion mode, tool, compensation and scaling stay.
+        """
+        before = self._state
+        state = self.context.state = replace(
+            saved,
+            motion=before.motion,
+            radius_increments=before.radius_increments,
+            tool=before.tool,
+            loaded=before.loaded,
+            compensation=before.compensation,
+            scaled=before.scaled,
+        )
         reports: tuple[tuple[tuple[str, ...], Any], ...] = (
             (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
             (("mist", "flood"), self._coolant),
@@ -359,7 +352,7 @@ class MachineCodes(Executor):
         """
         here, state = self._here, self._state
         if code.number in (M.M0, M.M1, M.M60):
-            optional = code.number == M.M1 and not self._optional_stop
+            optional = code.number == M.M1 and not self._policy.optional_stop
             if optional and not self._passed_over:
                 self._passed_over = True
                 message = "M1 does not stop: the optional stop is off"
@@ -399,10 +392,6 @@ class InputOutputCodes(Executor):
         tilting: whether the machine has tool-tip control, which an output would select.
     """
 
-    def __init__(self, context: Context, *, tilting: bool) -> None:
-        super().__init__(context)
-        self._tilting = tilting
-
     def execute(self, words: LineWords, codes: Codes) -> None:
         """Execute M62 to M68."""
         code = codes.get("input-output")
@@ -420,7 +409,7 @@ class InputOutputCodes(Executor):
                     code.word,
                     "give Q and the value",
                 )
-            if self._tilting and channel == KINEMATICS_CHANNEL:
+            if self._policy.tool_tip and channel == KINEMATICS_CHANNEL:
                 raise fault(
                     "code-not-supported",
                     f"{code.word.written} E3 selects the kinematics of a LinuxCNC machine",
@@ -507,10 +496,10 @@ class Dwells(Executor):
 
     def execute(self, words: LineWords, code: Code) -> None:
         """Execute G4."""
-        word, letters = code.word, self._dialect.dwell_units(words)
+        word, letters = code.word, self._dialect.dwell.units_in(words)
         times = [
             (letter, time)
-            for letter in (*letters, *self._dialect.dwell_turns)
+            for letter in (*letters, *self._dialect.dwell.turns)
             if (time := words.take(letter, "G4"))
         ]
         if not times:
@@ -518,12 +507,12 @@ class Dwells(Executor):
                 "dwell-time-missing",
                 f"{word.written} needs a time",
                 word,
-                f"give {' or '.join((*letters, *self._dialect.dwell_turns))}",
+                f"give {' or '.join((*letters, *self._dialect.dwell.turns))}",
             )
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
-        seconds = self._turns(time) if letter in self._dialect.dwell_turns else self.seconds(time)
+        seconds = self._turns(time) if letter in self._dialect.dwell.turns else self.seconds(time)
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def seconds(self, time: Word) -> float:
@@ -532,9 +521,9 @@ class Dwells(Executor):
         Raises:
             GcodeError: ``decimal-point-needed``, ``decimal-point-place``, ``value-out-of-range``.
         """
-        unit = self._dialect.dwell.get(time.letter, 1.0)
+        unit = self._dialect.dwell.units.get(time.letter, 1.0)
         if "." in time.written:
-            unit = self._unit_with_point(time, self._dialect.dwell_point.get(time.letter, unit))
+            unit = self._unit_with_point(time, self._dialect.dwell.point.get(time.letter, unit))
         seconds, status = _dwell_of(time.number, unit)
         if status == rules.DWELL_WITHOUT_UNIT:
             message = (
@@ -551,7 +540,7 @@ class Dwells(Executor):
         is_short = unit == _MILLISECOND and 0.0 < seconds < _SHORT
         is_hundredths = unit == _HUNDREDTH and seconds > 0.0 and not self._hundredths_reported
         self._hundredths_reported |= is_hundredths
-        if (self._dialect.flavour == "macro-b" and is_short) or is_hundredths:
+        if (self._dialect.dwell.short_is_doubtful and is_short) or is_hundredths:
             message = (
                 f"{time.written} is {seconds:g} s here; controls that count seconds "
                 f"take {time.number:g} s"

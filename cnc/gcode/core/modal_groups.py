@@ -127,21 +127,21 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     Raises:
         GcodeError: The dialect lacks a code, or two codes belong to one group.
     """
-    found: Codes = {}
+    codes: Codes = {}
     for word in g:
         number = dialect.check_g(word) if word.letter == "G" else G.BSPLINE
         if number in _MACRO_CALLS and number is not G.G67:
             raise _call_left(word)
-        _add(found, GROUP_OF_G[number], Code(number, word), dialect)
+        _add(codes, GROUP_OF_G[number], Code(number, word), dialect)
     for word in m:
         code = dialect.check_m(word)
         if code in _CALLS:
             raise _call_left(word)
-        group, before = GROUP_OF_M[code], found.get("coolant")
-        if before and {before.number, code} == _BOTH_COOLANTS and dialect.both_coolants:
+        group, before = GROUP_OF_M[code], codes.get("coolant")
+        if before and {before.number, code} == _BOTH_COOLANTS and dialect.lines.both_coolants:
             group = "second-coolant"
-        _add(found, group, Code(code, word), dialect)
-    return found
+        _add(codes, group, Code(code, word), dialect)
+    return codes
 
 
 def _call_left(word: Word) -> GcodeError:
@@ -155,30 +155,30 @@ def _call_left(word: Word) -> GcodeError:
     )
 
 
-def _add(found: Codes, group: str, code: Code, dialect: Dialect) -> None:
-    other = found.get(group)
-    if other and other.number == code.number and dialect.same_code_twice:
+def _add(codes: Codes, group: str, code: Code, dialect: Dialect) -> None:
+    earlier = codes.get(group)
+    if earlier and earlier.number == code.number and dialect.lines.same_code_twice:
         return
-    if other and {other.number, code.number} in _ENDS_ANYWAY:
+    if earlier and {earlier.number, code.number} in _ENDS_ANYWAY:
         # G0 to G3 end canned cycles too, so G80 beside one of them is redundant.
         if code.number == G.G80:
             return
-    elif other:
-        if other.number == code.number:
+    elif earlier:
+        if earlier.number == code.number:
             raise fault(
                 "modal-conflict",
                 f"{code.word.written} is given twice in this line",
                 code.word,
                 "remove one",
             )
-        message = f"{other.word.written} and {code.word.written} exclude each other in a line"
+        message = f"{earlier.word.written} and {code.word.written} exclude each other in a line"
         raise fault(
             "modal-conflict",
             message,
             code.word,
             "write them in two lines, in the intended order",
         )
-    found[group] = code
+    codes[group] = code
 
 
 @dataclass(frozen=True, slots=True)

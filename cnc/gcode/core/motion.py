@@ -13,13 +13,10 @@ from cnc.compiled.jit import interpreted
 from cnc.gcode.core import corners
 from cnc.gcode.core.arcs import ArcMoves
 from cnc.gcode.core.axis_words import MoveFeeds
-from cnc.gcode.core.block_buffer import SourceLocation
 from cnc.gcode.core.compensation import Compensation
 from cnc.gcode.core.context import Context, Executor
-from cnc.gcode.core.coordinates import Coordinates
 from cnc.gcode.core.corners import CornerMoves
-from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, Code, Codes, ModalState
-from cnc.gcode.dialects import Dialect
+from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, Code, Codes
 from cnc.gcode.kernels.rules import motion_after_cancel
 from cnc.gcode.reader.words import AXES, G, LineWords, M, Word, fault, under_compensation
 from cnc.model.blocks import ArcFeed, NurbsFeed
@@ -35,7 +32,7 @@ _HIGHEST = {"none": -1, "assumed": -1, "previous": PLAIN_MOTIONS.index(G.G3)}
 _STRAIGHT_WORDS = PLAIN_MOTIONS.index(G.G1)
 
 
-class AssumedMotion:
+class AssumedMotion(Executor):
     """Knows the motion code before a cycle.
 
     Attributes:
@@ -43,12 +40,13 @@ class AssumedMotion:
         resting: The last of G0 to G3 that was in effect, None for none.
     """
 
-    def __init__(self, dialect: Dialect, here: SourceLocation, state: ModalState) -> None:
-        self._assumes = dialect.after_g80 == "assumed"
-        self._here, self._state = here, state
-        self._code: G | None = G.G0 if dialect.motion_assumed else None
-        self.restored = _HIGHEST[dialect.after_g80]
-        self.resting: G | None = dialect.motion
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        rules = context.dialect.motion
+        self._assumes = rules.after_g80 == "assumed"
+        self._code: G | None = G.G0 if rules.assumed else None
+        self.restored = _HIGHEST[rules.after_g80]
+        self.resting: G | None = rules.at_start
 
     def end(self) -> None:
         """Assume no motion: a motion code is in effect, or something else than G80 ended it."""
@@ -166,14 +164,11 @@ class Motion(MoveFeeds):
     def __init__(
         self,
         context: Context,
-        axes: tuple[str, ...],
         position: list[float],
-        coordinates: Coordinates,
     ) -> None:
-        super().__init__(context, axes, position, coordinates)
-        dialect, here, state = context.dialect, context.here, context.state
+        super().__init__(context, position)
         self.collector: Collector | None = None
-        self.compensation = Compensation(context.out, here)
+        self.compensation = Compensation(context.out, context.here)
         self.handlers: dict[G, Handler] = {}
         self.motion_before: G | None = None
         self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
@@ -181,9 +176,9 @@ class Motion(MoveFeeds):
         self.move_with_vector: VectorMove | None = None
         self.turn_with_vector: VectorTurn | None = None
         self.vector_letters: tuple[str, ...] = ()
-        self.assumed = AssumedMotion(dialect, here, state)
-        self.arcs = ArcMoves(self, dialect, here, state)
-        self.corners = CornerMoves(self, state, here, corners=dialect.corners)
+        self.assumed = AssumedMotion(context)
+        self.arcs = ArcMoves(self)
+        self.corners = CornerMoves(self)
 
     @property
     def compensated(self) -> bool:
@@ -225,7 +220,7 @@ class Motion(MoveFeeds):
                 beside = (
                     code.number in _STRAIGHT
                     and taker.number in (G.G28, G.G30)
-                    and self._dialect.home_beside_motion
+                    and self._dialect.home.beside_motion
                 )
                 if code.number != _CANCEL and not beside:
                     raise fault(
@@ -268,7 +263,7 @@ class Motion(MoveFeeds):
 
         If an axis letter is the time of the dwell, the line can't have a move.
         """
-        units = self._dialect.dwell_units(words)
+        units = self._dialect.dwell.units_in(words)
         timed = [letter for letter in units if letter in AXES and letter in words.rest]
         if timed and code:
             raise fault(
@@ -339,13 +334,13 @@ class Motion(MoveFeeds):
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion is _FEED:
             at = code or words.first_axis()
-            angled = words.take(",A", "G1") if self._dialect.corners else None
+            angled = words.take(",A", "G1") if self._dialect.motion.corners else None
             given = set(words.rest) if angled else set()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             if angled:
                 end = self._end_at_angle(angled, given, end)
             feed = self.feed(words, end, None, at)
-            if self._dialect.corners and (word := corners.take(words, "G1")):
+            if self._dialect.motion.corners and (word := corners.take(words, "G1")):
                 start = self.position
                 if self.corners.corner is not None:
                     start = self.corners.finish(end)
@@ -360,7 +355,7 @@ class Motion(MoveFeeds):
                 self._make_tilted_arc(block, at)
                 return
             name = motion.written
-            self._arc(block, corners.take(words, name) if self._dialect.corners else None)
+            self._arc(block, corners.take(words, name) if self._dialect.motion.corners else None)
         else:
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)
@@ -453,4 +448,3 @@ class MotionCodes(Executor):
     def __init__(self, motion: Motion) -> None:
         super().__init__(motion.context)
         self._motion = motion
-        self._coordinates = motion.coordinates

@@ -74,7 +74,7 @@ class NurbsBlock(PointCollector):
 
     def __init__(self, start: Word, motion: Motion, read_feed: ReadFeed) -> None:
         super().__init__("G5.2", "X, Y, Z, P and F", start, motion)
-        self._state = motion.context.state
+        self._context = motion.context
         self._read_feed = read_feed
         self._order = DEFAULT_ORDER
         self._named: frozenset[str] | None = None
@@ -90,7 +90,7 @@ class NurbsBlock(PointCollector):
             self._add_point(words, axes, weight)
         elif weight:
             self.weights[0] = weight_of(weight)
-        if self._state.feed_mode == "inverse-time":
+        if self._context.state.feed_mode == "inverse-time":
             self._unit_feed = self.motion.feed(words, self.motion.position, 1.0, self.start.word)
 
     def line(self, words: LineWords, codes: Codes) -> bool:
@@ -142,12 +142,12 @@ class NurbsBlock(PointCollector):
                 odd,
                 f"give {names} in every line",
             )
-        seen_from = self.points[-1] if self._state.absolute else self.points[0]
+        seen_from = self.points[-1] if self._context.state.absolute else self.points[0]
         self.points.append(self.motion.target(words, "G5.2", seen_from))
         self.weights.append(weight_of(weight) if weight else 1.0)
 
     def _close(self, words: LineWords, codes: Codes, code: Code) -> None:
-        self.no_codes({group: other for group, other in codes.items() if other is not code})
+        self.no_codes({group: given for group, given in codes.items() if given is not code})
         self.no_words(words)
         degree = self._order - 1
         if len(self.points) < self._order:
@@ -167,7 +167,7 @@ class NurbsBlock(PointCollector):
                 raise self.start.fault(
                     "feed-too-slow", f"the feed of this curve is less than {MIN_FEED:g} mm/s"
                 )
-        self._state.motion = None
+        self._context.state.motion = None
         self.make(knots, feed)
 
 
@@ -383,12 +383,12 @@ class NurbsCollector(PointCollector):
 
     def _axes(self, words: LineWords) -> list[Word]:
         """The axis words of a line. The first line with a point sets the axes of all."""
-        found = self.axes(words)
-        for word in found:
+        axes = self.axes(words)
+        for word in axes:
             if self._named is not None and word.letter not in self._named:
                 message = f"{word.letter} is not among the axes of the first control point"
                 raise fault("nurbs-mixed-axes", message, word, "name all axes in the first one")
-        return found
+        return axes
 
     def _add_point(
         self, words: LineWords, axes: list[Word], knot: Word | None, weight: Word | None

@@ -66,7 +66,10 @@ class FigureCodes(MotionCodes):
             case G.G16:
                 program = self._coordinates.to_program(self._motion.position)
                 self._motion.polar.begin(
-                    self._plane(at), program, at, from_here=self._dialect.figures == "mach3"
+                    self._plane(at),
+                    program,
+                    at,
+                    from_here=self._dialect.offsets.transforms == "mach3",
                 )
             case G.G50:
                 if self._state.scaled:
@@ -114,7 +117,7 @@ class FigureCodes(MotionCodes):
     def _scale(self, words: LineWords, at: Word) -> None:
         """G51 X Y Z P, or I J K for each axis. X Y Z is the centre, the position by default."""
         motion = self._motion
-        if self._dialect.figures == "mach3":
+        if self._dialect.offsets.transforms == "mach3":
             self._scale_axes(words, at)
             return
         self._check_alone(at)
@@ -158,7 +161,7 @@ class FigureCodes(MotionCodes):
 
     def _factor(self, word: Word) -> float:
         """Return a factor. Without a decimal point controllers count in different units."""
-        unit = 1.0 if "." in word.written else self._dialect.scale_unit
+        unit = 1.0 if "." in word.written else self._dialect.offsets.scale_unit
         if unit == 0.0:
             message = f"{word.written} without a decimal point is {word.number / 1000:g} for FANUC"
             hint = f"write {word.written}. or name a --dialect"
@@ -206,12 +209,12 @@ class FigureCodes(MotionCodes):
         plane = self._plane(at)
         here = coordinates.to_program(motion.position)
         # Mach4 names the centre by X and Y.
-        if self._dialect.figures == "mach3" and words.rest.keys().isdisjoint("XY"):
+        if self._dialect.offsets.transforms == "mach3" and words.rest.keys().isdisjoint("XY"):
             centre = self._centre_of_mach3(words, plane, at)
         else:
             centre = motion.axis_values(words, "G68")
-        if other := next((index for index in centre if index not in plane), None):
-            message = f"{motion.axes[other].upper()} is across the plane of the rotation"
+        if outside := next((index for index in centre if index not in plane), None):
+            message = f"{motion.axes[outside].upper()} is across the plane of the rotation"
             hint = f"its axes are {' '.join(names).upper()}"
             raise fault("axis-not-allowed", message, at, hint)
         none = Figure.none(len(here))
@@ -253,13 +256,13 @@ class FigureCodes(MotionCodes):
         self, words: LineWords, plane: tuple[int, int], at: Word
     ) -> dict[int, float]:
         """A and B: the centre of the rotation in X and Y."""
-        found = words.take("A", "G68"), words.take("B", "G68")
-        if found[0] is None or found[1] is None or self._state.plane != "XY":
+        centre = words.take("A", "G68"), words.take("B", "G68")
+        if centre[0] is None or centre[1] is None or self._state.plane != "XY":
             hint = "such as G17 G68 A0 B0 R45"
             message = f"{at.written} needs A and B, the centre in X and Y, and the plane G17"
             raise fault("axis-words-missing", message, at, hint)
         scale = self._state.scale
-        return {plane[0]: found[0].number * scale, plane[1]: found[1].number * scale}
+        return {plane[0]: centre[0].number * scale, plane[1]: centre[1].number * scale}
 
 
 _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
@@ -285,17 +288,17 @@ class OffsetCodes(MotionCodes):
         """Execute G54 to G59.3, or FANUC's G54.1 P, which is G54 P, too."""
         self._check_compensation(code.word)
         self._check_figure(code.word)
-        further = code.number == G.G54 and self._dialect.system_word and "P" in words.rest
+        further = code.number == G.G54 and self._dialect.offsets.system_word and "P" in words.rest
         if further:
             self._check_system_word(words, code.word)
         if further or code.number == G.G54_1:
             word = words.take("P", code.word.written)
             if word is None:
-                hint = f"give P from 1 to {self._dialect.more_systems}"
+                hint = f"give P from 1 to {self._dialect.offsets.more_systems}"
                 raise fault(
                     "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
                 )
-            basic = self._dialect.flavour == "siemens" and word.number == 0
+            basic = self._dialect.offsets.basic_system and word.number == 0
             index = EXTERNAL if basic else self._more(word)
         else:
             index = SYSTEM_CODES.index(code.g)
@@ -312,7 +315,7 @@ class OffsetCodes(MotionCodes):
         """Index of the coordinate system that P of G54.1 names."""
         return (
             self._coordinates.systems
-            + whole(word, "the coordinate system", 1, self._dialect.more_systems)
+            + whole(word, "the coordinate system", 1, self._dialect.offsets.more_systems)
             - 1
         )
 
@@ -338,7 +341,7 @@ class OffsetCodes(MotionCodes):
             coordinates.set_local(self._values(words, "G52", code.word))
         elif number == G.G53:
             self._check_machine_move(code.word)
-        elif number == G.G92 and self._dialect.lathe and "S" in words.users:
+        elif number == G.G92 and self._dialect.turning.lathe and "S" in words.users:
             if words.has_axis():
                 message = f"{code.word.written} with S limits the speed, and sets no coordinates"
                 raise fault("axis-words-unused", message, words.first_axis(), "write two lines")
@@ -383,11 +386,11 @@ class OffsetCodes(MotionCodes):
         """
         if self._state.absolute:
             return
-        if not self._dialect.machine_in_incremental:
+        if not self._dialect.home.machine_in_incremental:
             raise fault(
                 "machine-coordinates-incremental", f"{at.written} under G91", at, "give G90"
             )
-        if self._dialect.name == "auto":
+        if self._dialect.home.machine_in_incremental == "unclear":
             message = f"{at.written} under G91: its axis words are read as machine coordinates"
             hint = "FANUC controls ignore G53 there: give G90"
             self._here.report_warning("machine-coordinates-absolute", message, at, hint)
@@ -405,9 +408,9 @@ class OffsetCodes(MotionCodes):
         columns = [motion.column[letter] for letter in given if letter in motion.column]
         if words.has_axis():
             through = motion.target(words, code.word.written, motion.position)
-            if not self._dialect.home_directly:
+            if not self._dialect.home.directly:
                 motion.traverse(through)
-        elif self._dialect.home_needs_axes and not self._dialect.lenient:
+        elif self._dialect.home.needs_axes and not self._dialect.lenient:
             raise fault(
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",
@@ -441,7 +444,7 @@ class OffsetCodes(MotionCodes):
         """The stored position; FANUC's P2 to P4 of G30 select one."""
         home = _HOME[code.g]
         if (
-            self._dialect.offset_memory
+            self._dialect.tools.memory
             and home == G.G30
             and (place := words.take("P", "G30"))
             and whole(place, "the reference position", 2, 4) > 2
@@ -460,7 +463,7 @@ class OffsetCodes(MotionCodes):
     def _g10(self, words: LineWords, at: Word) -> None:
         dialect = self._dialect
         kind = words.take("L", "G10")
-        if dialect.turret_offsets and (kind is None or kind.whole not in _ORIGINS):
+        if dialect.turning.turret_offsets and (kind is None or kind.whole not in _ORIGINS):
             self._check_compensation(at)
             set_turret_offset(self._tools, words, kind, at, dialect)
             return
@@ -471,12 +474,12 @@ class OffsetCodes(MotionCodes):
                 at,
                 "L2 sets an origin, L20 sets it by the present position",
             )
-        if kind.whole not in dialect.offsets:
+        if kind.whole not in dialect.offsets.written:
             raise fault(
                 "code-not-supported",
                 f"{at.written} {kind.written} is not in the {dialect.name} dialect",
                 kind,
-                _kinds(dialect.offsets),
+                _kinds(dialect.offsets.written),
             )
         if kind.whole not in _ORIGINS:
             self._check_compensation(at)
@@ -491,39 +494,39 @@ class OffsetCodes(MotionCodes):
                 "P1 is G54, P2 is G55, and so on",
             )
         here = kind.whole == 20
-        if here and dialect.more_systems:
+        if here and dialect.offsets.more_systems:
             index, here = self._more(system), False
         elif number := whole(system, "the coordinate system", 0, self._most_systems):
             index = number - 1
         else:
-            index = self._coordinates.system if dialect.offsets_current else EXTERNAL
+            index = self._coordinates.system if dialect.offsets.current else EXTERNAL
         if index in (self._coordinates.system, EXTERNAL):
             self._check_compensation(at)
         rotation = None if here else self._rotation(words)
         values = self._motion.axis_values(words, "G10")
-        if not values and rotation is None and (here or not dialect.rotation):
+        if not values and rotation is None and (here or not dialect.offsets.rotation):
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         if here:
             self._coordinates.set_origin_here(index, values, self._motion.position)
         else:
-            if values and not self._state.absolute and dialect.offsets_add == "unclear":
+            if values and not self._state.absolute and dialect.offsets.add == "unclear":
                 message = f"{at.written} L2 under G91: FANUC adds to the offset, others set it"
                 hint = "give G10 L2 under G90, or name the --dialect"
                 raise fault("offset-incremental", message, at, hint)
-            add = dialect.offsets_add == "yes" and not self._state.absolute
+            add = dialect.offsets.add == "yes" and not self._state.absolute
             self._coordinates.set_origin(index, values, rotation=rotation, add=add)
 
     @property
     def _most_systems(self) -> int:
         """Highest P of G10 L2. A control with G54.1 has G54 to G59 besides, and no G59.1."""
-        return _BASIC_SYSTEMS if self._dialect.more_systems else self._coordinates.systems
+        return _BASIC_SYSTEMS if self._dialect.offsets.more_systems else self._coordinates.systems
 
     def _rotation(self, words: LineWords) -> float | None:
         """R of G10 L2, degrees."""
         word = words.take("R", "G10")
         if word is None:
             return None
-        if not self._dialect.rotation:
+        if not self._dialect.offsets.rotation:
             message = (
                 "R of G10 (rotation of the coordinate system) is not in the "
                 f"{self._dialect.name} dialect"
@@ -538,9 +541,9 @@ class OffsetCodes(MotionCodes):
         return word.number
 
 
-def _kinds(known: tuple[int, ...]) -> str:
+def _kinds(kinds: list[int]) -> str:
     """A list of the L words that G10 has."""
-    *most, last = (f"L{kind}" for kind in known)
+    *most, last = (f"L{kind}" for kind in kinds)
     return f"the dialect has {', '.join(most)} and {last}"
 
 
@@ -576,7 +579,7 @@ class OffsetVariables(MotionCodes):
         self._wear_reported = False
         variables = dialect.variables
         unsure = [range(first, last + 1) for first, last in variables.wear_is_length]
-        size = 2.0 if dialect.offset_diameters else 1.0
+        size = 2.0 if dialect.tools.diameters else 1.0
         rows: tuple[tuple[list[list[int]], _Value, _Change], ...] = (
             (variables.length, lambda entry: entry.offsets.get("Z", 0.0),
              lambda entry, value: replace(entry, offsets=entry.offsets | {"Z": value})),
@@ -603,7 +606,7 @@ class OffsetVariables(MotionCodes):
 
     def _bind(self, row: range, value: _Value, change: _Change, *, is_unsure: bool) -> None:
         """Bind the variables of one kind of offset."""
-        table, state = self._tools.table, self._tools.state
+        table, state = self._tools.table, self._state
 
         def place_of(place: int) -> Word:
             number = row[place]

@@ -37,8 +37,8 @@ class Probing(MotionCodes):
 
     def __init__(self, motion: Motion) -> None:
         super().__init__(motion)
-        self._copies = self._dialect.skip_parameters
-        self._stays = self._dialect.flavour == "macro-b"
+        self._copies = self._dialect.variables.contact
+        self._ends_motion = self._dialect.home.probe_ends_motion
         self._alarm: Callable[[], None] | None = None
         motion.handlers |= dict.fromkeys(PROBES, self.probe)
 
@@ -63,7 +63,7 @@ class Probing(MotionCodes):
         towards, must = PROBES[state.motion]
         if state.motion == G.G31:
             # In FANUC's group 00 the code before it stays. Others' manuals do not say.
-            state.motion = motion.motion_before if self._stays else None
+            state.motion = None if self._ends_motion else motion.motion_before
         if must and end == motion.position:
             raise fault(
                 "probe-length", f"{name} has no length: its end is the present position", at
@@ -103,11 +103,11 @@ class Probing(MotionCodes):
         """
         out, values, here = self._out, self._parameters.values, self._here
         at_contact = code.number == M.M78
-        found, hint = "no", "check the end point of the move, and whether a workpiece is there"
+        contact, hint = "no", "check the end point of the move, and whether a workpiece is there"
         if at_contact:
-            found, hint = "a", "see what the probe touched; clear it before the next run"
+            contact, hint = "a", "see what the probe touched; clear it before the next run"
         error = fault(
-            "probe-alarm", f"{code.word.written}: the probe made {found} contact", code.word, hint
+            "probe-alarm", f"{code.word.written}: the probe made {contact} contact", code.word, hint
         ).at(file=here.file, line=here.line, text=here.text)
 
         def check() -> None:

@@ -192,10 +192,10 @@ def interpret(
     )
     syntax = Syntax(
         rules.flavour,
-        siemens=rules.siemens,
-        dollar=rules.dollar,
+        siemens=rules.lines.bspline,
+        dollar=rules.lines.dollar,
         lenient=rules.lenient,
-        first_bracket=rules.first_bracket,
+        first_bracket=rules.lines.first_bracket,
         dialect=rules.name,
         variables=_defined_variables(text) if rules.flavour == "siemens" else (),
     )

@@ -101,11 +101,11 @@ class PointCollector:
 
     def axes(self, words: LineWords) -> list[Word]:
         """Return the axis words of a line from left to right: X, Y, Z, and rotary axes."""
-        found = sorted(
+        letters = sorted(
             (word for word in words.rest.values() if word.letter in AXES),
             key=lambda word: word.column,
         )
-        for word in found:
+        for word in letters:
             if word.letter in _ROTARY and not self.takes_rotary:
                 raise fault(
                     "nurbs-rotary-axis",
@@ -114,11 +114,11 @@ class PointCollector:
                 )
             if word.letter not in POINT_AXES and word.letter not in _ROTARY:
                 raise self.foreign(word)
-        return found
+        return letters
 
     def directions(self, words: LineWords) -> list[Word]:
         """Return the words of the direction of the tool in a line."""
-        return [words.rest[each] for each in self.motion.vector_letters if each in words.rest]
+        return [words.rest[letter] for letter in self.motion.vector_letters if letter in words.rest]
 
     def no_codes(self, codes: Codes) -> None:
         """Refuse codes in a line inside the curve."""
@@ -329,7 +329,7 @@ CUBIC, QUADRATIC = G.G5, G.G5_1
 Vector = list[float]
 
 
-def register_bezier(motion: Motion) -> None:
+def register_g5(motion: Motion) -> None:
     """Register the handlers of G5 and G5.1."""
     splines = _Splines(motion)
     motion.handlers[CUBIC] = splines.cubic

@@ -87,8 +87,10 @@ class Library:
             try:
                 text = Text.of_file(real, os.fspath(path))
             except UsageError as error:
-                found = error.diagnostic
-                raise fault(found.code, found.message, column=at.column, length=at.length) from None
+                diagnostic = error.diagnostic
+                raise fault(
+                    diagnostic.code, diagnostic.message, column=at.column, length=at.length
+                ) from None
             syntax = self._syntax_of(text)
             self._listings[real] = Listing(text, syntax, block_delete=self._block_delete)
         return self._listings[real]
@@ -103,8 +105,8 @@ class Library:
         )  # for its programs only
 
         own = defined_variables(text.first_lines_with(DEFINING), in_subprogram=True)
-        names = {each.name for each in own}
-        others = (each for each in self._syntax.variables if each.name not in names)
+        names = {variable.name for variable in own}
+        others = (variable for variable in self._syntax.variables if variable.name not in names)
         return replace(self._syntax, variables=(*own, *others))
 
 
@@ -132,9 +134,9 @@ def define(listing: Listing, line: int, control: Control) -> Subroutine:
         message = "the label of sub must be a number or a name"
         raise listing.control_fault(line, control, "label-computed", message, hint)
     subroutine = Subroutine(listing, control.label, line, _line_of_endsub(listing, line, control))
-    other = listing.subs.setdefault(subroutine.label, subroutine)
-    if other is not subroutine:
-        message = f"{subroutine.name} is defined in line {other.first} already"
+    defined = listing.subs.setdefault(subroutine.label, subroutine)
+    if defined is not subroutine:
+        message = f"{subroutine.name} is defined in line {defined.first} already"
         raise listing.control_fault(line, control, "sub-repeated", message, "use another label")
     # The definition itself is passed.
     listing.steps[line] = ControlLine(line, JUMP, subroutine.last + 1)
@@ -193,8 +195,8 @@ class Call(ControlStep):
             else:
                 subroutine = self._look_up(flow, self._computed_label(label, parameters))
         flow.value = None
-        found, first = subroutine.listing, subroutine.first
-        frame = Frame("sub", subroutine.name, found, first, flow.listing, self.at, line + 1)
+        listing, first = subroutine.listing, subroutine.first
+        frame = Frame("sub", subroutine.name, listing, first, flow.listing, self.at, line + 1)
         return flow.enter(frame, arguments)
 
     def _computed_label(self, label: Value, parameters: Parameters) -> str:
@@ -212,16 +214,16 @@ class Call(ControlStep):
         texts = (flow.listing, flow.main)
         # Definitions that were passed already come first.
         for listing in texts:
-            if found := listing.subs.get(label):
-                return found
+            if subroutine := listing.subs.get(label):
+                return subroutine
         for listing in texts:
-            if found := self._in(listing, label):
-                return found
+            if subroutine := self._in(listing, label):
+                return subroutine
         file = flow.library.find(label, self.at)
         if file is None:
             raise self._unknown(flow, label)
-        if found := self._in(file, label):
-            return found
+        if subroutine := self._in(file, label):
+            return subroutine
         raise self._fault(
             "sub-file-empty",
             f"{file.name} has no o{label} sub",
@@ -248,8 +250,8 @@ class Call(ControlStep):
                 f"O{label} is a program, not a subroutine",
                 f"call it with M98 P{label}",
             )
-        known = {known for text in texts for known in text.definitions().subs}
-        near = difflib.get_close_matches(label, known, 1)
+        labels = {labels for text in texts for labels in text.definitions().subs}
+        near = difflib.get_close_matches(label, labels, 1)
         file_name = _file_names(label.strip("<>"))[0]
         hint = (
             f"did you mean o{near[0]}?"

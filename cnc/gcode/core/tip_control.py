@@ -14,7 +14,7 @@ import numpy as np
 
 from cnc.gcode.core.modal_groups import Code
 from cnc.gcode.core.motion import Motion, MotionCodes
-from cnc.gcode.core.tool_table import Floats, Offset, ToolTip
+from cnc.gcode.core.tool_table import Floats, Offset
 from cnc.gcode.reader.words import LineWords, M, Word, fault, under_compensation
 from cnc.model.blocks import NurbsFeed, TipControl
 
@@ -27,18 +27,11 @@ POLE = 1e-4
 
 
 class TipControlCodes(MotionCodes):
-    """Switches tool-tip control.
+    """Switches tool-tip control."""
 
-    Args:
-        motion: the moves.
-        out: takes the blocks.
-        here: the current line.
-        machine: the positions of the machine; None without tool-tip control.
-    """
-
-    def __init__(self, motion: Motion, machine: ToolTip | None) -> None:
+    def __init__(self, motion: Motion) -> None:
         super().__init__(motion)
-        self._machine = machine
+        self._machine = machine = motion.context.policy.tool_tip
         self._points_missing = machine.points_missing if machine is not None else ()
 
     @property
@@ -192,11 +185,11 @@ class TipControlCodes(MotionCodes):
         for index, word in zip(columns, taken, strict=True):
             vector[index] = 0.0 if word is None else word.number
         turned = coordinates.rotated(vector) if coordinates.turned else vector
-        found = np.array([turned[index] for index in columns])
-        if not found.any():
+        direction = np.array([turned[index] for index in columns])
+        if not direction.any():
             names = ", ".join(self._motion.vector_letters)
             raise fault("tool-direction", f"{names} are 0", at, "give the direction of the tool")
-        return found
+        return direction
 
     def _of_tool(self, offset: list[float]) -> Offset:
         """Return the offset along X, Y and Z."""

@@ -43,13 +43,10 @@ class ToolCodes(MotionCodes):
         motion: Motion,
         table: ToolTable,
         tip: TipControlCodes,
-        *,
-        zero_without_table: bool,
     ) -> None:
         super().__init__(motion)
         self._tip = tip
-        self.here, self.state = motion.context.here, motion.context.state
-        self._zero_without_table = zero_without_table
+        self._zero_without_table = motion.context.policy.tool_lengths == "zero"
         self._zero_reported = False
         self._spindle_reported = False
         self.turret_offset = 0
@@ -57,11 +54,11 @@ class ToolCodes(MotionCodes):
         self._length_code: G | None = None
         self.motion = motion
         self.table = table
-        table.bind(self._coordinates.parameters, lambda: self.state.loaded)
+        table.bind(self._coordinates.parameters, lambda: self._state.loaded)
         parameters = self._coordinates.parameters
         parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
-        parameters.bind("_current_pocket", lambda: self._pocket(self.state.loaded))
-        parameters.bind("_selected_pocket", lambda: self._pocket(self.state.tool))
+        parameters.bind("_current_pocket", lambda: self._pocket(self._state.loaded))
+        parameters.bind("_selected_pocket", lambda: self._pocket(self._state.tool))
 
     def _pocket(self, tool: int | None) -> float:
         """Pocket of a tool; 0 without one."""
@@ -73,10 +70,10 @@ class ToolCodes(MotionCodes):
     def tool_length(self, words: LineWords, code: Code) -> None:
         """Execute G43, G43.1, G43.2, G43.4, G43.5, G44 or G49."""
         at, number = code.word, code.g
-        if self._dialect.own_tool_offsets:
+        if self._dialect.tools.own_offsets:
             self.motion.length_change = None
         self._length_code = None if number == G.G49 else number
-        if number == G.G49 and (self._dialect.offset_memory or self._dialect.lenient):
+        if number == G.G49 and (self._dialect.tools.memory or self._dialect.lenient):
             self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
             return
@@ -121,8 +118,8 @@ class ToolCodes(MotionCodes):
         if (
             word is None
             or code not in (G.G43, G.G44)
-            or not self._dialect.offset_memory
-            or self._dialect.lathe
+            or not self._dialect.tools.memory
+            or self._dialect.turning.lathe
             or not codes.keys().isdisjoint(("tool-length", "non-modal"))
         ):
             return codes
@@ -139,18 +136,18 @@ class ToolCodes(MotionCodes):
         """Note the change of the offset along Z, for a move along Z under G91."""
         motion = self.motion
         column = motion.column.get("Z")
-        if self._dialect.length_in_increments == "left" or column is None or self._tip.active:
+        if self._dialect.tools.length_in_increments == "left" or column is None or self._tip.active:
             return
         before = motion.length_change[0] if motion.length_change else 0.0
         change = before + offset[column] - self._coordinates.tool_offset[column]
-        motion.length_change = (change, self.here.line) if change else None
+        motion.length_change = (change, self._here.line) if change else None
 
     def keep_length(self, words: LineWords) -> None:
         """Keep the H of a line without G43 or G44 for a later one, as FANUC does.
 
         Beside G28, G30 and G53, whose moves end without an offset, H0 ends the offset in effect.
         """
-        if "H" not in words.rest or not self._dialect.offset_memory or self._dialect.lathe:
+        if "H" not in words.rest or not self._dialect.tools.memory or self._dialect.turning.lathe:
             return
         word = words.rest["H"]
         ends = word.number == 0.0 and any(code.number in _HOMES for code in words.g)
@@ -164,10 +161,10 @@ class ToolCodes(MotionCodes):
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":
-            if letter in words.rest and letter not in self._dialect.length_axes:
+            if letter in words.rest and letter not in self._dialect.tools.length_axes:
                 raise fault(
                     "axis-not-in-dialect",
-                    f"{user} takes {self._dialect.length_axes} only",
+                    f"{user} takes {self._dialect.tools.length_axes} only",
                     words.rest[letter],
                 )
         values = self.motion.axis_values(words, user)
@@ -186,27 +183,27 @@ class ToolCodes(MotionCodes):
 
     def tool_in_spindle(self, letter: str, at: Word) -> int:
         """Return the tool for a code without H or D, with a warning where controllers differ."""
-        loaded = self.state.loaded
-        if self._dialect.own_tool_offsets and not loaded:
+        loaded = self._state.loaded
+        if self._dialect.tools.own_offsets and not loaded:
             message = f"{at.written} takes the offset of the tool in the spindle, and there is none"
             raise fault("tool-not-chosen", message, at, "give T, such as T1.1, and M6 before")
-        if loaded and self._dialect.tool_offset_unclear and not self._spindle_reported:
+        if loaded and self._dialect.tools.unclear and not self._spindle_reported:
             self._spindle_reported = True
             message = (
                 f"{at.written} without {letter} takes tool {loaded}, which is in the spindle; "
                 f"FANUC and Haas need {letter} or take the one before"
             )
             hint = f"give {letter}{loaded}, or name the --dialect"
-            self.here.report_warning("tool-offset-assumed", message, at, hint)
+            self._here.report_warning("tool-offset-assumed", message, at, hint)
         return loaded
 
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
         """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
-        if word is None and self._dialect.offset_memory and not self._last_h:
+        if word is None and self._dialect.tools.memory and not self._last_h:
             raise offset_missing("tool-offset-missing", "H", words, at)
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
-        if not self._dialect.offset_memory:
+        if not self._dialect.tools.memory:
             number = number or self.tool_in_spindle("H", at)
         elif word is None:
             number = self._last_h
@@ -215,7 +212,7 @@ class ToolCodes(MotionCodes):
         if number == 0:
             return [0.0] * len(self.motion.axes)
         entry = self.entry(number, word or at)
-        letters = self._dialect.length_axes
+        letters = self._dialect.tools.length_axes
         self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0
@@ -253,7 +250,7 @@ class ToolCodes(MotionCodes):
         if self.table.file and not entry.offsets and "Z" in self.motion.column:
             message = f"{at.written}: tool {entry.number} has no length in {self.table.file}"
             hint = f"measure it, and add Z to the line of T{entry.number}"
-            self.here.report_warning("tool-length-zero", message, at, hint)
+            self._here.report_warning("tool-length-zero", message, at, hint)
 
     def _report_zero(self, at: Word) -> None:
         """Report once that lengths and radii are taken as 0."""
@@ -264,7 +261,7 @@ class ToolCodes(MotionCodes):
                 "positions are those of the gauge line"
             )
             hint = "cncrun tools PROGRAM writes a skeleton of the table"
-            self.here.report_warning("tool-length-zero", message, at, hint)
+            self._here.report_warning("tool-length-zero", message, at, hint)
 
     def check_change(self, number: int, at: Word) -> None:
         """Check that a table from a file has the tool of a tool change; T0 empties the spindle.
@@ -274,17 +271,17 @@ class ToolCodes(MotionCodes):
         """
         if number and self.table.file:
             self.entry(number, at)
-        if self._dialect.own_tool_offsets and self._length_code:
+        if self._dialect.tools.own_offsets and self._length_code:
             column = self.motion.column.get("Z")
             length = self.entry(number, at).offset("Z") if number else 0.0
             if column is not None and length != self._coordinates.tool_offset[column]:
-                self.motion.length_change = (math.nan, self.here.line)
+                self.motion.length_change = (math.nan, self._here.line)
 
     def _report_diameter(self, at: Word) -> None:
         """Report an offset that a setting of the control makes a diameter or a radius."""
         message = f"{at.written} is read as a diameter, as Haas' controls have it by default"
         hint = "a control with setting 40 on RADIUS reads a radius"
-        self.here.report_warning("offset-diameter", message, at, hint)
+        self._here.report_warning("offset-diameter", message, at, hint)
 
     # G10
 
@@ -295,7 +292,7 @@ class ToolCodes(MotionCodes):
         L13 change the offset memory.
         """
         if kind == 0:
-            if self.state.loaded:
+            if self._state.loaded:
                 raise fault(
                     "tool-loaded",
                     f"{at.written} L0 with a tool in the spindle",
@@ -313,7 +310,7 @@ class ToolCodes(MotionCodes):
                 "give P and the tool's number",
             )
         number = whole(word, "the tool number", 1, MAX_TOOL)
-        if self._dialect.offset_memory:
+        if self._dialect.tools.memory:
             self._write_memory(words, kind, number, at)
         else:
             self._write_tool(words, kind, self.entry(number, word), at)
@@ -339,7 +336,7 @@ class ToolCodes(MotionCodes):
         changed = replace(
             entry,
             offsets=offsets,
-            diameter=2.0 * radius.number * self.state.scale if radius else entry.diameter,
+            diameter=2.0 * radius.number * self._state.scale if radius else entry.diameter,
             front_angle=front.number if front else entry.front_angle,
             back_angle=back.number if back else entry.back_angle,
             orientation=whole(orientation, "the orientation", 0, ORIENTATIONS)
@@ -361,8 +358,8 @@ class ToolCodes(MotionCodes):
                 at,
                 "give R and the offset",
             )
-        value = word.number * self.state.scale
-        if kind in (12, 13) and self._dialect.offset_diameters:
+        value = word.number * self._state.scale
+        if kind in (12, 13) and self._dialect.tools.diameters:
             value /= 2.0
             self._report_diameter(word)
         entry = self.table.tool(number) or ToolEntry(number)
@@ -373,7 +370,7 @@ class ToolCodes(MotionCodes):
             12: entry.diameter / 2.0,
             13: entry.radius_wear,
         }[kind]
-        value += 0.0 if self.state.absolute else old
+        value += 0.0 if self._state.absolute else old
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})
         elif kind in (1, 11):

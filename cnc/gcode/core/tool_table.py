@@ -196,10 +196,10 @@ def _offset_reading(entry: Callable[[], ToolEntry], letter: str) -> Callable[[],
 
 def _entry(line: str) -> ToolEntry | None:
     """The tool of a line; None for a line without words."""
-    found = _words(line)
-    if not found:
+    words = _words(line)
+    if not words:
         return None
-    for letter, (value, column) in found.items():
+    for letter, (value, column) in words.items():
         if (most := _WHOLE.get(letter)) is not None and not (
             value.is_integer() and 0 <= value <= most
         ):
@@ -208,14 +208,14 @@ def _entry(line: str) -> ToolEntry | None:
                 f"{letter}{value:g}: {letter} must be a whole number from 0 to {most}",
                 column,
             )
-    if "T" not in found:
+    if "T" not in words:
         raise _wrong(
             "tool-number-missing",
             "the line has no tool number",
-            next(iter(found.values()))[1],
+            next(iter(words.values()))[1],
             "begin with T and the tool's number",
         )
-    values = {letter: value for letter, (value, _) in found.items()}
+    values = {letter: value for letter, (value, _) in words.items()}
     return ToolEntry(
         number=int(values["T"]),
         pocket=int(values.get("P", 0.0)),
@@ -255,7 +255,7 @@ def _plain(number: float) -> str:
 def _words(line: str) -> dict[str, tuple[float, int]]:
     """Value and column (from 1) of every word before the comment, by letter."""
     body = line.partition(";")[0].rstrip()
-    found: dict[str, tuple[float, int]] = {}
+    words: dict[str, tuple[float, int]] = {}
     at = 0
     while at < len(body):
         word = _WORD.match(body, at)
@@ -277,14 +277,14 @@ def _words(line: str) -> dict[str, tuple[float, int]]:
             )
         if word[2] is None:
             raise _wrong("number-missing", f"a number is missing after {letter}", column)
-        if letter in found:
+        if letter in words:
             raise _wrong("word-repeated", f"{letter} is given twice in this line", column)
         value = float(word[2])
         if not math.isfinite(value):
             raise _wrong("value-out-of-range", f"the number of {letter} is too large", column)
-        found[letter] = value, column
+        words[letter] = value, column
         at = word.end()
-    return found
+    return words
 
 
 def _wrong(code: str, message: str, column: int, hint: str = "") -> MachineFileError:

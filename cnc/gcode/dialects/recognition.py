@@ -123,22 +123,22 @@ def _table() -> _Table:
     data = tomllib.loads(files(__package__).joinpath("recognise.toml").read_text(encoding="utf-8"))
     rows = tuple(
         _Evidence(
-            each["for"],
-            each.get("is", ""),
-            each["points"],
-            each["what"],
-            each.get("in", "code"),
-            re.compile(each["pattern"], re.IGNORECASE),
-            each.get("prints", False),
+            row["for"],
+            row.get("is", ""),
+            row["points"],
+            row["what"],
+            row.get("in", "code"),
+            re.compile(row["pattern"], re.IGNORECASE),
+            row.get("prints", False),
         )
-        for each in data["evidence"]
+        for row in data["evidence"]
     )
     return _Table(rows, data["extends"], data["enough"])
 
 
 def evidence() -> list[tuple[str, int, str]]:
     """Return language, points and description of each piece of evidence, for the reference."""
-    return [(each.kind or each.language, each.points, each.what) for each in _table().evidence]
+    return [(row.kind or row.language, row.points, row.what) for row in _table().evidence]
 
 
 def recognise(lines: Iterable[str], named: DialectName = "auto", file: str = "") -> Recognition:
@@ -147,7 +147,7 @@ def recognise(lines: Iterable[str], named: DialectName = "auto", file: str = "")
     Evidence for a lathe is that of the ``named`` language, or of the one that is recognised.
     """
     table = _table()
-    found: dict[str, list[tuple[_Evidence, Reason]]] = {}
+    evidence_for: dict[str, list[tuple[_Evidence, Reason]]] = {}
     has_y, plane, begun = False, None, False
     prose: Reason | None = None
     has_words = False
@@ -164,18 +164,18 @@ def recognise(lines: Iterable[str], named: DialectName = "auto", file: str = "")
         places = {"code": [code], "comment": comments, "line": [line], "name": [file],
                   "later" if begun else "first": [code]}  # fmt: skip
         begun = code != "%" and (begun or (code != "" and not _is_text(code)))
-        for each in tuple(left):
-            for text in places.get(each.place, ()):
-                if match := each.pattern.search(text):
-                    left.remove(each)
-                    reason = Reason(_shown(match[0]), each.what, number)
-                    found.setdefault(each.language, []).append((each, reason))
+        for item in tuple(left):
+            for text in places.get(item.place, ()):
+                if match := item.pattern.search(text):
+                    left.remove(item)
+                    reason = Reason(_shown(match[0]), item.what, number)
+                    evidence_for.setdefault(item.language, []).append((item, reason))
                     break
-    lathes = {kind: found.pop(kind, []) for kind in set(_LATHES.values())}
-    five_digits = bool(found.pop(_FIVE_DIGITS, ()))
-    if prose and not has_words and not found:
+    lathes = {kind: evidence_for.pop(kind, []) for kind in set(_LATHES.values())}
+    five_digits = bool(evidence_for.pop(_FIVE_DIGITS, ()))
+    if prose and not has_words and not evidence_for:
         return Recognition(refusal="plain text", reasons=(prose,))
-    choice = _choice(table, found)
+    choice = _choice(table, evidence_for)
     choice = choice._replace(five_digits=five_digits and choice.dialect == "fanuc")
     if choice.dialect == "fagor" and not has_y:
         refusal = "a program of a Fagor control without a Y word, which may be for a lathe"
@@ -231,23 +231,25 @@ def _shown(written: str) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _choice(table: _Table, found: dict[str, list[tuple[_Evidence, Reason]]]) -> Recognition:
+def _choice(table: _Table, evidence_for: dict[str, list[tuple[_Evidence, Reason]]]) -> Recognition:
     """Weigh the evidence by language."""
     for special, base in table.extends.items():
-        if special in found:
-            found[special] = found.pop(base, []) + found[special]
-    points = {language: sum(each.points for each, _ in rows) for language, rows in found.items()}
+        if special in evidence_for:
+            evidence_for[special] = evidence_for.pop(base, []) + evidence_for[special]
+    points = {
+        language: sum(item.points for item, _ in rows) for language, rows in evidence_for.items()
+    }
     ranked = sorted(points, key=lambda language: -points[language])
     if not ranked or points[ranked[0]] < table.enough:
         return Recognition()
     best = ranked[0]
-    reasons = tuple(reason for evidence, reason in found[best] if evidence.points > 0)
-    rivals = [each for each in ranked[1:] if points[each] >= table.enough and _is_dialect(each)]
+    reasons = tuple(reason for evidence, reason in evidence_for[best] if evidence.points > 0)
+    rivals = [item for item in ranked[1:] if points[item] >= table.enough and _is_dialect(item)]
     if len(ranked) > 1 and points[ranked[1]] == points[best]:
         return Recognition(rival=" or ".join(sorted((best, ranked[1]))), reasons=())
     if not _is_dialect(best):
-        return Recognition(refusal=found[best][0][0].kind, reasons=reasons)
-    prints = any(evidence.prints for evidence, _ in found[best])
+        return Recognition(refusal=evidence_for[best][0][0].kind, reasons=reasons)
+    prints = any(evidence.prints for evidence, _ in evidence_for[best])
     rival = rivals[0] if rivals else ""
     return Recognition(cast(DialectName, best), reasons, rival=rival, prints=prints)
 
@@ -423,8 +425,8 @@ def _codes_of_units(lines: Sequence[str], rules: Dialect) -> tuple[bool, bool]:
     # G70 and G71 are cycles on Haas' and FANUC's controls.
     more = 70 in rules.aliases
     inch, mm = (
-        any(own.search(code) or (more and other.search(code)) for code in codes)
-        for own, other in ((_INCH, _OTHER_INCH), (_MM, _OTHER_MM))
+        any(own.search(code) or (more and old_code.search(code)) for code in codes)
+        for own, old_code in ((_INCH, _OTHER_INCH), (_MM, _OTHER_MM))
     )
     return inch, mm
 
@@ -443,8 +445,8 @@ def _doubt(lines: Sequence[str], file: str, *, inch: bool, mm: bool) -> Diagnost
         return None
     pattern = _STATES_MM if inch else _STATES_INCH if mm else _HINTS_AT_INCH
     for number, text in comments:
-        if found := pattern.search(text):
-            written = " ".join(found[0].split())
+        if match := pattern.search(text):
+            written = " ".join(match[0].split())
             read = "inches" if inch else "millimetres"
             why = "" if named else ", as no code of the first lines names the units"
             message = f"the comment says {written}, but numbers are read as {read}{why}"

@@ -1,11 +1,59 @@
-"""Parts of the rules of a dialect: arcs, cycles, codes without effect, numbers of variables."""
+"""The rules of a dialect by topic: each record is a table of its file.
+
+The keys of a table are the fields of its record; linuxcnc.toml explains them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from cnc.gcode.reader.words import LineWords
+from cnc.gcode.reader.words import G, LineWords
+from cnc.model.blocks import PathControl
+from cnc.model.choices import WrapRule
+
+
+@dataclass(frozen=True, slots=True)
+class LineRules:
+    """Reading of a line: ``[lines]``."""
+
+    bspline: bool
+    dollar: bool
+    first_bracket: bool
+    most_number: int
+    program_number: bool
+    program_end: bool
+    decimal_points: bool
+    repeated: str
+    same_code_twice: bool
+    last_of_group: bool
+    both_coolants: bool
+    extruder: str
+
+
+@dataclass(frozen=True, slots=True)
+class MotionRules:
+    """Modes and words of moves: ``[motion]``."""
+
+    at_start: G | None
+    assumed: bool
+    after_g80: Literal["none", "previous", "assumed"]
+    corners: Literal["", "lines", "rounds", "all"]
+    path_stop: PathControl
+    path_words: str
+    wrap: WrapRule
+    polar: Literal["", "ngc", "siemens"]
+    direction_words: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FeedRules:
+    """F words: ``[feed]``."""
+
+    units_first: bool
+    at_start: float
+    of_all_axes: bool
+    length_units: list[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,29 +77,105 @@ class ArcTolerance:
 
 
 @dataclass(frozen=True, slots=True)
+class ArcRules:
+    """Arcs: ``[arcs]``."""
+
+    turns: bool
+    idle_center: bool
+    as_grbl: bool
+    radius_first: bool
+    mm: ArcTolerance
+    inch: ArcTolerance
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetRules:
+    """Coordinate systems and transforms: ``[offsets]``."""
+
+    written: list[int]
+    current: bool
+    add: Literal["no", "yes", "unclear"]
+    more_systems: int
+    system_word: bool
+    basic_system: bool
+    shift_stays: bool
+    local_shift: bool
+    rotation: bool
+    transforms: Literal["fanuc", "mach3"]
+    scale_unit: float
+
+
+@dataclass(frozen=True, slots=True)
+class HomeRules:
+    """Reference positions, machine coordinates and probing: ``[home]``."""
+
+    beside_motion: bool
+    directly: bool
+    needs_axes: bool
+    machine_in_incremental: bool | Literal["unclear"]
+    probe_ends_motion: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ToolRules:
+    """Lengths and radii of tools: ``[tools]``."""
+
+    length_axes: str
+    memory: bool
+    unclear: bool
+    diameters: bool
+    length_in_increments: Literal["left", "added", "unclear"]
+    compensation_again: Literal["", "same", "zero"]
+    own_offsets: bool
+    edges: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SpindleRules:
+    """Words of the spindle: ``[spindle]``."""
+
+    stops_after_move: bool
+    power: str
+    orient_angle: str
+    orient_settings: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DwellRules:
+    """G4: ``[dwell]``."""
+
+    units: dict[str, float]
+    point: dict[str, float]
+    turns: str
+    short_is_doubtful: bool
+
+    def units_in(self, words: LineWords) -> dict[str, float]:
+        """Return the letters that are the time of G4 in a line, with their units.
+
+        A letter that needs a decimal point may be an axis: it is the time if no other word is, and
+        G4 the only G-code.
+        """
+        certain = {letter: unit for letter, unit in self.units.items() if unit}
+        if len(words.g) > 1 or not words.rest.keys().isdisjoint(certain):
+            return certain
+        return self.units
+
+
+@dataclass(frozen=True, slots=True)
+class CallRules:
+    """Calls of subprograms: ``[calls]``."""
+
+    repeats_in_number: bool
+    by_sequence: bool
+    profiles: bool
+
+
+@dataclass(frozen=True, slots=True)
 class CycleRules:
-    """Differences of dialects in canned cycles.
+    """Canned cycles: ``[cycles]``."""
 
-    Attributes:
-        repeats: Letters of the number of repeats.
-        plane_and_depth: Whether Z is the level R, I the bottom, and K the dwell, as on Fagor.
-        no_hole: Whether 0 repeats only store the words of the cycle.
-        turns: Whether words of rotary axes turn them before each hole.
-        retract_optional: Whether the hole begins at the level of the position without R.
-        pecks_shrink: Whether pecks have I, J and K: the first, its decrease, the smallest.
-        words_stay: Whether R, depth, P and Q stay in effect for another cycle.
-        dwell_needed: Whether P must be given.
-        peck_dwell: Whether P of G73 and G83 is a dwell at the bottom.
-        idle_dwell: Whether P of a cycle without a dwell has no effect, and stays for a later one.
-        clearance: Retraction of G73, and distance of G83 from the bottom, mm.
-        feed_out_to: Height to which G74, G84 and G89 retract at feed.
-        tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
-        fine_boring: Whether G76 is fine boring, and not a thread.
-        heights: R and depth of a line under the other one of G90 and G91; see linuxcnc.toml.
-        starts_spindle: Whether G74 and G84 start the spindle themselves, at the speed of S; with
-            a warning if "unclear".
-    """
-
+    initial_level: bool | Literal["unclear"]
+    hole_patterns: bool
     repeats: str
     plane_and_depth: bool
     no_hole: bool
@@ -68,6 +192,21 @@ class CycleRules:
     fine_boring: bool
     heights: Literal["kept", "line", "unclear"]
     starts_spindle: bool | Literal["unclear"]
+
+
+@dataclass(frozen=True, slots=True)
+class TurningRules:
+    """Lathes: ``[turning]``."""
+
+    lathe: bool
+    starts_in_zx: bool
+    diameters: bool
+    increments: str
+    integer_unit: float
+    tap_side: list[int]
+    retract_is_distance: bool
+    two_line_cycles: bool
+    turret_offsets: Literal["", "P", "L"]
 
 
 class NotedCode(NamedTuple):
@@ -113,6 +252,7 @@ class VariableNumbers(NamedTuple):
     Each row of an offset is the variable of offset 1, and the number of offsets.
 
     Attributes:
+        contact: First parameter of the place of contact of G31, besides 5061; 0 for none.
         length: Geometry of the lengths (H).
         wear: Wear of the lengths.
         radius: Geometry of the radii (D), or of the diameters.
@@ -127,6 +267,7 @@ class VariableNumbers(NamedTuple):
         control: Variables whose value only the control knows: first and last of each group.
     """
 
+    contact: int
     length: list[list[int]]
     wear: list[list[int]]
     radius: list[list[int]]

@@ -342,18 +342,18 @@ def _place(session: Session, block: Block, words: list[Word], *, machine: bool) 
 
 def _target(session: Session, block: Block, start: dict[str, float]) -> dict[str, float]:
     """Return the end of a move, by letter."""
-    found: dict[str, float] = {}
+    target: dict[str, float] = {}
     for item in block.items:
         if len(item.letter) != 1 or item.letter not in _AXES:
             continue
-        found[item.letter] = session.value(item)
+        target[item.letter] = session.value(item)
         if item.key.startswith("I"):
             if item.letter not in start:
                 raise item.fault("axis-missing", f"the machine has no {item.letter} axis")
-            found[item.letter] += start[item.letter]
+            target[item.letter] += start[item.letter]
     if block.head.key in ("LP", "CP"):
-        found |= dict(zip("XY", _polar_end(session, block, (start["X"], start["Y"])), strict=True))
-    return found
+        target |= dict(zip("XY", _polar_end(session, block, (start["X"], start["Y"])), strict=True))
+    return target
 
 
 def _polar_end(session: Session, block: Block, here: Point) -> Point:
@@ -452,8 +452,8 @@ def centre(session: Session, block: Block) -> None:
     start = session.position()
     if block.items and sorted(item.letter for item in block.items) != ["X", "Y"]:
         raise block.head.fault("code-not-supported", "CC takes X and Y, or no word")
-    found = start | _target(session, block, start)
-    session.pole, session.polar = (found["X"], found["Y"]), None
+    pole = start | _target(session, block, start)
+    session.pole, session.polar = (pole["X"], pole["Y"]), None
 
 
 def _corner_word(session: Session, block: Block, *, rapid: bool) -> list[Word]:
@@ -499,7 +499,7 @@ def spline(session: Session, block: Block) -> None:
     motion.compensation.refuse_curve(at)
     start = motion.coordinates.to_program(motion.position)
     control = [start.copy() for _ in range(4)]
-    for letter, column in [each for each in motion.column.items() if each[0] in "XYZ"]:
+    for letter, column in [pair for pair in motion.column.items() if pair[0] in "XYZ"]:
         end = given.get(letter, start[column])
         k1, k2, k3 = (given.get(f"K{power}{letter}", 0.0) for power in (1, 2, 3))
         if abs(end + k1 + k2 + k3 - start[column]) > _SPLINE_START:

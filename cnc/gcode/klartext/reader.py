@@ -82,8 +82,8 @@ def parse(text: str) -> Statement:
     if results.status[0]:
         wanted = reading.grammar.wanted[results.state[0]]
         raise _not_read(text, int(results.place[0]), wanted)
-    found: Statement = carried_out(reading, 0, text, _Rules(text))
-    return found
+    statement: Statement = carried_out(reading, 0, text, _Rules(text))
+    return statement
 
 
 def block_of(head: Item, *items: Item) -> Block:
@@ -112,12 +112,12 @@ def _not_read(text: str, at: int, wanted: frozenset[str]) -> GcodeError:
                 return place.fault("code-not-supported", message, hint)
     expected = " or ".join(sorted(_SAID[name] for name in wanted if name in _SAID))
     hint = f"expected here: {expected}" if expected else ""
-    found = _WORD.match(text, at)
-    if found is None or found[0] == ";":
+    match = _WORD.match(text, at)
+    if match is None or match[0] == ";":
         column = max(len(text[:at].rstrip()), 1)
         return fault("klartext-incomplete", "the block is not complete", column=column, hint=hint)
-    message = f"{found[0].strip()} can't stand here in a block of Klartext"
-    return fault("klartext-word", message, column=at + 1, length=len(found[0].rstrip()), hint=hint)
+    message = f"{match[0].strip()} can't stand here in a block of Klartext"
+    return fault("klartext-word", message, column=at + 1, length=len(match[0].rstrip()), hint=hint)
 
 
 class _Rules:
@@ -244,7 +244,7 @@ class _Rules:
         number, operator = _FN[name.text]
         left, right, place = parts[0], parts[-1], (name.begin, name.end)
         if name.text == "LEN":
-            x, y = (build.binary(each, "*", each, *place) for each in (left, right))
+            x, y = (build.binary(operand, "*", operand, *place) for operand in (left, right))
             made = build.call("SQRT", build.binary(x, "+", y, *place), *place)
         elif name.text == "ANG":
             angle = build.arctangent(left, right, begin)

@@ -136,7 +136,7 @@ def _line_of(session: Session, block: Block, item: Item) -> int:
 
 def _all_labels(session: Session) -> dict[str, int]:
     """Return the line of each label of the text."""
-    found: dict[str, int] = {}
+    labels: dict[str, int] = {}
     listing, line = session.flow.listing, 1
     while (window := listing.window(line)) is not None:
         index = window.find(_LABEL, line - window.first, window.count)
@@ -144,11 +144,11 @@ def _all_labels(session: Session) -> dict[str, int]:
         statement = listing.statement(window, index) if index < window.count else None
         if statement is not None and isinstance(statement.control, Block):
             name = _label_of(statement.control.items[0])
-            first = found.setdefault(name, at)
+            first = labels.setdefault(name, at)
             if first != at and name != "0":
                 message = f"LBL {name} stands in line {first}, too"
                 raise listing.control_fault(at, statement.control, "label-repeated", message)
-    return found
+    return labels
 
 
 def _label(session: Session, block: Block) -> int | None:

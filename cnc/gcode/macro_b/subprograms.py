@@ -136,8 +136,8 @@ def check_main(flow: Flow, code: Word, line: int) -> None:
         return
     caller = "", 0
     for at, text in _lines(flow, line + 1):
-        if other := PROGRAM.fullmatch(text):
-            caller = f"O{other[1]}", at
+        if program := PROGRAM.fullmatch(text):
+            caller = f"O{program[1]}", at
         elif caller[1] and (call := _CALL.search(text)):
             called = int(call[1])
             if called == number or (called >= _REPEATS and called % _REPEATS == number):
@@ -160,9 +160,9 @@ def report_uncalled(flow: Flow) -> None:
         return
     here = flow.interpreter.here
     left = [
-        (f"O{found[1]}", line)
+        (f"O{match[1]}", line)
         for line, text in _lines(flow, here.line + 1)
-        if (found := PROGRAM.fullmatch(text)) and found[1] and line not in flow.entered
+        if (match := PROGRAM.fullmatch(text)) and match[1] and line not in flow.entered
     ]
     if not left:
         return
@@ -184,8 +184,8 @@ def _lines(flow: Flow, line: int) -> Iterator[tuple[int, str]]:
 
 def _main_number(flow: Flow) -> int | None:
     """Return the number of the main program; None without one."""
-    found = PROGRAM.fullmatch(bare_text(flow.main.source(flow.main_border)))
-    return int(found[1]) if found and found[1] else None
+    match = PROGRAM.fullmatch(bare_text(flow.main.source(flow.main_border)))
+    return int(match[1]) if match and match[1] else None
 
 
 MAX_PROGRAM = 99_999_999
@@ -304,12 +304,12 @@ class ProgramCall:
             arguments: Values of the local variables of a macro.
         """
         number, repeats = called
-        found = (
+        program = (
             self._look_up_line(flow, number) if self.local else self._look_up(flow, number, line)
         )
-        if found is None:
+        if program is None:
             return line + 1
-        listing, scope = found
+        listing, scope = program
         if listing is flow.main:
             flow.entered.add(scope)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
@@ -349,10 +349,10 @@ class ProgramCall:
 
     def _locals(self, arguments: list[Argument], parameters: Parameters) -> list[float]:
         """Return the values of #1 to #33; NaN for those without an argument."""
-        found = [math.nan] * LOCAL_MACRO
+        values = [math.nan] * LOCAL_MACRO
         for argument in arguments:
-            found[argument.number - 1] = argument.result(parameters)
-        return found
+            values[argument.number - 1] = argument.result(parameters)
+        return values
 
     def _look_up_line(self, flow: Flow, number: int) -> tuple[Listing, int]:
         """Find the lines that M97 P or M98 Q calls, in the program of the call."""
@@ -373,12 +373,12 @@ class ProgramCall:
             continues without the program.
         """
         for listing in (flow.listing, flow.main):
-            if found := self._in(listing, number):
-                return listing, found
+            if program := self._in(listing, number):
+                return listing, program
         file = flow.library.find(str(number), self.at)
         if file is not None:
-            if found := self._in(file, number):
-                return file, found
+            if program := self._in(file, number):
+                return file, program
             if not file.definitions().programs and not file.definitions().subs:
                 return file, 0
         word = self.words.values["P"][0]

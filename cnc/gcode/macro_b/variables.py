@@ -8,11 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation
-from cnc.gcode.core.coordinates import SYSTEM_CODES, Coordinates, bind_numbers
-from cnc.gcode.core.modal_groups import FEED_MODES, PLANES, ModalState, ReadingPolicy
-from cnc.gcode.dialects.rules import VariableNumbers
-from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.core.context import Context
+from cnc.gcode.core.coordinates import SYSTEM_CODES, bind_numbers
+from cnc.gcode.core.modal_groups import FEED_MODES, PLANES, ModalState
 from cnc.gcode.reader.words import G, Word, fault
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import Stop
@@ -29,50 +27,55 @@ VERSION = (2.9, 0.0)
 _PLANE_OF_CODE = {plane: float(code) for code, plane in PLANES.items()}
 
 
-def bind_system_parameters(parameters: Parameters, state: ModalState, here: SourceLocation) -> None:
+ReadState = Callable[[ModalState], float]
+"""Returns a number of the modal state."""
+
+
+def bind_system_parameters(context: Context) -> None:
     """Show the modal state as parameters."""
-    readers: dict[str, Callable[[], float]] = {
-        "_vmajor": lambda: VERSION[0],
-        "_vminor": lambda: VERSION[1],
-        "_task": lambda: 0.0,
-        "_remap_level": lambda: 0.0,
-        "_line": lambda: here.line,
-        "_motion_mode": lambda: G.G80 if state.motion is None else state.motion,
-        "_plane": lambda: _PLANE_OF_CODE[state.plane],
-        "_ccomp": lambda: state.compensation,
-        "_metric": lambda: state.scale == 1.0,
-        "_imperial": lambda: state.scale != 1.0,
-        "_absolute": lambda: state.absolute,
-        "_incremental": lambda: not state.absolute,
-        "_inverse_time": lambda: state.feed_mode == "inverse-time",
-        "_units_per_minute": lambda: state.feed_mode == "per-minute",
-        "_units_per_rev": lambda: state.feed_mode == "per-revolution",
-        "_retract_r_plane": lambda: not state.initial_level,
-        "_retract_old_z": lambda: bool(state.initial_level),
-        "_spindle_rpm_mode": lambda: not state.constant_surface,
-        "_spindle_css_mode": lambda: state.constant_surface,
-        "_ijk_absolute_mode": lambda: state.arc_absolute,
-        "_lathe_diameter_mode": lambda: state.diameter,
-        "_lathe_radius_mode": lambda: not state.diameter,
-        "_spindle_on": lambda: state.spindle != "off",
-        "_spindle_cw": lambda: state.spindle == "cw",
-        "_mist": lambda: state.mist,
-        "_flood": lambda: state.flood,
-        "_speed_override": lambda: state.speed_override,
-        "_feed_override": lambda: state.feed_override,
-        "_adaptive_feed": lambda: state.adaptive_feed,
-        "_feed_hold": lambda: state.feed_stop,
-        "_feed": lambda: feed_word(state),
-        "_rpm": lambda: 0.0 if state.speed is None or state.constant_surface else state.speed,
-        "_current_tool": lambda: state.loaded,
-        "_selected_tool": lambda: 0 if state.tool is None else state.tool,
+    here = context.here
+    readers: dict[str, ReadState] = {
+        "_vmajor": lambda state: VERSION[0],
+        "_vminor": lambda state: VERSION[1],
+        "_task": lambda state: 0.0,
+        "_remap_level": lambda state: 0.0,
+        "_line": lambda state: here.line,
+        "_motion_mode": lambda state: G.G80 if state.motion is None else state.motion,
+        "_plane": lambda state: _PLANE_OF_CODE[state.plane],
+        "_ccomp": lambda state: state.compensation,
+        "_metric": lambda state: state.scale == 1.0,
+        "_imperial": lambda state: state.scale != 1.0,
+        "_absolute": lambda state: state.absolute,
+        "_incremental": lambda state: not state.absolute,
+        "_inverse_time": lambda state: state.feed_mode == "inverse-time",
+        "_units_per_minute": lambda state: state.feed_mode == "per-minute",
+        "_units_per_rev": lambda state: state.feed_mode == "per-revolution",
+        "_retract_r_plane": lambda state: not state.initial_level,
+        "_retract_old_z": lambda state: bool(state.initial_level),
+        "_spindle_rpm_mode": lambda state: not state.constant_surface,
+        "_spindle_css_mode": lambda state: state.constant_surface,
+        "_ijk_absolute_mode": lambda state: state.arc_absolute,
+        "_lathe_diameter_mode": lambda state: state.diameter,
+        "_lathe_radius_mode": lambda state: not state.diameter,
+        "_spindle_on": lambda state: state.spindle != "off",
+        "_spindle_cw": lambda state: state.spindle == "cw",
+        "_mist": lambda state: state.mist,
+        "_flood": lambda state: state.flood,
+        "_speed_override": lambda state: state.speed_override,
+        "_feed_override": lambda state: state.feed_override,
+        "_adaptive_feed": lambda state: state.adaptive_feed,
+        "_feed_hold": lambda state: state.feed_stop,
+        "_feed": feed_word,
+        "_rpm": lambda state: 0.0 if state.speed is None or state.constant_surface else state.speed,
+        "_current_tool": lambda state: state.loaded,
+        "_selected_tool": lambda state: 0 if state.tool is None else state.tool,
     }
     for name, read in readers.items():
-        parameters.bind(name, _as_float(read))
+        context.parameters.bind(name, _reader(context, read))
 
 
-def _as_float(read: Callable[[], float]) -> Callable[[], float]:
-    return lambda: float(read())
+def _reader(context: Context, read: ReadState) -> Callable[[], float]:
+    return lambda: float(read(context.state))
 
 
 def feed_word(state: ModalState) -> float:
@@ -90,14 +93,7 @@ _PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
 _FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
 
-def bind_macro_variables(
-    parameters: Parameters,
-    state: ModalState,
-    here: SourceLocation,
-    coordinates: Coordinates,
-    out: BlockBuffer,
-    position: Callable[[], list[float]],
-) -> None:
+def bind_macro_variables(context: Context, position: Callable[[], list[float]]) -> None:
     """Show the state as variables, and act on the variables that a program sets.
 
     #4001 to #4014 are the codes in effect by FANUC's groups, #4109 is F, #4119 S (rpm) and #4120 T.
@@ -105,36 +101,43 @@ def bind_macro_variables(
     position.
 
     Args:
-        parameters: The parameters of the program.
-        state: The modal state.
-        here: Place of the current line.
-        coordinates: The coordinate systems.
-        out: Receives the stops.
+        context: The parameters, and what they show.
         position: Returns the machine position in mm.
     """
-    groups: dict[int, Callable[[], float]] = {
-        1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code,
-        2: lambda: _PLANE_CODES[state.plane],
-        3: lambda: (G.G90 if state.absolute else G.G91).code,
-        5: lambda: _FEED_CODES[state.feed_mode],
-        6: lambda: (G.G21 if state.scale == 1.0 else G.G20).code,
-        7: lambda: state.compensation.code,
-        9: lambda: (
+    parameters, coordinates = context.parameters, context.coordinates
+    out, here = context.out, context.here
+    groups: dict[int, ReadState] = {
+        1: lambda state: (
+            0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code
+        ),
+        2: lambda state: _PLANE_CODES[state.plane],
+        3: lambda state: (G.G90 if state.absolute else G.G91).code,
+        5: lambda state: _FEED_CODES[state.feed_mode],
+        6: lambda state: (G.G21 if state.scale == 1.0 else G.G20).code,
+        7: lambda state: state.compensation.code,
+        9: lambda state: (
             G.G80.code if state.motion is None or state.motion <= _LAST_PLAIN else state.motion.code
         ),
-        10: lambda: (G.G98 if state.initial_level else G.G99).code,
-        13: lambda: (G.G96 if state.constant_surface else G.G97).code,
-        14: lambda: SYSTEM_CODES[coordinates.system].code,
-        109: lambda: feed_word(state),
-        119: lambda: 0.0 if state.speed is None or state.constant_surface else state.speed,
-        120: lambda: float(state.tool or 0),
+        10: lambda state: (G.G98 if state.initial_level else G.G99).code,
+        13: lambda state: (G.G96 if state.constant_surface else G.G97).code,
+        14: lambda state: SYSTEM_CODES[coordinates.system].code,
+        109: feed_word,
+        119: lambda state: 0.0 if state.speed is None or state.constant_surface else state.speed,
+        120: lambda state: float(state.tool or 0),
     }
     for group, read in groups.items():
-        parameters.bind(numbers.MODAL_CODES + group, read)
-    bind_numbers(coordinates, numbers.MACHINE_POSITION, position, lambda: state.scale)
+        parameters.bind(numbers.MODAL_CODES + group, _reader(context, read))
+
+    def scale() -> float:
+        return context.state.scale
+
+    bind_numbers(coordinates, numbers.MACHINE_POSITION, position, scale)
     for first in (numbers.BLOCK_END, numbers.CURRENT_POSITION):
         bind_numbers(
-            coordinates, first, lambda: coordinates.to_program(position()), lambda: state.scale
+            coordinates,
+            first,
+            lambda: coordinates.to_program(position()),
+            scale,
         )
     # A program may set these two and read them again; they have no other effect here.
     for number in (numbers.NO_SINGLE_BLOCK, numbers.NO_OVERRIDES):
@@ -151,52 +154,38 @@ def bind_macro_variables(
 # them. Which numbers they have is data of the dialect.
 
 
-def bind_control_variables(
-    parameters: Parameters, here: SourceLocation, policy: ReadingPolicy, variables: VariableNumbers
-) -> None:
-    """Bind the variables to the parameters of a program.
-
-    Args:
-        parameters: The parameters of the program.
-        here: Place of the current line.
-        policy: Whether a check goes on without the control.
-        variables: Their numbers.
-    """
+def bind_control_variables(context: Context) -> None:
+    """Bind the variables to the parameters of a program."""
     kept: dict[int, float] = {}
-    for first, last in variables.control:
-        _bind(parameters, here, policy, range(first, last + 1), kept)
+    for first, last in context.dialect.variables.control:
+        _bind(context, range(first, last + 1), kept)
 
 
-def _bind(
-    parameters: Parameters,
-    here: SourceLocation,
-    policy: ReadingPolicy,
-    row: range,
-    kept: dict[int, float],
-) -> None:
+def _bind(context: Context, row: range, kept: dict[int, float]) -> None:
     def read(place: int) -> float:
         number = row[place]
         if number not in kept:
-            _report(here, policy, number)
+            _report(context, number)
             kept[number] = 0.0
         return kept[number]
 
     def write(place: int, value: float) -> None:
         if row[place] not in kept:
-            _report(here, policy, row[place])
+            _report(context, row[place])
         kept[row[place]] = value
 
-    parameters.bind_row(row, read, write)
+    context.parameters.bind_row(row, read, write)
 
 
-def _report(here: SourceLocation, policy: ReadingPolicy, number: int) -> None:
+def _report(context: Context, number: int) -> None:
     """Refuse a variable, or report it where a check goes on."""
+    here = context.here
     written = f"#{number}"
     place = here.text.find(written)
     length = len(written) if place >= 0 else len(here.text)
     at = Word("#", float(number), written, max(place, 0) + 1, length)
     message = f"#{number} belongs to the control: a timer, a count, an input or an output"
-    if policy.missing_programs == "error":
+    if context.policy.missing_programs == "error":
         raise fault("parameter-number", message, at, "a run needs a program without it")
     here.report_warning(
         "control-variable",

@@ -109,36 +109,36 @@ def classes(grammar_name: str) -> NDArray[np.uint8]:
     RS274 ignores blanks and case outside of comments. A language that ignores a terminal of blanks
     has names that end at a blank.
     """
-    found = np.arange(256).astype(np.uint8)
-    found[ord("a") : ord("z") + 1] -= ord("a") - ord("A")
-    found[:32] = found[127] = automaton.REFUSED
+    classes_of = np.arange(256).astype(np.uint8)
+    classes_of[ord("a") : ord("z") + 1] -= ord("a") - ord("A")
+    classes_of[:32] = classes_of[127] = automaton.REFUSED
     if not grammar(grammar_name).tables.ignored.any():
-        found[[9, 32]] = automaton.SKIPPED
+        classes_of[[9, 32]] = automaton.SKIPPED
     else:
-        found[9] = 32
-    found[128:] = automaton.OTHER
-    return found
+        classes_of[9] = 32
+    classes_of[128:] = automaton.OTHER
+    return classes_of
 
 
 @cache
 def _meaning(language: Language) -> kernel.Meaning:
-    found, operations = grammar(language.grammar), _OPERATIONS.get(language.grammar, {})
+    tables, operations = grammar(language.grammar), _OPERATIONS.get(language.grammar, {})
     is_klartext = language.grammar == "klartext"
     of_rules = _KLARTEXT_RULES if is_klartext else _RULES
     of_terminals = _KLARTEXT_TERMINALS if is_klartext else _TERMINALS
-    rules = np.array([of_rules.get(rule, kernel.LEFT_ALONE) for rule in found.rules], np.uint8)
+    rules = np.array([of_rules.get(rule, kernel.LEFT_ALONE) for rule in tables.rules], np.uint8)
     if language.grammar == "macro":
         rules[~np.isin(rules, list(_OF_WORDS))] = kernel.LEFT_ALONE
-    terminals = [of_terminals.get(each, kernel.LEFT_ALONE) for each in found.terminals]
+    terminals = [of_terminals.get(terminal, kernel.LEFT_ALONE) for terminal in tables.terminals]
     if language is SINUMERIK:
-        terminals[found.terminals.index("NAME")] = kernel.VARIABLE
+        terminals[tables.terminals.index("NAME")] = kernel.VARIABLE
     return kernel.Meaning(
         np.array(terminals, np.uint8),
         rules,
-        np.array([operations.get(text, 0) for text in found.texts], np.uint8),
-        found.texts.index("CALL") if "CALL" in found.texts else -1,
-        found.terminals.index("LETTER") + 1 if "LETTER" in found.terminals else 0,
-        found.terminals.index("NUMBER") + 1,
+        np.array([operations.get(text, 0) for text in tables.texts], np.uint8),
+        tables.texts.index("CALL") if "CALL" in tables.texts else -1,
+        tables.terminals.index("LETTER") + 1 if "LETTER" in tables.terminals else 0,
+        tables.terminals.index("NUMBER") + 1,
         int(language.joined),
         int(language.single),
         int(is_klartext),
@@ -190,7 +190,7 @@ def _read(
     data: NDArray[np.uint8], begins: Positions, ends: Positions, name: str, events: automaton.Events
 ) -> Reading:
     """Read lines of a text into the space for events."""
-    lines, found = len(begins), grammar(name)
+    lines, tables = len(begins), grammar(name)
     results = automaton.Results(
         np.empty(lines + 1, np.int32),
         np.empty(lines, np.uint8),
@@ -198,9 +198,9 @@ def _read(
         np.empty(lines, np.int16),
     )
     automaton.read(
-        data, begins, ends, MAX_LINE, found.tables, classes(name), _scratch.stack, events, results
+        data, begins, ends, MAX_LINE, tables.tables, classes(name), _scratch.stack, events, results
     )
-    return Reading(found, events, results)
+    return Reading(tables, events, results)
 
 
 def read_line(text: str, name: str) -> Reading:
@@ -254,7 +254,7 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
     )  # fmt: skip
     words, items = int(lines.first[count]), int(coded.first[count])
     instructions = int(coded.end[items - 1]) if items else 0
-    known = (coded.kind != kernel.UNKNOWN) | (lines.plain > 0)
+    are_read = (coded.kind != kernel.UNKNOWN) | (lines.plain > 0)
     return Sorted(
         lines,
         _copied(scratch.words, words),
@@ -267,7 +267,7 @@ def read_lines(data: bytes, begins: Positions, ends: Positions, language: Langua
             labels=_taken(coded.labels),
         ),
         None
-        if known.all()
+        if are_read.all()
         else reading._replace(events=_copied(reading.events, int(reading.results.first[count]))),
     )
 

@@ -218,8 +218,12 @@ class Parameters:
 
     def known_numbers(self, last: int) -> set[int]:
         """Return the numbers up to ``last`` that were set, or that a function shows."""
-        known = {*self.locals, *self.values, *(key for key in self._bound if isinstance(key, int))}
-        return {number for number in known if 0 < number <= last}
+        numbers = {
+            *self.locals,
+            *self.values,
+            *(key for key in self._bound if isinstance(key, int)),
+        }
+        return {number for number in numbers if 0 < number <= last}
 
     def is_bound(self, key: int | str) -> bool:
         """Return whether a function shows the parameter."""
@@ -340,9 +344,9 @@ class Parameters:
         write(value)
 
     def _undefined(self, name: str, column: int) -> GcodeError:
-        known = self.known_names()
+        names = self.known_names()
         shown = self.written(name)
-        near = difflib.get_close_matches(name, known, 1)
+        near = difflib.get_close_matches(name, names, 1)
         hint = f"did you mean {self.written(near[0])}?" if near else "set it first"
         if not near and shown.startswith("#"):
             hint += f", or test it with EXISTS[{shown}]"
@@ -390,9 +394,9 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
     for line, raw in enumerate(text.split("\n"), start=1):
         if not raw.strip():
             continue
-        found = _LINE.fullmatch(raw)
-        value = float(found[2]) if found else math.inf
-        if found is None or not math.isfinite(value):
+        match = _LINE.fullmatch(raw)
+        value = float(match[2]) if match else math.inf
+        if match is None or not math.isfinite(value):
             raise _file_error(
                 "parameter-file-line",
                 "this is not the number of a parameter and its value",
@@ -401,7 +405,7 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
                 raw,
                 "such as 5221 10.5",
             )
-        number = int(found[1])
+        number = int(match[1])
         if not (1 <= number <= LAST_MACRO or number in MORE_MACRO):
             raise _file_error(
                 "parameter-file-line",

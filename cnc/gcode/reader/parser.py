@@ -123,14 +123,14 @@ def inner_slash(text: str) -> int | None:
     """
     if "/" not in text:
         return None
-    found = _INNER_SLASH.search(_ANY_COMMENT.sub(lambda each: " " * len(each[0]), text))
-    return found.start(1) if found else None
+    slash = _INNER_SLASH.search(_ANY_COMMENT.sub(lambda comment: " " * len(comment[0]), text))
+    return slash.start(1) if slash else None
 
 
 def shown_message(text: str) -> str | None:
     """Return the text of a line ``MSG "text"``, as EdingCNC has it; None for another line."""
-    found = _SHOWN.fullmatch(text)
-    return found and found[1]
+    match = _SHOWN.fullmatch(text)
+    return match and match[1]
 
 
 def is_for_simulation(text: str) -> bool:
@@ -143,8 +143,8 @@ def output_command(text: str) -> str:
 
     Source: FANUC Series 0i, "External output commands".
     """
-    found = _OUTPUT.fullmatch(text)
-    return found[1].upper() if found else ""
+    match = _OUTPUT.fullmatch(text)
+    return match[1].upper() if match else ""
 
 
 def with_whole_names(text: str) -> str:
@@ -157,7 +157,7 @@ def with_whole_names(text: str) -> str:
     out, at = [], 0
     for comment in (*_ANY_COMMENT.finditer(text), None):
         code = text[at : comment.start() if comment else len(text)]
-        out.append(_SHORT_NAME.sub(lambda found: _LONG_NAMES[found[0].upper()], code))
+        out.append(_SHORT_NAME.sub(lambda match: _LONG_NAMES[match[0].upper()], code))
         if comment:
             out.append(comment[0])
             at = comment.end()
@@ -169,11 +169,11 @@ def without_first_spindle(text: str) -> str:
 
     Source: LinuxCNC, "G-code", M3, M4, M5, M19, G96, G97, and S.
     """
-    code = _REMARK.sub(lambda found: " " * len(found[0]), text)
+    code = _REMARK.sub(lambda match: " " * len(match[0]), text)
     if not _SPINDLE.search(code):
         return text
-    for found in _FIRST_SPINDLE.finditer(code):
-        text = f"{text[: found.start()]}{' ' * len(found[0])}{text[found.end() :]}"
+    for match in _FIRST_SPINDLE.finditer(code):
+        text = f"{text[: match.start()]}{' ' * len(match[0])}{text[match.end() :]}"
     return text
 
 
@@ -182,8 +182,8 @@ def without_printer_text(text: str) -> str:
 
     G28 names its axes without numbers; these get a 0. Source: Marlin, "G-code Index", G28.
     """
-    if found := _TEXT_CODE.match(text):
-        return text[: found.end()]
+    if match := _TEXT_CODE.match(text):
+        return text[: match.end()]
     text = _CHECKSUM.sub("", text)
     if _HOMING.match(text):
         code, semicolon, comment = text.partition(";")
@@ -218,7 +218,7 @@ def mend(text: str, error: Diagnostic) -> Mended | None:
 
 def _slashes(text: str) -> Mended | None:
     """Return a line with ``//`` as the begin of a comment; None without it, or with code behind."""
-    begin = _ANY_COMMENT.sub(lambda each: " " * len(each[0]), text).find("//")
+    begin = _ANY_COMMENT.sub(lambda comment: " " * len(comment[0]), text).find("//")
     if begin < 0 or _could_be_code(text[begin + 2 :]):
         return None
     remark = Remark(MENDED, "// begins no comment in G-code: it is read as one", begin + 1, 2)
@@ -229,7 +229,7 @@ def to_first_bracket(text: str, error: Diagnostic) -> Mended | None:
     """Return a line whose comments end at their first ); None for another error."""
     if error.code != "comment-nested":
         return None
-    mended = _COMMENT.sub(lambda found: f"({found[1].replace('(', '[')})", text)
+    mended = _COMMENT.sub(lambda comment: f"({comment[1].replace('(', '[')})", text)
     what = "a ( inside a comment: the comment ends at the first )"
     return Mended(mended, Remark(MENDED, what, error.column, error.length))
 
@@ -303,7 +303,7 @@ def _balanced_end(text: str, begin: int) -> int:
 HEAD = "the head of the file has no effect here"
 """Note of a line with ``%`` and a name."""
 _HEAD = re.compile(r"\s*%\s*[^\s%].*")
-_FAGOR_REMARK = re.compile(r"\(([^()]*)\)|;.*")
+_FAGOR_COMMENT = re.compile(r"\(([^()]*)\)|;.*")
 _COMMAND = re.compile(
     r"\s*(?:IF|GOTO|CALL|PCALL|MCALL|MDOFF|PROC|RPT|SUB|RET|ERROR|EXEC|REPOS|PROBE|DIGIT|OPEN|WRITE"
     r"|PAGE|SYMBOL|DW|ODW|IB|SK|WKEY|WBUF|SYSTEM|DSTBLK|ESTBLK|DSTOP|ESTOP|DFHOLD|EFHOLD|TRACE)\b"
@@ -329,7 +329,7 @@ def with_plain_tools(text: str) -> str:
         GcodeError: ``code-not-supported``, ``decimal-point-place``, ``tool-offset-other``,
             ``offset-without-motion``.
     """
-    for remark in _FAGOR_REMARK.finditer(text):
+    for remark in _FAGOR_COMMENT.finditer(text):
         if remark[1] is not None and (command := _COMMAND.match(remark[1])):
             name = command[0].strip()
             raise fault(
@@ -338,7 +338,7 @@ def with_plain_tools(text: str) -> str:
                 column=remark.start() + 1,
                 hint="if it is a comment, write it behind a semicolon",
             )
-    code = _FAGOR_REMARK.sub(lambda remark: " " * len(remark[0]), text)
+    code = _FAGOR_COMMENT.sub(lambda remark: " " * len(remark[0]), text)
     if dwell := _DWELL.search(code):
         raise fault(
             "decimal-point-place",
@@ -542,8 +542,8 @@ def _parse_mended(text: str, syntax: Syntax) -> Statement:
             mended = to_first_bracket(text, error.diagnostic)
         if mended is None:
             raise
-    found = _parse(mended.text, syntax)
-    return replace(found, remarks=(*found.remarks, mended.remark))
+    statement = _parse(mended.text, syntax)
+    return replace(statement, remarks=(*statement.remarks, mended.remark))
 
 
 def _parse(text: str, syntax: Syntax) -> Statement:
@@ -576,12 +576,12 @@ def _board_line(text: str, syntax: Syntax) -> Statement:
 
 def _refuse_foreign(text: str, syntax: Syntax) -> None:
     """Raise the error for parameters, expressions and O-words in a dialect without them."""
-    for found in _FOREIGN.finditer(text):
-        if found[1]:
-            message = f"{_FOREIGN_NAMES[found[1].upper()]} not in the {syntax.dialect} dialect"
+    for match in _FOREIGN.finditer(text):
+        if match[1]:
+            message = f"{_FOREIGN_NAMES[match[1].upper()]} not in the {syntax.dialect} dialect"
             raise fault(
                 "syntax-not-in-dialect",
                 message,
-                column=found.start() + 1,
+                column=match.start() + 1,
                 hint="use --dialect linuxcnc, or auto",
             )

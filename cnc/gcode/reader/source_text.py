@@ -165,9 +165,9 @@ class Window:
         self.plain[:] = 0
         self.simple[:] = 0
 
-    def names(self, found: Names) -> list[str]:
+    def names(self, names_of_lines: Names) -> list[str]:
         """Return different names in the lines, in small letters. All are ASCII."""
-        spans = map(slice, found.begin.tolist(), found.end.tolist())
+        spans = map(slice, names_of_lines.begin.tolist(), names_of_lines.end.tolist())
         return [self.data[span].decode().lower() for span in spans]
 
     def text(self, index: int) -> str:
@@ -185,11 +185,11 @@ class Window:
 
         Returns ``end`` if there is none. The pattern must not match across lines.
         """
-        found = pattern.search(self.data, int(self._begin[index]), int(self._end[end - 1]))
+        match = pattern.search(self.data, int(self._begin[index]), int(self._end[end - 1]))
         return (
             end
-            if found is None
-            else int(np.searchsorted(self._begin[index:end], found.start(), side="right"))
+            if match is None
+            else int(np.searchsorted(self._begin[index:end], match.start(), side="right"))
             + index
             - 1
         )
@@ -218,11 +218,11 @@ class Window:
         return parse_line(text, syntax)
 
     def _plain(self, index: int, text: str) -> Statement:
-        found = _memo.get(text)
-        if found is None:
+        plain = _memo.get(text)
+        if plain is None:
             lines, words, *_ = self.sorted
             span = slice(lines.first[index], lines.first[index + 1])
-            found = Statement(
+            plain = Statement(
                 tuple(
                     Word(
                         chr(letter), number, squeezed(text[column - 1 : column - 1 + length]),
@@ -235,8 +235,8 @@ class Window:
             )  # fmt: skip
             if len(_memo) >= MEMO:
                 _memo.clear()
-            _memo[text] = found
-        return found
+            _memo[text] = plain
+        return plain
 
 
 _SIEMENS_CONTROL = frozenset(b"LMOP")
@@ -307,11 +307,11 @@ class Text:
             self._firsts.append(following.first)
             self.lines += following.count
         index = bisect_right(self._firsts, line) - 1
-        found = self._kept.get(index)
-        if found is None:
-            found = self._again(index)
-        self._keep(index, found)
-        return found.read_as(self.language)
+        kept = self._kept.get(index)
+        if kept is None:
+            kept = self._again(index)
+        self._keep(index, kept)
+        return kept.read_as(self.language)
 
     def all_lines(self) -> Iterator[str]:
         """Yield all lines."""
@@ -572,22 +572,26 @@ class LineIndex:
 
         Compiled code must not set the latter; None for none.
         """
-        found = window.code().names
+        names_of_lines = window.code().names
         if self._syntax.flavour != "siemens":
-            return window.data, found, None
-        names = list(map(self._syntax.names.in_compiled_code, window.names(found)))
+            return window.data, names_of_lines, None
+        names = list(map(self._syntax.names.in_compiled_code, window.names(names_of_lines)))
         sizes = np.array([len(name) for name, _ in names], np.int32)
         ends = np.cumsum(sizes, dtype=np.int32)
         text = "".join(name for name, _ in names).encode("ascii")
-        return text, found._replace(begin=ends - sizes, end=ends), [not free for _, free in names]
+        return (
+            text,
+            names_of_lines._replace(begin=ends - sizes, end=ends),
+            [not free for _, free in names],
+        )
 
     def placed(self, error: GcodeError, line: int) -> CncError:
         """Return the error with file, line and text added where it lacks them."""
-        known = error.diagnostic
-        if known.file:
+        diagnostic = error.diagnostic
+        if diagnostic.file:
             return error
-        line = known.line or line
-        return error.at(file=self.name, line=line, text=known.text or self.source(line))
+        line = diagnostic.line or line
+        return error.at(file=self.name, line=line, text=diagnostic.text or self.source(line))
 
     def control_fault(
         self, line: int, control: Control, code: str, message: str, hint: str = ""
@@ -626,8 +630,8 @@ class LineIndex:
             for number, window, index in self._candidates(1):
                 text = bare_text(window.text(index))
                 if number > end:
-                    if (found := PROGRAM.fullmatch(text)) and found[1]:
-                        self._definitions.behind[int(found[1])] = end
+                    if (match := PROGRAM.fullmatch(text)) and match[1]:
+                        self._definitions.behind[int(match[1])] = end
                     continue
                 if not (_SUB.match(text) or PROGRAM.fullmatch(text)):
                     continue
@@ -645,14 +649,14 @@ class LineIndex:
         while (window := self._text.window(line)) is not None:
             index = 0
             while index < window.count:
-                found = window.find(_PERCENT, index, window.count)
+                percent = window.find(_PERCENT, index, window.count)
                 words = window.sorted.lines.first
-                code = code or bool(words[found] > words[index])
-                if found < window.count:
+                code = code or bool(words[percent] > words[index])
+                if percent < window.count:
                     if opened or code:
-                        return window.first + found
+                        return window.first + percent
                     opened = True
-                index = found + 1
+                index = percent + 1
             line = window.first + window.count
         return _END_OF_TEXT
 
@@ -683,9 +687,9 @@ class LineIndex:
         """Yield lines that begin like a control line: number, window, index in the window."""
         while (window := self._text.window(line)) is not None:
             offset = line - window.first
-            found: NDArray[np.intp] = (
+            candidates: NDArray[np.intp] = (
                 np.flatnonzero(self._is_control_letter[window.head[offset:]]) + offset
             )
-            for index in found.tolist():
+            for index in candidates.tolist():
                 yield window.first + index, window, index
             line = window.first + window.count

@@ -121,9 +121,9 @@ class ErrorContext:
         self.char = text[self.at : self.at + 1]
         self.wanted = wanted
         self.before = [
-            found.span()
-            for found in _TOKEN.finditer(text[: self.at])
-            if not found[0].startswith("(")
+            match.span()
+            for match in _TOKEN.finditer(text[: self.at])
+            if not match[0].startswith("(")
         ]
         self.functions = {
             *(MACRO_FUNCTIONS if macro else FUNCTIONS),
@@ -164,8 +164,8 @@ class ErrorContext:
         begin = self.at
         while begin > 0 and LETTERS.fullmatch(self.text[begin - 1]):
             begin -= 1
-        found = LETTERS.match(self.text, begin)
-        return (begin, found.end()) if found else (self.at, self.at)
+        match = LETTERS.match(self.text, begin)
+        return (begin, match.end()) if match else (self.at, self.at)
 
     def unknown_character(self) -> GcodeError:
         """Return the error for a character that the language does not have."""
@@ -190,9 +190,9 @@ def about_character(char: str) -> tuple[str, str]:
     return f"the character {shown} has no meaning here", hint
 
 
-def near_hint(name: str, known: Iterable[str]) -> str:
+def near_hint(name: str, names: Iterable[str]) -> str:
     """Return a hint at a known name of similar spelling; empty if there is none."""
-    near = difflib.get_close_matches(name, sorted(known), 1)
+    near = difflib.get_close_matches(name, sorted(names), 1)
     return f"did you mean {near[0]}?" if near else ""
 
 
@@ -206,8 +206,8 @@ def unknown_word(context: ErrorContext, begin: int) -> GcodeError | None:
 
     The keyword is misspelt, of another dialect, or lacks its other parts.
     """
-    found = LETTERS.match(context.text, begin)
-    run = found[0] if found else ""
+    match = LETTERS.match(context.text, begin)
+    run = match[0] if match else ""
     if len(run) < 2 or context.open:
         return None
     place = begin, begin + len(run)
@@ -268,10 +268,10 @@ def unknown_keyword(
 
 def letter_o_hint(letters: str) -> str:
     """Return a hint for a code that is written with the letter O, such as GOO; else empty."""
-    found = _LETTER_O.match(letters)
-    if found is None:
+    match = _LETTER_O.match(letters)
+    if match is None:
         return ""
-    return f"write zeros after {found[1]}, not the letter O: {found[1]}{'0' * len(found[2])}"
+    return f"write zeros after {match[1]}, not the letter O: {match[1]}{'0' * len(match[2])}"
 
 
 def unknown_function(context: ErrorContext, run: tuple[int, int]) -> GcodeError:
@@ -292,9 +292,9 @@ def unknown_operator(context: ErrorContext, run: tuple[int, int]) -> GcodeError:
 
 def o_word_keyword(context: ErrorContext) -> GcodeError:
     """Return the error after the label of an O-word."""
-    found = LETTERS.match(context.text, context.at)
+    match = LETTERS.match(context.text, context.at)
     label = context.text[context.text.index("O") : context.at].lower()
-    near = near_hint(found[0], O_KEYWORDS) if found else ""
+    near = near_hint(match[0], O_KEYWORDS) if match else ""
     hint = f"one of {', '.join(O_KEYWORDS).lower()}"
     if not context.char or context.char in ";(":
         return context.fault(
@@ -304,7 +304,7 @@ def o_word_keyword(context: ErrorContext) -> GcodeError:
             context.at,
             hint,
         )
-    end = found.end() if found else context.at + 1
+    end = match.end() if match else context.at + 1
     if near:
         return context.fault(
             "keyword-unknown", f"{context.text[context.at : end]} is unknown", context.at, end, near
@@ -374,13 +374,13 @@ def parameter(context: ErrorContext) -> GcodeError:
                 "syntax-not-in-dialect", "named parameters are not in this dialect", begin
             )
         return bad_name(context, begin)
-    if found := LETTERS.match(context.text, context.at):
-        hint = f"write #<{found[0].lower()}> for a named parameter"
+    if match := LETTERS.match(context.text, context.at):
+        hint = f"write #<{match[0].lower()}> for a named parameter"
         return context.fault(
             "parameter-number-missing",
             "a number is missing after #",
             begin,
-            found.end(),
+            match.end(),
             "" if context.macro else hint,
         )
     return context.fault(
@@ -417,22 +417,22 @@ def value(context: ErrorContext) -> GcodeError:
     """Return the error of a missing number or value."""
     last = context.last()
     begin, end = context.before[-1]
-    found = LETTERS.match(context.text, context.at)
+    match = LETTERS.match(context.text, context.at)
     inside = bool(context.open) or "=" in context.text[: context.at]
     if last in ("+", "-") and context.char and context.char in "+-" and is_value_sign(context):
         return of_word(context, "number-malformed", begin, context.at + 1)
     if LETTERS.fullmatch(last) and (unknown := unknown_word(context, begin)):
         return unknown
-    if found:
+    if match:
         run = context.letters_around()
-        if context.text[found.end() : found.end() + 1] == "[" and len(found[0]) > 1:
-            return unknown_function(context, (context.at, found.end()))
+        if context.text[match.end() : match.end() + 1] == "[" and len(match[0]) > 1:
+            return unknown_function(context, (context.at, match.end()))
         if inside and run[0] < context.at:
             return unknown_operator(context, run)
-        if inside and found[0] not in context.operators:
-            hint = "" if context.macro else f"#<{found[0].lower()}> is the parameter of that name"
+        if inside and match[0] not in context.operators:
+            hint = "" if context.macro else f"#<{match[0].lower()}> is the parameter of that name"
             return context.fault(
-                "value-unknown", f"{found[0]} has no value", context.at, found.end(), hint
+                "value-unknown", f"{match[0]} has no value", context.at, match.end(), hint
             )
     return _misplaced_sign(context) or missing(context, begin, end)
 
@@ -471,14 +471,14 @@ def siemens_address(context: ErrorContext) -> GcodeError | None:
         return None
     begin, _ = context.letters_around()
     pattern = re.compile(r"([A-Z]{2,}[0-9]*|[A-Z](?==(?:IC|AC|DC)\())=(?!=)")
-    found = pattern.match(context.text, begin)
-    if found is None or found.end() <= context.at:
+    match = pattern.match(context.text, begin)
+    if match is None or match.end() <= context.at:
         return None
     return context.fault(
         "syntax-not-in-dialect",
-        f"{found[1]}= is a word of SINUMERIK",
+        f"{match[1]}= is a word of SINUMERIK",
         begin,
-        found.end(),
+        match.end(),
         "use --dialect siemens for a program of SINUMERIK",
     )
 
@@ -520,22 +520,22 @@ def of_word(context: ErrorContext, code: str, begin: int, end: int) -> GcodeErro
 
     It stands at the letter, or at ``begin`` if there is no letter.
     """
-    found = None if context.open else re.search(r"([A-Z])[-+]*$", context.text[: context.at])
+    match = None if context.open else re.search(r"([A-Z])[-+]*$", context.text[: context.at])
     if code == "number-malformed":
-        message = f"the number after {found[1]} has two signs" if found else "two signs"
-        return context.fault(code, message, *((found.start(), 0) if found else (begin, end)))
-    name = found[1] if found else context.text[begin:end]
+        message = f"the number after {match[1]} has two signs" if match else "two signs"
+        return context.fault(code, message, *((match.start(), 0) if match else (begin, end)))
+    name = match[1] if match else context.text[begin:end]
     hint = f"write {name} and its number, such as {name}10"
     if context.char == "(":
         hint = "( ) is a comment; use [ ] for expressions"
-    elif zeros := letter_o_hint(context.text[found.start() if found else begin :]):
+    elif zeros := letter_o_hint(context.text[match.start() if match else begin :]):
         hint = zeros
     elif name in "XYZABC" and re.search(r"G(?:28|30)(?![0-9.])", context.text[: context.at]):
         hint = f"G91 G28 {name}0 returns {name} from where it is; firmware of printers reads {name}"
     return context.fault(
         code,
         f"a number is missing after {name}",
-        *((found.start(), 0) if found else (begin, end)),
+        *((match.start(), 0) if match else (begin, end)),
         hint,
     )
 
@@ -560,8 +560,8 @@ def operator(context: ErrorContext) -> GcodeError:
             hint="such as + or *",
         )
     if char in _OPERATOR_OF:
-        other = _OPERATOR_OF[char]
-        hint = f"write {other}" if other in context.operators else ""
+        meant = _OPERATOR_OF[char]
+        hint = f"write {meant}" if meant in context.operators else ""
         return context.fault("operator-unknown", f"there is no operator {char}", hint=hint)
     if char in "*" and context.macro:
         return context.fault(
@@ -739,15 +739,15 @@ def after_end(context: ErrorContext) -> GcodeError:
     """Return the error after the end of a line that accepts no more."""
     if (
         context.macro
-        and (found := re.match(r"(?:N[0-9]+)?(O[0-9]+)([A-Z]+)", context.text))
-        and found[2] in O_KEYWORDS
+        and (match := re.match(r"(?:N[0-9]+)?(O[0-9]+)([A-Z]+)", context.text))
+        and match[2] in O_KEYWORDS
     ):
         hint = "FANUC has IF [..] GOTO 10, WHILE [..] DO1 and M98 P100"
         return context.fault(
             "syntax-not-in-dialect",
             "O-words with a keyword are not in this dialect",
-            found.start(1),
-            found.end(),
+            match.start(1),
+            match.end(),
             hint,
         )
     if context.text.startswith("%"):

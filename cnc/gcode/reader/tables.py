@@ -92,8 +92,8 @@ def grammar(name: str) -> Grammar:
     places: list[Traversable] = [folder, cache_folder()]
     for place in places:
         with suppress(OSError):
-            if (found := _unpacked(place.joinpath(file_name).read_bytes())) is not None:
-                return found
+            if (kept := _unpacked(place.joinpath(file_name).read_bytes())) is not None:
+                return kept
     made = make(folder.joinpath(f"{name}.lark"), folder)
     with suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
@@ -127,15 +127,15 @@ def _folder() -> Traversable:
 
 def write(made: Grammar, file: Path) -> None:
     """Write a file of tables. It is written beside its place and renamed, so it is always whole."""
-    arrays = [np.ascontiguousarray(each) for each in made.tables]
+    arrays = [np.ascontiguousarray(table) for table in made.tables]
     head = {
-        "arrays": [(each.dtype.str, each.shape) for each in arrays],
+        "arrays": [(table.dtype.str, table.shape) for table in arrays],
         "names": made.terminals,
         "rules": made.rules,
         "texts": made.texts,
-        "wanted": [sorted(each) for each in made.wanted],
+        "wanted": [sorted(table) for table in made.wanted],
     }
-    body = b"\n".join([json.dumps(head).encode(), b"".join(each.tobytes() for each in arrays)])
+    body = b"\n".join([json.dumps(head).encode(), b"".join(table.tobytes() for table in arrays)])
     part = tempfile.NamedTemporaryFile(dir=file.parent, delete=False)  # noqa: SIM115 renamed below
     try:
         with part:
@@ -212,7 +212,7 @@ class _Maker:
         frontend: Any = parser.parser
         self._table = frontend.parser.parser.parse_table
         self._terminals = list(parser.terminals)
-        self._names = [each.name for each in self._terminals]
+        self._names = [terminal.name for terminal in self._terminals]
         self._ignored = set(parser.ignore_tokens)
         self._states = {state: index for index, state in enumerate(self._in_order())}
         self._number = {name: index for index, name in enumerate([*self._names, "$END"])}
@@ -412,18 +412,18 @@ class _Maker:
             for terminal, text in accepted_here.items():
                 spelling[terminal, state] = text
             for wanted, lexer in lexers.items():
-                found = [number for number in accepted_here if number in wanted]
-                if found:
-                    token[lexer, state] = self._chosen(found)
+                accepted = [number for number in accepted_here if number in wanted]
+                if accepted:
+                    token[lexer, state] = self._chosen(accepted)
         return token, spelling
 
-    def _chosen(self, found: Iterable[int]) -> int:
+    def _chosen(self, accepted: Iterable[int]) -> int:
         """Return the terminal of highest priority.
 
         Raises:
             GrammarError: Two terminals of one priority have a text in common.
         """
-        ranked = sorted(found, key=lambda number: -self._terminals[number].priority)
+        ranked = sorted(accepted, key=lambda number: -self._terminals[number].priority)
         best = [
             number
             for number in ranked
@@ -496,7 +496,7 @@ def _texts(fsm: Any) -> list[str]:
             return []
     except OverflowError:
         return []
-    found = list(fsm.strings())
-    if any(anything_else in parts for parts in found):
+    texts = list(fsm.strings())
+    if any(anything_else in parts for parts in texts):
         return []
-    return sorted("".join(parts) for parts in found)
+    return sorted("".join(parts) for parts in texts)

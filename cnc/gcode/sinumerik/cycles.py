@@ -334,6 +334,7 @@ def _perform(flow: Flow, moves: list[Move], line: int, fault: Fault) -> int:
             )
             interpreter.execute(Statement(words), line)
     finally:
+        modal = interpreter.modal
         modal.motion, modal.absolute, modal.feed, modal.feed_mode, speed = before
         if modal.speed != speed and speed is not None:
             interpreter.execute(Statement((Word("S", speed, "S", 1, 1),)), line)
@@ -367,7 +368,7 @@ class Pattern(ControlStep):
             words = tuple(Word(letter, number, letter, 1, 1) for letter, number in numbers)
             interpreter.execute(Statement(words), line)
             after = flow.call_after(line)
-        modal.motion, modal.absolute = before
+        interpreter.modal.motion, interpreter.modal.absolute = before
         interpreter.update_plain()
         return after
 

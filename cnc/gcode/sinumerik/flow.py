@@ -186,11 +186,11 @@ def _block_at(flow: Flow, line: int, control: Control) -> Step:
         hint = "a jump must not lead into a block"
         raise listing.control_fault(line, control, "block-not-open", message, hint)
     blocks: list[_Block] = []
-    for at, found in _control_lines(listing, line):
-        if found.keyword in _END_OF:
-            blocks.append(_Block(at, found))
-        elif found.keyword in _ENDS:
-            _end(listing, blocks, at, found)
+    for at, block in _control_lines(listing, line):
+        if block.keyword in _END_OF:
+            blocks.append(_Block(at, block))
+        elif block.keyword in _ENDS:
+            _end(listing, blocks, at, block)
         if not blocks:
             return listing.steps[line]
     name = blocks[-1].control.keyword[2:].upper()
@@ -342,12 +342,12 @@ class _Repeat(ControlStep):
     def _line_of(self, flow: Flow, label: str, line: int) -> int:
         """Return the nearest line before this one with a label, or else the first one after it."""
         before = list(labelled(flow.listing, label, 1, line))
-        found = before[-1] if before else next(labelled(flow.listing, label, line + 1), 0)
-        if not found:
+        target = before[-1] if before else next(labelled(flow.listing, label, line + 1), 0)
+        if not target:
             hint = "write the label and a colon first in the target line"
             message = f"there is no {label}:"
             raise flow.listing.fault(self.at, "jump-target-missing", message, hint)
-        return found
+        return target
 
 
 def _is_end(listing: Listing, line: int) -> bool:
@@ -492,16 +492,16 @@ class FrameLine(ControlStep):
 def _put_into_effect(flow: Flow, frame: ProgramFrame) -> None:
     interpreter = flow.interpreter
     coordinates, column = interpreter.coordinates, interpreter.motion.column
-    found = [column.get(axis) for axis in "XYZ"]
+    columns = [column.get(axis) for axis in "XYZ"]
     coordinates.set_local(
-        {at: value for at, value in zip(found, frame.shift, strict=True) if at is not None}
+        {at: value for at, value in zip(columns, frame.shift, strict=True) if at is not None}
     )
     none = Figure.none(len(coordinates.axes))
     factors = list(none.factors)
-    for at, factor in zip(found, frame.factors, strict=True):
+    for at, factor in zip(columns, frame.factors, strict=True):
         if at is not None:
             factors[at] = factor
-    first, second = (found[axis] for axis in frame.plane)
+    first, second = (columns[axis] for axis in frame.plane)
     turns = frame.angle != 0.0 and first is not None and second is not None
     plane = (first, second) if first is not None and second is not None and turns else None
     coordinates.figure = Figure(tuple(factors), none.fixed, plane, (0.0, 0.0), frame.angle)
@@ -514,8 +514,8 @@ def _plane(flow: Flow) -> tuple[int, int]:
     return "XYZ".index(names[0].upper()), "XYZ".index(names[1].upper())
 
 
-def _or(value: float, other: float) -> float:
-    return other if value != value else value
+def _or(value: float, default: float) -> float:
+    return default if value != value else value
 
 
 def _mirror(value: float) -> float:
@@ -547,10 +547,10 @@ class Call(ControlStep):
         if not count:
             return line + 1
         flow.interpreter.begun = True
-        found = self._found(flow, name)
-        if found is None:
+        program = self._found(flow, name)
+        if program is None:
             return line + 1
-        listing, scope = found
+        listing, scope = program
         given = self._values(flow, listing, scope, name)
         caller = flow.listing
         first = flow.enter(Frame("program", name, listing, scope, caller, self.at, line + 1, count))
@@ -624,8 +624,8 @@ def _parameters(listing: Listing, scope: int) -> tuple[str | int, ...]:
             statement = listing.statement(window, index)
             if statement is None or statement.words:
                 return ()
-            if (found := statement.control) is not None:
-                return found.names if found.keyword == "s-proc" else ()
+            if (control := statement.control) is not None:
+                return control.names if control.keyword == "s-proc" else ()
         line = window.first + window.count
     return ()
 

@@ -108,8 +108,8 @@ class _Sums:
     def of(self, left: Node | str, sign: str, right: Node | str) -> Node:
         """Return a sum or a product; names are those of parameters."""
         a, b = (
-            self._build.parameter(each, *self._place) if isinstance(each, str) else each
-            for each in (left, right)
+            self._build.parameter(value, *self._place) if isinstance(value, str) else value
+            for value in (left, right)
         )
         return self._build.binary(a, sign, b, *self._place)
 
@@ -180,7 +180,7 @@ class Lines:
         )
         if sign not in _COMPARED_LAST:
             return made
-        inside = {id(node): known for node, known in self._loose}
+        inside = {id(node): name for node, name in self._loose}
         before, after = inside.get(id(left), ""), inside.get(id(right), "")
         if operator.terminal == "COMPARE" and (before or after):
             first, second = (before, sign) if before else (sign, after)
@@ -202,7 +202,7 @@ class Lines:
             if len(given) != 2:
                 what = f"ATAN2 with {len(given)} values"
                 raise not_supported(what, name.begin, name.end)
-            y, x = (self._value(each, name) for each in given)
+            y, x = (self._value(argument, name) for argument in given)
             return self._build.arctangent(y, x, begin).spanning(begin, end)
         if name.text not in words()["axes"] and name.text not in ("SET", "REP"):
             raise self._no_value(name)
@@ -252,24 +252,24 @@ class Lines:
             what = f"{name.text} (a variable of more than one program of this text)"
             hint = "give each variable a name of its own"
             raise not_supported(what, name.begin, name.end, hint)
-        known = self._names.find(name.text)
-        if known and known.sizes:
-            what = f"{known.name} (an array) without an index"
+        variable = self._names.find(name.text)
+        if variable and variable.sizes:
+            what = f"{variable.name} (an array) without an index"
             raise not_supported(what, name.begin, name.end)
         return self._names.stored(name.text)
 
     def _array(self, name: Token, index: list[Node]) -> Variable | None:
         """Return the array of an element; None for R."""
         written = squeezed(self._text[name.begin : index[-1].end]) if index else name.text
-        plain = all(isinstance(each, Node) and self._part(each) for each in index)
+        plain = all(isinstance(part, Node) and self._part(part) for part in index)
         if plain and name.text == "R" and len(index) == 1:
             return None
-        known = self._names.find(name.text)
-        if known is None or len(known.sizes) != len(index) or not plain:
+        variable = self._names.find(name.text)
+        if variable is None or len(variable.sizes) != len(index) or not plain:
             what = f"{written}] (no array of that name, or another number of indices)"
             hint = "define it by DEF REAL NAME[10] at the beginning of the main program"
             raise not_supported(what, name.begin, name.end, hint)
-        return known
+        return variable
 
     def _as_type(self, kind: str, node: Node) -> Node:
         """Return a value as a type keeps it: INT is rounded, BOOL is 0 or 1."""
@@ -317,8 +317,8 @@ class Lines:
     ) -> _Named | Assignment:
         if not self._names.is_variable(name.text):
             return _Named(name, end, value=right)
-        stored, known = self._stored(name), self._names.find(name.text)
-        kind = known.kind if known else "REAL"
+        stored, variable = self._stored(name), self._names.find(name.text)
+        kind = variable.kind if variable else "REAL"
         return self._assignment(stored, self._as_type(kind, self._value(right, name)), name)
 
     def _element(
@@ -330,7 +330,7 @@ class Lines:
         values = [right]
         if isinstance(right, _Called) and right.name in ("SET", "REP"):
             left = left_from(array, index) if array else None
-            values = [self._part(each) for each in self._listed(right, left)]
+            values = [self._part(part) for part in self._listed(right, left)]
         kind = array.kind if array else "REAL"
         return [
             self._assignment(number_of(array, index, step).value, self._as_type(kind, value), name)
@@ -358,10 +358,10 @@ class Lines:
                 what = "REP without a number of elements"
                 raise not_supported(what, *place, "write REP(0,5), or SET")
             values = values[:1] * int(count)
-        found = [each for each in values if isinstance(each, Node)]
-        if len(found) < len(values) or not found:
+        nodes = [value for value in values if isinstance(value, Node)]
+        if len(nodes) < len(values) or not nodes:
             raise not_supported(f"{kind} with a value left out", *place, "write each value")
-        return found
+        return nodes
 
     def _made(self, letter: str, value: Node, begin: int, end: int) -> _Word:
         """Return a word with a value, which is a number or is computed."""
@@ -448,8 +448,8 @@ class Lines:
             if name == "RPL":
                 raise not_supported("RPL without ROT or AROT", begin, item.name.end)
             if name == "TURN":
-                one = constant(1.0, item.end, item.end)
-                sum_ = self._build.binary(self._part(value), "+", one, begin, item.end)
+                unit = constant(1.0, item.end, item.end)
+                sum_ = self._build.binary(self._part(value), "+", unit, begin, item.end)
                 written = f"P[{squeezed(self._text[value.begin : value.end])}+1]"
                 return [_Word(Word("P", math.nan, written, column, length), sum_.value)]
             return [self._address(name, value, begin, item.end)]
@@ -514,7 +514,7 @@ class Lines:
         return self._control("s-for", self._stored(name), values, begin, end)
 
     def _again(self, begin: int, end: int, keyword: Token, *parts: Token | Node) -> Control:
-        labels = [each.text for each in parts if isinstance(each, Token)]
+        labels = [part.text for part in parts if isinstance(part, Token)]
         count: Node | None = None
         if isinstance(parts[-1] if parts else None, Node):
             count = self._part(cast(Node, parts[-1]))
@@ -532,8 +532,8 @@ class Lines:
     def _defined(
         self, begin: int, end: int, name: Token, *parts: Any
     ) -> tuple[Token, list[Any] | None, Node | None]:
-        index = next((each for each in parts if isinstance(each, list)), None)
-        return name, index, next((each for each in parts if isinstance(each, Node)), None)
+        index = next((part for part in parts if isinstance(part, list)), None)
+        return name, index, next((part for part in parts if isinstance(part, Node)), None)
 
     def _definition(
         self, begin: int, end: int, keyword: Token, kind: Token, *parts: Any
@@ -565,14 +565,14 @@ class Lines:
     ) -> tuple[list[int], list[Node]]:
         """Return the numbers of the parameters of a new array, and a value for each."""
         sizes = [
-            squeezed(self._text[each.begin : each.end]) if isinstance(each, Node) else ""
-            for each in index
+            squeezed(self._text[part.begin : part.end]) if isinstance(part, Node) else ""
+            for part in index
         ]
         if not sizes_of(sizes):
             hint = f"DEF REAL NAME=1.5, OTHER[3,2] is read; {MOST_ELEMENTS} elements at most"
             raise not_supported(f"DEF {kind} of this form", name.begin, name.end, hint)
-        known = self._names.find(name.text)
-        numbers = elements(known) if known and known.sizes else []
+        variable = self._names.find(name.text)
+        numbers = elements(variable) if variable and variable.sizes else []
         zero = constant(0.0, name.end, name.end)
         listed: list[Node] | None = [zero] * len(numbers)
         if value is not None:
@@ -583,26 +583,26 @@ class Lines:
             what = f"this definition of the array {name.text}"
             raise not_supported(what, name.begin, name.end, hint)
         listed += [zero] * (len(numbers) - len(listed))
-        return numbers, [self._as_type(kind, each) for each in listed]
+        return numbers, [self._as_type(kind, part) for part in listed]
 
     def _procedure(self, begin: int, end: int, keyword: Token, name: Token, *parts: Any) -> Control:
-        given = next((each for each in parts if isinstance(each, list)), [])
+        given = next((part for part in parts if isinstance(part, list)), [])
         for mode in parts:
             if isinstance(mode, Token) and mode.text not in ("DISPLOF", "SBLOF"):
                 hint = "write the codes again after the call"
                 raise not_supported(f"PROC with {mode.text}", mode.begin, mode.end, hint)
-        found = parameters_of(given)
-        if found is None:
+        parameters = parameters_of(given)
+        if parameters is None:
             hint = "REAL, INT and BOOL are read, without VAR"
             raise not_supported("PROC with these parameters", begin, end, hint)
-        names = tuple(name for each in found for name in (each.stored, each.kind))
+        names = tuple(name for part in parameters for name in (part.stored, part.kind))
         return self._control("s-proc", "", (), begin, end, names)
 
     def _declaration(self, begin: int, end: int, *parts: Any) -> None:
         """EXTERN: the parameters of a subprogram, which its PROC has too."""
 
     def _parameters(self, begin: int, end: int, *parts: Any) -> list[Any]:
-        return [each for each in parts if not isinstance(each, Token)]
+        return [part for part in parts if not isinstance(part, Token)]
 
     def _defined_as(self, begin: int, end: int, *parts: Any) -> tuple[Any, ...]:
         return parts
@@ -630,7 +630,7 @@ class Lines:
 
     def _block(self, begin: int, end: int, *items: Any) -> Statement:
         deletable = bool(items) and items[0].__class__ is Token and items[0].terminal == "DELETE"
-        rest = [each for each in items if each.__class__ is not Token and each is not None]
+        rest = [item for item in items if item.__class__ is not Token and item is not None]
         if len(rest) < len(items):
             rest = _without_comments(items)
         number: list[_Word] = []
@@ -643,15 +643,15 @@ class Lines:
         if len(rest) == 1 and rest[0].__class__ is _Word and rest[0].word.letter == "O":
             # The number of a program has no effect.
             return Statement(deletable=deletable)
-        found: list[_Word] = list(number)
+        words: list[_Word] = list(number)
         assignments: list[Assignment] = []
         for item in rest:
             kind = item.__class__
             if kind is _Word:
                 self._check_beside(item.word)
-                found.append(item)
+                words.append(item)
             elif kind is _Named:
-                found += self._words_of(item)
+                words += self._words_of(item)
             elif kind is Assignment:
                 assignments.append(item)
             elif kind is list:
@@ -661,8 +661,8 @@ class Lines:
             else:
                 raise not_supported(repr(item.text), item.begin, item.end)
         return Statement(
-            tuple(each.word for each in found),
-            tuple((at, each.value) for at, each in enumerate(found) if each.value is not None),
+            tuple(item.word for item in words),
+            tuple((at, item.value) for at, item in enumerate(words) if item.value is not None),
             tuple(assignments),
             tuple(self._remarks),
             deletable=deletable,
@@ -766,7 +766,8 @@ class Lines:
             return None
         if first.arguments and len(rest) == 1:
             if any(
-                isinstance(each, Token) and each.terminal == "STRING" for each in first.arguments
+                isinstance(argument, Token) and argument.terminal == "STRING"
+                for argument in first.arguments
             ):
                 return None
             return self._control("s-call", name, self._values(first), begin, first.end)
@@ -779,14 +780,14 @@ class Lines:
         """Return a drilling cycle; None for another part of a line."""
         if not isinstance(item, _Named) or item.arguments is None:
             return None
-        found = re.fullmatch("CYCLE(8[1-9])", item.name.text)
-        return self._control(kind, found[1], self._values(item), begin, item.end) if found else None
+        match = re.fullmatch("CYCLE(8[1-9])", item.name.text)
+        return self._control(kind, match[1], self._values(item), begin, item.end) if match else None
 
     def _values(self, item: _Named) -> tuple[Value, ...]:
         """Return the arguments of a cycle or a call; NaN for those that are left out."""
         return tuple(
-            _nothing if each is None else self._value(each, item.name).value
-            for each in item.arguments or ()
+            _nothing if argument is None else self._value(argument, item.name).value
+            for argument in item.arguments or ()
         )
 
     def _level(
@@ -796,7 +797,7 @@ class Lines:
 
         Its names are none without arguments, ``FR`` for a retraction, or ``0`` for others.
         """
-        if any(each is not None and not self._is_zero(each) for each in given[_LEVEL]):
+        if any(value is not None and not self._is_zero(value) for value in given[_LEVEL]):
             return None
         retracts = bool(given) and given[0] is not None and not self._is_zero(given[0])
         names = () if not given else ("FR",) if retracts else ("0",)
@@ -851,21 +852,21 @@ def _without_comments(items: tuple[Any, ...]) -> list[Any]:
     Raises:
         GcodeError: ``code-not-supported``: a comment is a command for other controls.
     """
-    found: list[Any] = []
+    kept: list[Any] = []
     for item in items:
         if item.__class__ is not Token or item.terminal == "COLON":
-            found.append(item)
+            kept.append(item)
         elif item.terminal == "COMMENT" and REMARK.fullmatch(item.text):
             raise not_supported("a command in a comment", item.begin, item.end)
-    return [each for each in found if each is not None]
+    return [part for part in kept if part is not None]
 
 
 def _arguments(parts: tuple[Any, ...]) -> list[Any]:
     """Return what stands between commas; None for what is left out, none for empty brackets."""
-    found: list[Any] = [None]
+    arguments: list[Any] = [None]
     for part in parts:
         if _is_comma(part):
-            found.append(None)
+            arguments.append(None)
         else:
-            found[-1] = part
-    return found if parts else []
+            arguments[-1] = part
+    return arguments if parts else []

@@ -70,9 +70,11 @@ class Names:
     """The variables of a program by their names."""
 
     def __init__(self, variables: Variables) -> None:
-        self._variables = {each.name: each for each in variables}
+        self._variables = {variable.name: variable for variable in variables}
         self._ambiguous = {
-            each.name for each in variables if self._variables[each.name] is not each
+            variable.name
+            for variable in variables
+            if self._variables[variable.name] is not variable
         }
 
     def is_variable(self, name: str) -> bool:
@@ -101,12 +103,14 @@ class Names:
         name = written.upper()
         if re.fullmatch("R[0-9]+", name):
             return self.stored(name), True
-        known = self.find(name)
-        if known is None and not (name.startswith("_") and not self.is_ambiguous(name)):
+        variable = self.find(name)
+        if variable is None and not (name.startswith("_") and not self.is_ambiguous(name)):
             return f"?{written}", False
-        if known is None:
+        if variable is None:
             return self.stored(name), True
-        return (f"?{written}", False) if known.sizes else (known.stored, known.kind == "REAL")
+        return (
+            (f"?{written}", False) if variable.sizes else (variable.stored, variable.kind == "REAL")
+        )
 
 
 def written_name(stored: str) -> str:
@@ -175,21 +179,23 @@ def defined_variables(lines: Iterable[str], *, in_subprogram: bool = False) -> V
         in_subprogram: Whether the first line belongs to a subprogram.
     """
     local = in_subprogram
-    found: list[Variable] = []
+    variables: list[Variable] = []
     for line in lines:
         if border := _SUBPROGRAM.match(line):
             local = (border[1] or "SPF").upper() == "SPF"
         reading = read_line(line, GRAMMAR)
         if not reading.results.status[0]:
-            rules = _Declarations(local=local, arrays=sum(bool(each.sizes) for each in found))
+            rules = _Declarations(
+                local=local, arrays=sum(bool(variable.sizes) for variable in variables)
+            )
             carried_out(reading, 0, line, rules)
-            found += rules.found
-    return tuple(dict.fromkeys(found))
+            variables += rules.found
+    return tuple(dict.fromkeys(variables))
 
 
 def sizes_of(written: Sequence[str]) -> tuple[int, ...]:
     """Return the sizes of an array; empty for one without elements, or with too many."""
-    if len(written) > 2 or not all(each.isdigit() for each in written):
+    if len(written) > 2 or not all(text.isdigit() for text in written):
         return ()
     sizes = tuple(map(int, written))
     return sizes if 0 < math.prod(sizes) <= MOST_ELEMENTS else ()
@@ -197,13 +203,13 @@ def sizes_of(written: Sequence[str]) -> tuple[int, ...]:
 
 def parameters_of(given: Iterable[Sequence[Token]]) -> Variables | None:
     """Return the parameters of a PROC by their words; None for forms that are not supported."""
-    found = []
+    parameters = []
     for words in given:
-        texts = [each.text if isinstance(each, Token) else "" for each in words]
+        texts = [word.text if isinstance(word, Token) else "" for word in words]
         if len(texts) != 2 or texts[0] not in KINDS or len(texts[1]) < 2:
             return None
-        found.append(Variable(texts[1], texts[0], True))
-    return tuple(found)
+        parameters.append(Variable(texts[1], texts[0], True))
+    return tuple(parameters)
 
 
 def elements(variable: Variable) -> list[int]:
@@ -254,7 +260,7 @@ def number_of(variable: Variable | None, indices: Sequence[Node], step: int = 0)
         row = of(row, last, size, DIVIDE, FIX, ADD)
         last = of(last, size, MODULO)
     node = Node(of(float(first), row, float(ROW), MULTIPLY, ADD, last, ADD), begin, end)
-    if all(each.number is not None for each in indices):
+    if all(index.number is not None for index in indices):
         return constant(node.value(Parameters()), begin, end)
     return node
 
@@ -277,11 +283,11 @@ def bind_arrays(parameters: Parameters, variables: Iterable[Variable]) -> None:
 
 def _bind(parameters: Parameters, variable: Variable) -> None:
     """Bind the numbers of an array. Those around it are errors that name the array."""
-    known = {number - variable.first + SPAN // 2 for number in elements(variable)}
+    indices = {number - variable.first + SPAN // 2 for number in elements(variable)}
     values: dict[int, float] = {}
 
     def checked(place: int) -> int:
-        if place in known:
+        if place in indices:
             return place
         shown = ",".join(str(size) for size in variable.sizes)
         last = " and ".join(f"0 to {size - 1}" for size in variable.sizes)
@@ -360,9 +366,9 @@ def describe(text: str, place: int, wanted: frozenset[str]) -> GcodeError:
     if char and not char.isascii():
         message, hint = about_character(char)
         return fault("character-unknown", message, column=place + 1, hint=hint)
-    for found in _NAME.finditer(text):
-        if found[1] and found.start() <= place and found[1].upper() in words()["refused"]:
-            return refused(found[1].upper(), found.start())
+    for match in _NAME.finditer(text):
+        if match[1] and match.start() <= place and match[1].upper() in words()["refused"]:
+            return refused(match[1].upper(), match.start())
     if jump := _JUMP.search(text[: place + 1].rstrip() + " "):
         hint = "write GOTOF, GOTOB or GOTO and a label or N number"
         return not_supported("a jump of this form", *jump.span(), hint)
@@ -388,12 +394,12 @@ def describe(text: str, place: int, wanted: frozenset[str]) -> GcodeError:
 
 def _open_brackets(text: str) -> list[int]:
     """Return the places of brackets that are open at the end of a text."""
-    found: list[int] = []
+    brackets: list[int] = []
     quoted = False
     for at, char in enumerate(text):
         quoted ^= char == '"'
         if char in _CLOSING and not quoted:
-            found.append(at)
-        elif char in ")]" and not quoted and found:
-            found.pop()
-    return found
+            brackets.append(at)
+        elif char in ")]" and not quoted and brackets:
+            brackets.pop()
+    return brackets

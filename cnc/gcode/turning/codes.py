@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cnc.gcode.core.block_buffer import BlockBuffer
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.modal_groups import Codes, ModalState
 from cnc.gcode.core.tool_codes import ToolCodes
 from cnc.gcode.core.tool_table import ORIENTATIONS, ToolEntry
@@ -30,10 +30,10 @@ _LONGEST = 9999
 
 def power_on(state: ModalState, dialect: Dialect, diameters: bool | None) -> None:
     """Set the modes in effect at the start on a lathe; ``diameters`` None is the dialect's rule."""
-    state.diameter = dialect.diameters if diameters is None else diameters
-    if dialect.lathe or dialect.flavour == "siemens":
+    state.diameter = dialect.turning.diameters if diameters is None else diameters
+    if dialect.turning.starts_in_zx:
         state.plane = "ZX"
-    if dialect.lathe:
+    if dialect.turning.lathe:
         state.feed_mode = "per-revolution"
 
 
@@ -46,11 +46,11 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
         GcodeError: ``axis-words-wanted-twice``: an axis has an increment and a coordinate.
     """
     rest = words.rest
-    if rest.keys().isdisjoint(dialect.increments):
+    if rest.keys().isdisjoint(dialect.turning.increments):
         return
     if any(code.number in _OWN_WORDS for code in codes.values()):
         return
-    for letter in dialect.increments:
+    for letter in dialect.turning.increments:
         word = rest.get(letter)
         if word is None:
             continue
@@ -61,12 +61,12 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
         rest[axis] = rest.pop(letter)
 
 
-class Turret:
+class Turret(Executor):
     """Execution of T words on a lathe."""
 
-    def __init__(self, tools: ToolCodes, out: BlockBuffer) -> None:
+    def __init__(self, tools: ToolCodes) -> None:
+        super().__init__(tools.context)
         self._tools = tools
-        self._out = out
 
     def turn(self, words: LineWords) -> None:
         """Execute the T word of a line.
@@ -78,7 +78,7 @@ class Turret:
         if word is None:
             return
         tool, offset = self._numbers(word)
-        motion, state, here = self._tools.motion, self._tools.state, self._tools.here
+        motion, state, here = self._tools.motion, self._state, self._here
         if motion.compensated:
             message = f"{word.written} under tool nose compensation"
             raise fault("compensation-active", message, word, "give G40 and a move before")
@@ -143,7 +143,7 @@ def set_turret_offset(
     else:
         entry = replace(entry, wear=entry.wear | values)
     if radius is not None:
-        size = radius.number * tools.state.scale
+        size = radius.number * tools.context.state.scale
         entry = (
             replace(entry, diameter=2.0 * size) if geometry else replace(entry, radius_wear=size)
         )
@@ -155,7 +155,7 @@ def set_turret_offset(
 
 def _offset(words: LineWords, kind: Word | None, at: Word, dialect: Dialect) -> tuple[bool, int]:
     """Return whether the geometry is meant, and the number of the offset."""
-    by_kind = dialect.turret_offsets == "L"
+    by_kind = dialect.turning.turret_offsets == "L"
     if by_kind and kind is None:
         hint = "L10 sets the geometry of an offset, L11 its wear, L2 an origin"
         raise fault("offset-kind-missing", f"{at.written} needs an L word", at, hint)
@@ -180,8 +180,8 @@ def _offset(words: LineWords, kind: Word | None, at: Word, dialect: Dialect) -> 
 
 def _values(tools: ToolCodes, words: LineWords, old: dict[str, float]) -> list[tuple[str, float]]:
     """Take X and Z: the new offsets, mm. Diameters are halved, increments added."""
-    state = tools.state
-    found: list[tuple[str, float]] = []
+    state = tools.context.state
+    values: list[tuple[str, float]] = []
     for letter in "XZ":
         word = words.take(letter, "G10")
         if word is None:
@@ -190,5 +190,5 @@ def _values(tools: ToolCodes, words: LineWords, old: dict[str, float]) -> list[t
         if letter == "X" and state.diameter:
             value /= 2.0
         adds = word.letter != letter or not state.absolute
-        found.append((letter, value + (old.get(letter, 0.0) if adds else 0.0)))
-    return found
+        values.append((letter, value + (old.get(letter, 0.0) if adds else 0.0)))
+    return values

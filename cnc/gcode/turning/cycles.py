@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.compensation_codes import CompensationCodes
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
@@ -51,17 +52,16 @@ _peck_count = interpreted(peck_count)
 def register_holes(moves: TurningMoves) -> None:
     """Register the handlers of the drilling cycles of the dialect."""
     holes = TurningHoles(moves)
-    known = [code for code in _CODES if code in moves.dialect.g]
-    moves.motion.handlers |= dict.fromkeys(known, holes.make)
+    codes = [code for code in _CODES if code in moves.dialect.g]
+    moves.motion.handlers |= dict.fromkeys(codes, holes.make)
 
 
-class TurningHoles:
+class TurningHoles(Executor):
     """Execution of the drilling cycles."""
 
     def __init__(self, moves: TurningMoves) -> None:
-        self._dialect = moves.dialect
+        super().__init__(moves.context)
         self._moves = moves
-        self._state = moves.state
         self._dwells = Dwells(moves.motion.context)
         self._runner = CycleRunner(moves.motion)
         self._words: dict[str, Word] = {}
@@ -75,7 +75,7 @@ class TurningHoles:
         assert cycle is not None
         at = code.word if code else words.first()
         name = at.written
-        along_x = cycle.code in self._dialect.tap_side
+        along_x = cycle.code in self._dialect.turning.tap_side
         refuse_modes(motion, state, name, at)
         refuse_axes(words, name, "XZ")
         plane = CyclePlane(motion, state, "YZ" if along_x else "XY")
@@ -110,7 +110,7 @@ class TurningHoles:
         """The hole at a point, from R and the level before the first cycle."""
         retract = self._words.get("R")
         top = self._level
-        if retract is not None and self._dialect.retract_is_distance:
+        if retract is not None and self._dialect.turning.retract_is_distance:
             # The distance is a radius along X, and its sign says nothing.
             top -= abs(retract.number) * self._state.scale
         elif retract is not None:
@@ -125,8 +125,8 @@ class TurningHoles:
 
     def _settings(self, cycle: G, hole: Hole, at: Word) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
-        state, found = self._state, self._words
-        peck = self._depth(found["Q"]) if cycle == G.G83 and "Q" in found else 0.0
+        state, settings = self._state, self._words
+        peck = self._depth(settings["Q"]) if cycle == G.G83 and "Q" in settings else 0.0
         if peck and _peck_count(hole.retract, hole.bottom, peck) > MOST_PECKS:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, at, "give a larger Q")
@@ -136,7 +136,7 @@ class TurningHoles:
         rules = self._dialect.cycles
         return HoleSettings(
             feed=0.0,
-            dwell=self._dwells.seconds(found["P"]) if "P" in found else 0.0,
+            dwell=self._dwells.seconds(settings["P"]) if "P" in settings else 0.0,
             peck=peck,
             clearance=rules.clearance,
             out_to_retract=rules.feed_out_to == "retract",
@@ -145,7 +145,7 @@ class TurningHoles:
 
     def _depth(self, word: Word) -> float:
         """Q in mm; FANUC counts thousandths without a decimal point."""
-        return self._moves.length(word, self._dialect.integer_unit)
+        return self._moves.length(word, self._dialect.turning.integer_unit)
 
 
 RETRACT = 0.5
@@ -196,14 +196,13 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     return cycles
 
 
-class TurningCycles:
+class TurningCycles(Executor):
     """Execution of single cycles and pecking; ``settings`` are those of the other cycles."""
 
     def __init__(self, moves: TurningMoves) -> None:
         self.settings = CycleSettings()
         self.moves = moves
-        self._dialect = moves.dialect
-        self._state = moves.state
+        super().__init__(moves.context)
         self._motion = moves.motion
         self._staying = _Staying()
 
@@ -245,7 +244,7 @@ class TurningCycles:
         self.settings.passes = whole(count, "the number of passes", 1, MOST_PASSES)
 
     def _check_form(self, at: Word) -> None:
-        if not self._dialect.two_line_cycles:
+        if not self._dialect.turning.two_line_cycles:
             hint = "give P, Q, D and the allowances U and W in one line"
             message = f"{at.written} without P and Q is not in the {self._dialect.name} dialect"
             raise fault("cycle-word-missing", message, at, hint)
@@ -364,13 +363,15 @@ class TurningCycles:
 
     def _increments(self, words: LineWords, at: Word) -> dict[str, float | None]:
         """Increments in X (radius) and Z: P and Q of FANUC, I and K of Haas."""
-        letters = {"X": "P", "Z": "Q"} if self._dialect.two_line_cycles else {"X": "I", "Z": "K"}
-        found: dict[str, float | None] = {}
+        letters = (
+            {"X": "P", "Z": "Q"} if self._dialect.turning.two_line_cycles else {"X": "I", "Z": "K"}
+        )
+        increments: dict[str, float | None] = {}
         for axis, letter in letters.items():
             word = words.take(letter, at.written)
-            unit = self._dialect.integer_unit if letter in "PQ" else 1.0
-            found[axis] = self.moves.length(word, unit) if word else None
-        return found
+            unit = self._dialect.turning.integer_unit if letter in "PQ" else 1.0
+            increments[axis] = self.moves.length(word, unit) if word else None
+        return increments
 
 
 def _stations(start: float, end: float, step: float | None, at: Word) -> Iterator[float]:

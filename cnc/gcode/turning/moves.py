@@ -22,7 +22,7 @@ class TurningMoves:
     def __init__(self, motion: Motion) -> None:
         context = motion.context
         self.motion, self.dialect = motion, context.dialect
-        self.state, self.here, self.out = context.state, context.here, context.out
+        self.context, self.here, self.out = context, context.here, context.out
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
         self._follows = False
@@ -42,13 +42,13 @@ class TurningMoves:
         name = at.written
         if self._z is None or self._x is None:
             raise fault("axis-missing", f"{name} needs the axes X and Z", at)
-        if self.state.plane != "ZX":
-            message = f"{name} in the {self.state.plane} plane"
+        if self.context.state.plane != "ZX":
+            message = f"{name} in the {self.context.state.plane} plane"
             raise fault("turning-plane", message, at, "give G18 before")
         if self.motion.coordinates.turned:
             message = f"{name} in a rotated or mirrored coordinate system"
             raise fault("figure-active", message, at)
-        refuse_modes(self.motion, self.state, name, at)
+        refuse_modes(self.motion, self.context.state, name, at)
 
     def length(self, word: Word, unit: float) -> float:
         """Return the length of a word of a cycle in mm.
@@ -61,7 +61,7 @@ class TurningMoves:
         Raises:
             GcodeError: ``value-out-of-range``, ``decimal-point-needed``.
         """
-        number, scale = positive(word, "the length"), self.state.scale
+        number, scale = positive(word, "the length"), self.context.state.scale
         if "." in word.written:
             return number * scale
         if not unit:
@@ -136,17 +136,17 @@ class TurningMoves:
     def end(self, z: float, x: float) -> list[float]:
         """Return the machine position of a point. An axis that stays keeps its exact value."""
         position = self.motion.position
-        zero, found = self.motion.coordinates.zero, position.copy()
+        zero, end = self.motion.coordinates.zero, position.copy()
         program = self.motion.coordinates.to_program(position)
         for column, value in zip(self.columns, (z, x), strict=True):
             if value != program[column]:
-                found[column] = value + zero[column]
-        return found
+                end[column] = value + zero[column]
+        return end
 
     @contextmanager
     def exact_path(self) -> Iterator[None]:
         """Suspend G64: cycles need the exact path."""
-        file, line, state = self.here.file, self.here.line, self.state
+        file, line, state = self.here.file, self.here.line, self.context.state
         blending = state.path == "blend"
         if blending:
             self.out.add(PathMode(file, line, "exact-path"))

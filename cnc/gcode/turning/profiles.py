@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -170,11 +170,11 @@ class ProfileCycles:
         settings = self._cycles.settings
         depth = settings.depth
         if word := words.take("D", at.written):
-            depth = self._moves.length(word, self._dialect.integer_unit)
+            depth = self._moves.length(word, self._dialect.turning.integer_unit)
         if depth is None:
             letter = "U" if at.number == G.G71.code else "W"
             hint = f"give {at.written} {letter} R in the line before, or D"
-            if not self._dialect.two_line_cycles:
+            if not self._dialect.turning.two_line_cycles:
                 hint = "give D"
             raise fault("cycle-word-missing", f"{at.written} needs the depth of a pass", at, hint)
         cycle = Roughing(profile, allowance, depth, settings.retract, pockets)
@@ -188,13 +188,15 @@ class ProfileCycles:
     ) -> Pattern:
         settings, motion = self._cycles.settings, self._moves.motion
         relief, passes = settings.relief, settings.passes
-        scale = self._moves.state.scale
+        scale = self._moves.context.state.scale
         x, z, count = (words.take(letter, at.written) for letter in "IKD")
         if count is not None:
             relief = (x.number * scale if x else 0.0, z.number * scale if z else 0.0)
             passes = whole(count, "the number of passes", 1, MOST_PASSES)
         if relief is None:
-            hint = "give G73 U W R in the line before" if self._dialect.two_line_cycles else ""
+            hint = (
+                "give G73 U W R in the line before" if self._dialect.turning.two_line_cycles else ""
+            )
             message = f"{at.written} needs the relief and the number of passes"
             raise fault("cycle-word-missing", message, at, hint or "give I, K and D")
         shift = [0.0] * len(motion.position)
@@ -237,13 +239,13 @@ def _placed(view: View, position: list[float], point: complex) -> list[float]:
 
 def ends_of(blocks: list[Block]) -> list[list[float]]:
     """Return the ends of moves, as machine positions."""
-    found: list[list[float]] = []
+    ends: list[list[float]] = []
     for block in blocks:
         if isinstance(block, Polyline):
-            found += block.points.tolist()
+            ends += block.points.tolist()
         else:
-            found.append(block.end.tolist())  # type: ignore[attr-defined]
-    return found
+            ends.append(block.end.tolist())  # type: ignore[attr-defined]
+    return ends
 
 
 MOST_LINES = 10_000
@@ -258,7 +260,7 @@ _PATH_LETTERS = frozenset((*"NGXZUWCRIKF", ",R", ",C", ",A"))
 
 def profile_cycle(line: int, statement: Statement, dialect: Dialect) -> ProfileCycle | None:
     """Return the step of a line with G70 to G73, P and Q; None for another line."""
-    if not dialect.lathe or not {"P", "Q"} <= {word.letter for word in statement.words}:
+    if not dialect.turning.lathe or not {"P", "Q"} <= {word.letter for word in statement.words}:
         return None
     for word in statement.words:
         if word.letter == "G":
@@ -301,7 +303,7 @@ class ProfileCycle:
             self._refuse_rest(words)
             _finish(interpreter, lines, line)
             return after
-        moves = [_Line(each.number, _path_words(each.statement)) for each in lines]
+        moves = [_Line(row.number, _path_words(row.statement)) for row in lines]
         turning = interpreter.turning_cycles
         assert turning is not None
         letters = {word.letter for word in lines[0].statement.words}
@@ -354,7 +356,7 @@ class ProfileCycle:
         if last - first >= MOST_LINES:
             message = f"the profile has more than {MOST_LINES} lines"
             raise self._fault("profile-too-long", message)
-        found: list[_Line] = []
+        lines: list[_Line] = []
         for number in range(first, last + 1):
             statement = _statement(flow, number)
             if statement is None:
@@ -362,8 +364,8 @@ class ProfileCycle:
             if statement.control is not None or statement.percent or _calls(statement):
                 message = f"line {number} of the profile is no move"
                 raise self._fault("profile-line", message, "profiles have no jumps and no calls")
-            found.append(_Line(number, statement))
-        return found
+            lines.append(_Line(number, statement))
+        return lines
 
     def _after(self, flow: Flow, first: int, last: int, line: int) -> int:
         """The line to continue at."""
@@ -421,19 +423,18 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
 
     Position and modes are as before afterwards, and the current line is ``line``.
     """
-    motion, modal = interpreter.motion, interpreter.modal
-    state, position = replace(modal), motion.position
+    motion = interpreter.motion
+    state, position = replace(interpreter.modal), motion.position
     unused = interpreter.unused_words
     notes, unused.enabled = unused.enabled, False
-    with interpreter.out.captured() as found:
+    with interpreter.out.captured() as blocks:
         for number, statement in lines:
             interpreter.execute(statement, number)
     unused.enabled = notes
-    for each in fields(state):
-        setattr(modal, each.name, getattr(state, each.name))
+    interpreter.context.state = state
     motion.position, interpreter.here.line = position, line
     interpreter.update_plain()
-    return [block for block in found if isinstance(block, Polyline | ArcFeed)]
+    return [block for block in blocks if isinstance(block, Polyline | ArcFeed)]
 
 
 def _finish(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> None:
@@ -514,11 +515,11 @@ class SubroutineProfiles(ProfileCycles):
         """The profile without the approach, and its view. G70 finds the axis by itself."""
         z, x = self._moves.columns
         first = ends_of(blocks)[0]
-        for each in (G.G71, G.G72) if code == G.G70 else (code,):
+        for cycle in (G.G71, G.G72) if code == G.G70 else (code,):
             # The profile runs from its first point: G70 may start at its end.
-            along, begin = (x if each == G.G72 else z), start.copy()
+            along, begin = (x if cycle == G.G72 else z), start.copy()
             begin[along] = first[along]
-            view = self._view(each, blocks, begin, at)
+            view = self._view(cycle, blocks, begin, at)
             path = profile_of(blocks, start, view)
             body = path[1:] if isinstance(blocks[0], Polyline) and len(path) > 1 else path
             if is_monotone((body[0].start.real, *(piece.end.real for piece in body))):
@@ -532,10 +533,10 @@ class SubroutineProfiles(ProfileCycles):
     def _distance(self, words: LineWords, letter: str, default: float, at: Word) -> float:
         word = words.take(letter, at.written)
         if word is None:
-            return default * self._moves.state.scale
+            return default * self._moves.context.state.scale
         if word.number < 0.0:
             raise fault("value-out-of-range", f"{word.written}: it must not be negative", word)
-        return word.number * self._moves.state.scale
+        return word.number * self._moves.context.state.scale
 
     def _passes(
         self, words: LineWords, body: Profile, start: complex, at: Word
@@ -577,7 +578,7 @@ class SubroutineProfiles(ProfileCycles):
         if not distance:
             return body
         curves = [_beside(piece, distance) for piece in _whole(body)]
-        found: Profile = []
+        offset: Profile = []
         begin: complex | None = None
         cut_before = 0.0
         for a, b in pairwise([*curves, None]):
@@ -587,13 +588,13 @@ class SubroutineProfiles(ProfileCycles):
             corner = None if b is None else join(a, b, _LEFT, distance)
             if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
                 break
-            found += _pieces(a, here, a.last if corner is None else corner.leave)
+            offset += _pieces(a, here, a.last if corner is None else corner.leave)
             if b is None:
-                return found
+                return offset
             assert corner is not None
             if corner.around:
                 around = Piece(corner.leave, corner.enter, a.corner, -1)
-                found += arc_pieces(around.start, around.end, a.corner, around.turns)
+                offset += arc_pieces(around.start, around.end, a.corner, around.turns)
             begin, cut_before = corner.enter, max(corner.begin, 0.0)
         message = f"the distance {distance:g} mm does not fit into a corner of the profile"
         raise fault("allowance-in-pocket", message, at, "give a smaller one")
@@ -601,15 +602,15 @@ class SubroutineProfiles(ProfileCycles):
 
 def _whole(body: Profile) -> Profile:
     """Return a profile with its arcs in one piece, which were cut at their quadrants."""
-    found: Profile = []
+    profile: Profile = []
     for piece in body:
-        last = found[-1] if found else None
+        last = profile[-1] if profile else None
         same = last is not None and (last.center, last.spin) == (piece.center, piece.spin)
         if last is not None and same and piece.center is not None:
-            found[-1] = replace(last, end=piece.end)
+            profile[-1] = replace(last, end=piece.end)
         else:
-            found.append(piece)
-    return found
+            profile.append(piece)
+    return profile
 
 
 def _beside(piece: Piece, distance: float) -> Curve | None:
@@ -706,13 +707,14 @@ class SubroutineCycle(ProfileCycle):
     def _end(self, flow: Flow, profile: OpenProfile) -> None:
         interpreter = flow.interpreter
         flow.profile = None
-        found = interpreter.out.restore(profile.blocks)
-        for each in fields(profile.modal):
-            setattr(interpreter.modal, each.name, getattr(profile.modal, each.name))
+        kept_back = interpreter.out.restore(profile.blocks)
+        interpreter.context.state = profile.modal
         interpreter.motion.position = profile.position
         interpreter.here.line = profile.line
         interpreter.update_plain()
-        blocks: list[Block] = [block for block in found if isinstance(block, Polyline | ArcFeed)]
+        blocks: list[Block] = [
+            block for block in kept_back if isinstance(block, Polyline | ArcFeed)
+        ]
         if not blocks:
             raise self._fault("profile-empty", "the profile has no move")
         self._cycles(flow).make(self._code, profile.words, blocks, self._word)

@@ -124,21 +124,21 @@ class View:
 
     def placed(self, position: list[float], point: complex) -> list[float]:
         """Return a machine position with its two axes at a point."""
-        found = position.copy()
-        found[self.columns[0]] = point.real * self.mirror[0]
-        found[self.columns[1]] = point.imag * self.mirror[1]
-        return found
+        placed = position.copy()
+        placed[self.columns[0]] = point.real * self.mirror[0]
+        placed[self.columns[1]] = point.imag * self.mirror[1]
+        return placed
 
 
 def profile_of(blocks: Iterable[Block], start: list[float], view: View) -> Profile:
     """Return the pieces of blocks in the ZX plane from a machine position."""
     here, position = view.point(start), start
-    found: Profile = []
+    profile: Profile = []
     for block in blocks:
         if isinstance(block, Polyline):
             for end in block.points.tolist():
                 point = view.point(end)
-                found += _line(here, point)
+                profile += _line(here, point)
                 here, position = point, end
         elif isinstance(block, ArcFeed):
             end = block.end.tolist()
@@ -146,9 +146,9 @@ def profile_of(blocks: Iterable[Block], start: list[float], view: View) -> Profi
             around = position.copy()
             around[z], around[x] = block.center
             turns = block.turns * view.spin
-            found += arc_pieces(here, view.point(end), view.point(around), turns)
+            profile += arc_pieces(here, view.point(end), view.point(around), turns)
             here, position = view.point(end), end
-    return found
+    return profile
 
 
 def _line(start: complex, end: complex) -> Profile:
@@ -348,18 +348,18 @@ class _Cleared(NamedTuple):
 
 def _way(run: Profile, level: float, *, pockets: bool) -> Profile:
     """The path of a pass: along the profile above the level, straight where it is below."""
-    found: Profile = []
+    way: Profile = []
     for above, part in split(run, level):
         if above:
-            found += part
+            way += part
             continue
         first = complex(part[0].start.real, level)
         last = complex(part[-1].end.real, level)
         if abs(last - first) > TINY:
-            found.append(Piece(first, last))
+            way.append(Piece(first, last))
         if not pockets:
             break
-    return found
+    return way
 
 
 def _approach(

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
+from cnc.gcode.core.context import Executor
 from cnc.gcode.core.cycle_runner import (
     Cut,
     CyclePlane,
@@ -98,13 +99,12 @@ def register(moves: TurningMoves, once: Callable[[Handler], Handler]) -> None:
     }
 
 
-class TurningThreads:
+class TurningThreads(Executor):
     """Execution of the threads."""
 
     def __init__(self, moves: TurningMoves) -> None:
-        self._dialect = moves.dialect
+        super().__init__(moves.context)
         self._moves = moves
-        self._state = moves.state
         self._lead: float | None = None
         self._staying: dict[str, float] = {}
         # m, r and a of G76's first line, with the least depth and the allowance, mm.
@@ -255,7 +255,7 @@ class TurningThreads:
     def _settings(self, words: LineWords, at: Word) -> None:
         """P (two digits each: finishing passes, chamfer, angle), Q and R of the first line."""
         form, least, allowance = (words.take(letter, at.written) for letter in "PQR")
-        if not self._dialect.two_line_cycles or form is None:
+        if not self._dialect.turning.two_line_cycles or form is None:
             raise fault("axis-words-missing", f"{at.written} needs X and Z", at)
         number = whole(form, "the form of the thread", 0, 999_999)
         self._finishing = max(1, number // 10_000)
@@ -272,7 +272,7 @@ class TurningThreads:
         moves, scale = self._moves, self._state.scale
         given = moves.given(words, at.written)
         start = moves.place
-        two_lines = self._dialect.two_line_cycles
+        two_lines = self._dialect.turning.two_line_cycles
         # FANUC's P is the height and R the taper; on a Haas they are K and I.
         letters = "PQR" if two_lines else "KDI"
         height, first, taper = (words.take(letter, at.written) for letter in letters)
@@ -334,7 +334,7 @@ class TurningThreads:
 
     def _length(self, word: Word) -> float:
         """A depth in mm: a word without a decimal point is in thousandths."""
-        return self._moves.length(word, self._dialect.integer_unit)
+        return self._moves.length(word, self._dialect.turning.integer_unit)
 
 
 # Steps of threads: the passes of G76, rigid tapping (G33.1) and one synchronised move (G33).

@@ -16,7 +16,7 @@ from cnc.model.blocks import ArcFeed
 from tests.support.gcode.gcode_cases import error_of, run
 
 WORD = Word("I", 0.0, "I0", 1, 2)
-MM = dialects.load("linuxcnc").arc_mm
+MM = dialects.load("linuxcnc").arcs.mm
 
 
 def point(center: complex, radius: float, angle: float) -> tuple[float, float]:

@@ -197,7 +197,9 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
 def every_word_matters(sample: Program) -> int:
     """Check the last line of an accepted program; return the number of words checked."""
     rules = dialects.load(sample.dialect)
-    syntax = Syntax(rules.flavour, siemens=rules.siemens, dollar=rules.dollar, dialect=rules.name)
+    syntax = Syntax(
+        rules.flavour, siemens=rules.lines.bspline, dollar=rules.lines.dollar, dialect=rules.name
+    )
     before = outcome(sample)
     assert before.error is None
     count = 0

@@ -101,7 +101,7 @@ def _shipped() -> list[str]:
     ]
 
 
-@lru_cache(maxsize=len(dialects.WITH_CODES))
+@lru_cache(maxsize=len(dialects.with_codes()))
 def _codes(dialect: str) -> list[str]:
     rules = dialects.load(dialect)
     return [code.written for code in sorted(rules.g)] + [f"M{code}" for code in sorted(rules.m)]
@@ -274,8 +274,8 @@ class Author:
 
     def program(self) -> Program:
         """A random program; now and then it is written in another dialect than its own."""
-        self.dialect, self.axes = self.pick(dialects.WITH_CODES), AXES[self.below(len(AXES))]
-        written = self.pick(dialects.WITH_CODES) if self.random() < 0.05 else self.dialect
+        self.dialect, self.axes = self.pick(dialects.with_codes()), AXES[self.below(len(AXES))]
+        written = self.pick(dialects.with_codes()) if self.random() < 0.05 else self.dialect
         flavour = dialects.load(written).flavour
         self.table, self.depth, self.labels = FLAVOURS[flavour] | DIALECTS[written], 0, 0
         texts = [self.expand("sub")] if self.random() < 0.05 else []
