@@ -404,8 +404,8 @@ def _beside(corner: Flags, edge: int, way: int) -> int:
     if edge == last:
         return edge
     far = edge + way * min(MOST_MOVES, abs(last - edge))
-    found = [k for k in range(far, edge, -way) if corner[k] or k == last]
-    return found[0] if found else edge + way
+    ends = [k for k in range(far, edge, -way) if corner[k] or k == last]
+    return ends[0] if ends else edge + way
 
 
 def _parts(x: Floats, corner: Flags, tolerance: float) -> Iterator[Part]:

@@ -85,13 +85,13 @@ class Surface:
 
     def inside(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Return whether points lie on the grid; rounding of 1e-6 mm is allowed."""
-        found: NDArray[np.bool_] = (
+        is_inside: NDArray[np.bool_] = (
             (x >= self.x[0] - 1e-6)
             & (x <= self.x[-1] + 1e-6)
             & (y >= self.y[0] - 1e-6)
             & (y <= self.y[-1] + 1e-6)
         )
-        return found
+        return is_inside
 
     def cell_of(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return row and column of the cells of points."""
@@ -104,8 +104,8 @@ class Surface:
         row, column = self.cell_of(x, y)
         u = _basis((x - self.x[column]) / (self.x[column + 1] - self.x[column]))
         v = _basis((y - self.y[row]) / (self.y[row + 1] - self.y[row]))
-        found: Floats = np.einsum("nb,nba,na->n", v, self._cells[row, column], u)
-        return found
+        heights: Floats = np.einsum("nb,nba,na->n", v, self._cells[row, column], u)
+        return heights
 
 
 def _basis(u: Floats) -> Floats:
@@ -132,18 +132,18 @@ def _cells(x: Floats, y: Floats, values: Floats, *, smooth: bool) -> Floats:
 def _raised(values: Floats) -> Floats:
     """Return straight lines between the last axis' values as cubics (..., n - 1, 4)."""
     part = np.arange(4.0) / 3.0
-    found: Floats = values[..., :-1, None] * (1.0 - part) + values[..., 1:, None] * part
-    return found
+    lines: Floats = values[..., :-1, None] * (1.0 - part) + values[..., 1:, None] * part
+    return lines
 
 
 def _hermite(values: Floats, slopes: Floats, steps: Floats) -> Floats:
     """Return cubics (..., n - 1, 4) of the values and slopes along the last axis."""
     third = steps / 3.0
     first, last = values[..., :-1], values[..., 1:]
-    found: Floats = np.stack(
+    cubics: Floats = np.stack(
         (first, first + slopes[..., :-1] * third, last - slopes[..., 1:] * third, last), axis=-1
     )
-    return found
+    return cubics
 
 
 def _slopes(x: Floats) -> Floats:
@@ -166,8 +166,8 @@ def _bends(x: Floats, y: Floats, cells: Floats) -> Bends:
     wide, high = np.diff(x)[None, :], np.diff(y)[:, None]
 
     def largest(differences: Floats) -> Floats:
-        found: Floats = np.abs(differences).max(axis=(2, 3))
-        return found
+        most: Floats = np.abs(differences).max(axis=(2, 3))
+        return most
 
     return Bends(
         6.0 * largest(np.diff(cells, 2, axis=3)) / wide**2,

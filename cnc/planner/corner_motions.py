@@ -149,14 +149,14 @@ class CornerMotions:
 
     def _past_corners(self, plan: PlanChunk) -> FinishedPart:
         """Return the plan with motions past its corners, or with stops where those are illegal."""
-        while (found := self._without_stops(plan)) is not None:
-            cut = found.plan
+        while (without := self._without_stops(plan)) is not None:
+            cut = without.plan
             broken, before = self._audit.examined(cut)
             if not broken:
                 self._earlier += plan.duration - cut.duration
                 self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-                return FinishedPart(cut, found.chains, plan.t0, self._shared, before)
-            stops = self._refused(plan, cut, found.origin)
+                return FinishedPart(cut, without.chains, plan.t0, self._shared, before)
+            stops = self._refused(plan, cut, without.origin)
             plan = replace(
                 plan, path=replace(plan.path, tolerance=np.where(stops, 0.0, plan.path.tolerance))
             )

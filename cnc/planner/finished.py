@@ -194,7 +194,7 @@ class Finished:
         if time > SAME and audit.examined(_between(plan, 0.0, time))[0]:
             return None
         phase, cut = cut_at_time(plan, time)
-        found = Return(
+        back = Return(
             stops_time=chain.stops_begin if chain and left else self._stops_time(time),
             time=plan.t0 + time,
             length=plan.s0 + float(cut.phase_s[phase]),
@@ -202,7 +202,7 @@ class Finished:
             audit=audit,
             left=left,
         )
-        return found, kept
+        return back, kept
 
     def with_rest(self, rest: PlanChunk) -> Finished:
         """Return the parts up to the end of the chain under way, which ends with another motion.

@@ -96,8 +96,8 @@ class Joints:
             message = f"the joints do not reach the start position {place}"
             hint = f"{WHERE}, or correct [kinematics]"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
-        found: Floats = self._map.inverse(tip[None])[0]
-        return found
+        joints: Floats = self._map.inverse(tip[None])[0]
+        return joints
 
     def tip_of_start(self, joints: Floats) -> Floats:
         """Return the tip (axes,) at the joints (joints,) of the machine file; mm, degrees.
@@ -128,8 +128,8 @@ class Joints:
 
     def tip(self, joints: Floats) -> Floats:
         """Return the tip (axes,) at a position of the joints (joints,); mm, degrees."""
-        found: Floats = self.tips(joints[None])[0]
-        return found
+        tip: Floats = self.tips(joints[None])[0]
+        return tip
 
     def tips(self, joints: Floats) -> Floats:
         """Return the tips (n, axes) at positions of the joints (n, joints); mm, degrees."""
@@ -195,13 +195,13 @@ class ToolTipOf:
 
     def joints(self, tip: list[float], offset: tuple[float, float, float]) -> list[float]:
         """Return the joints (axes,) of a tip (axes,) with a tool offset (X, Y, Z)."""
-        found: list[float] = self._bare.with_tool(offset).inverse(np.array([tip]))[0].tolist()
-        return found
+        joints: list[float] = self._bare.with_tool(offset).inverse(np.array([tip]))[0].tolist()
+        return joints
 
     def tip(self, joints: list[float], offset: tuple[float, float, float]) -> list[float]:
         """Return the tip (axes,) of joints (axes,) with a tool offset (X, Y, Z)."""
-        found: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
-        return found
+        position: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
+        return position
 
     def angles(self, here: list[float], direction: Floats) -> tuple[float, float]:
         """Return tilt and turn of a direction of the tool (3,), from a position (axes,)."""
@@ -214,13 +214,13 @@ class ToolTipOf:
         """Return the great circle from a position (axes,) to a direction of the tool (3,)."""
         from cnc.kinematics.orientation import swing
 
-        found = swing(self._effective(here), direction, self._shift)
-        if found is None:
+        turn = swing(self._effective(here), direction, self._shift)
+        if turn is None:
             return None
         signs = self._signs
-        end = found.end[0] * signs[0], found.end[1] * signs[1]
-        angles = found.angles if not len(found.angles) else found.angles * np.array(signs)
-        return found._replace(end=end, angles=angles)
+        end = turn.end[0] * signs[0], turn.end[1] * signs[1]
+        angles = turn.angles if not len(turn.angles) else turn.angles * np.array(signs)
+        return turn._replace(end=end, angles=angles)
 
     def _effective(self, here: list[float]) -> tuple[float, float]:
         """Return tilt and turn of a position (axes,) in the directions of ISO 841."""
@@ -311,8 +311,8 @@ class JointMap:
 
         Values that are out of reach are not numbers. Angles lie within half a turn of 0.
         """
-        found = self.series([Series([column]) for column in tip.T])
-        return np.stack([np.asarray(series.terms[0]) for series in found], axis=-1)
+        joints = self.series([Series([column]) for column in tip.T])
+        return np.stack([np.asarray(series.terms[0]) for series in joints], axis=-1)
 
     def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Return the straight moves out of a singular pose on which the joints stay linear.
@@ -325,11 +325,11 @@ class JointMap:
             Whether each move is such a move (m,), and the joints at its start (m, joints).
         """
         taken = list(self._taken)
-        found, own = self._kinematics.leaving(start[:, taken], end[:, taken])
+        leaves, own = self._kinematics.leaving(start[:, taken], end[:, taken])
         joints = np.empty((len(start), len(self.names)))
         joints[:, list(self._own)] = own
         joints[:, list(self._rest)] = start[:, list(self._others)]
-        return found, joints
+        return leaves, joints
 
     def forward(self, joints: Floats) -> Floats:
         """Return the tips (m, axes) of joints (m, joints)."""
@@ -460,13 +460,13 @@ class JointPath:
         columns = np.arange(START, START + len(path.axes))
         start = path.data[path.at[:, None] + columns]
         end = path.data[path.at[:, None] + columns + len(path.axes)]
-        found, joints = self._joints.leaving(start, end)
+        leaves, joints = self._joints.leaving(start, end)
         turned = (joints - self._now)[:, self._joints.turning]
         turned = np.abs((turned + 0.5 * TURN) % TURN - 0.5 * TURN).max(axis=1, initial=0.0)
-        found &= (path.kind == LINE) & (turned < SAME_ANGLE)
-        found[1:] = False
-        found &= self._leaves and self._tip is not None
-        return found, joints
+        leaves &= (path.kind == LINE) & (turned < SAME_ANGLE)
+        leaves[1:] = False
+        leaves &= self._leaves and self._tip is not None
+        return leaves, joints
 
     def _parts(self, path: PathChunk, leaving: NDArray[np.bool_]) -> Parts:
         """Return the parts of all pieces, in order, on which the polynomials are exact enough.

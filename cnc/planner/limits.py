@@ -92,15 +92,15 @@ class Limits:
 
         They are for estimates: the limits of the joints hold for the joints.
         """
-        found = cls.of(machine)
-        columns, own = found.tip_columns, slice(found.tip_columns, None)
+        limits = cls.of(machine)
+        columns, own = limits.tip_columns, slice(limits.tip_columns, None)
         return replace(
-            found,
+            limits,
             tip_columns=0,
-            travel=found.travel[:, :columns],
-            axis_velocity=np.full(columns, found.axis_velocity[own].min()),
-            axis_acceleration=np.full(columns, found.axis_acceleration[own].min()),
-            axis_jerk=np.full(columns, found.axis_jerk[own].min()),
+            travel=limits.travel[:, :columns],
+            axis_velocity=np.full(columns, limits.axis_velocity[own].min()),
+            axis_acceleration=np.full(columns, limits.axis_acceleration[own].min()),
+            axis_jerk=np.full(columns, limits.axis_jerk[own].min()),
         )
 
     @property
