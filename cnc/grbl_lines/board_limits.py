@@ -78,6 +78,6 @@ class BoardLimits:
             settings.get(JUNCTION_DEVIATION, own.junction_deviation),
             settings.get(ARC_TOLERANCE) or own.arc_tolerance,
             places - 1 if places > 1 else own.blocks,
-            steps=tuple(settings.get(STEPS + k) or known for k, known in enumerate(own.steps)),
+            steps=tuple(settings.get(STEPS + k) or steps for k, steps in enumerate(own.steps)),
             baud=own.baud,
         )

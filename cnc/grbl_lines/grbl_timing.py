@@ -288,9 +288,9 @@ class BoardTime:
             sizes: Bytes of each line with its end.
         """
         kinds = rows["kind"]
-        others = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
+        stops = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
         first = 0
-        for place in [*others, len(rows)]:
+        for place in [*stops, len(rows)]:
             if place - first >= WORTH_ARRAYS:
                 for begin in range(first, place, BATCH):
                     part = slice(begin, min(begin + BATCH, place))
@@ -393,8 +393,8 @@ class BoardTime:
 
     def _whole_steps(self, points: Floats) -> Floats:
         """Return the nearest points that whole steps reach."""
-        known = np.where(self._steps > 0.0, self._steps, 1.0)
-        on_grid = np.rint((points - self._origin) * known) / known + self._origin
+        scale = np.where(self._steps > 0.0, self._steps, 1.0)
+        on_grid = np.rint((points - self._origin) * scale) / scale + self._origin
         return np.where(self._steps > 0.0, on_grid, points)
 
     def _planned(
@@ -437,9 +437,9 @@ class BoardTime:
             speeds.append(np.sqrt(squares))
             if self._cases[case] == (1.0, 1.0):
                 self._note_largest(units[:done], lengths, acceleration, nominal, speeds[-1])
-        each = np.array(speeds).T
+        ends = np.array(speeds).T
         return Moves(
-            lengths, acceleration, np.array(nominals).T.copy(), each[:-1].copy(), each[1:].copy(),
+            lengths, acceleration, np.array(nominals).T.copy(), ends[:-1].copy(), ends[1:].copy(),
             np.empty(0, np.int64),
         )  # fmt: skip
 

@@ -153,14 +153,14 @@ class SpeedLimits(NamedTuple):
         """Return the limits of a machine file."""
         axes = [machine.axes.get(letter) for letter in board_axes(machine.axes)]
 
-        def each(name: str) -> Floats:
+        def of_axes(name: str) -> Floats:
             return np.array([getattr(axis, name, None) or math.inf for axis in axes])
 
         return cls(
             machine.path.max_feed or math.inf,
-            each("max_velocity"),
-            each("max_acceleration"),
-            each("max_jerk"),
+            of_axes("max_velocity"),
+            of_axes("max_acceleration"),
+            of_axes("max_jerk"),
             machine.path.max_normal_acceleration or math.inf,
         )
 
@@ -389,21 +389,21 @@ class PathSampler:
             points.append(rows)
             arc += [NO_ARC if programmed is None else len(arcs)] * (end - begin)
             arcs += [] if programmed is None else [programmed]
-        each = np.repeat(np.arange(len(path)), counts)
-        rest = np.zeros(len(each) + 1, np.bool_)
+        piece = np.repeat(np.arange(len(path)), counts)
+        rest = np.zeros(len(piece) + 1, np.bool_)
         rest[np.cumsum(counts)] = path.stop_after
-        feed = path.feed[each]
+        feed = path.feed[piece]
         most = np.fmin(np.where(np.isnan(feed), np.inf, self._limits.feed), feed)
         joined_points = np.concatenate(points)
-        rotates, ratio = self._rotation(path, each, joined_points)
+        rotates, ratio = self._rotation(path, piece, joined_points)
         feed = feed * ratio
         return PathSamples(
             points=self._travel.inside(joined_points),
             rest=rest,
             speed=np.minimum(np.concatenate(speeds), most * ratio),
             feed=feed,
-            line=path.line[each],
-            straight=kinds[each] == LINE,
+            line=path.line[piece],
+            straight=kinds[piece] == LINE,
             rotates=rotates,
             arc=np.repeat(np.array(arc), counts),
             arcs=tuple(arcs),
@@ -411,7 +411,7 @@ class PathSampler:
         )
 
     def _rotation(
-        self, path: PathChunk, each: NDArray[np.int64], points: Floats
+        self, path: PathChunk, piece: NDArray[np.int64], points: Floats
     ) -> tuple[Flags, Floats]:
         """Return where a rotary axis moves, and how much longer the move is in all axes.
 
@@ -420,18 +420,18 @@ class PathSampler:
 
         Args:
             path: The pieces.
-            each: Piece of each interval (k,).
+            piece: Piece of each interval (k,).
             points: Ends of the intervals (k + 1, n).
         """
         if points.shape[1] == len(LETTERS):
-            return np.zeros(len(each), np.bool_), np.ones(len(each))
+            return np.zeros(len(piece), np.bool_), np.ones(len(piece))
         steps = np.diff(points, axis=0)
         rotates = (steps[:, len(LETTERS) :] != 0.0).any(axis=1)
         whole = np.linalg.norm(steps, axis=1)
         linear = np.linalg.norm(steps[:, : len(LETTERS)], axis=1)
-        along = np.where(path.kind[each] == LINE, path.length[each], linear)
-        known = rotates & (along > 0.0)
-        ratio = np.where(known, whole / np.where(known, along, 1.0), 1.0)
+        along = np.where(path.kind[piece] == LINE, path.length[piece], linear)
+        measured = rotates & (along > 0.0)
+        ratio = np.where(measured, whole / np.where(measured, along, 1.0), 1.0)
         return rotates, ratio
 
     def _arc_speed(self, arc: PlaneArc, start: Floats, end: Floats) -> float:

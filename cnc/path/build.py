@@ -67,8 +67,8 @@ class DueTimes:
 
     def add(self, file: str, lines: NDArray[np.int32], seconds: Floats) -> None:
         """Add moves: the source line and the time of each (m,), s; NaN for a traverse."""
-        for line, each in zip(lines.tolist(), seconds.tolist(), strict=True):
-            self._blocks.append(((file, line), each))
+        for line, duration in zip(lines.tolist(), seconds.tolist(), strict=True):
+            self._blocks.append(((file, line), duration))
 
     def before(self, place: Place | None) -> float:
         """Take the moves before the next one of a place, and return the sum of their times, s.
@@ -76,11 +76,11 @@ class DueTimes:
         Args:
             place: None takes all moves.
         """
-        return self._taken(lambda found: found != place)
+        return self._taken(lambda at: at != place)
 
     def at(self, place: Place) -> float:
         """Take the next moves while they are of a place, and return the sum of their times, s."""
-        return self._taken(lambda found: found == place)
+        return self._taken(lambda at: at == place)
 
     def _taken(self, wanted: Callable[[Place], bool]) -> float:
         total, blocks = 0.0, self._blocks

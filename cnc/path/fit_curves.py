@@ -242,10 +242,10 @@ def _chords(block: NurbsFeed, points: Floats, sagitta: float) -> Iterator[Floats
                 break
             parts = np.ceil(np.sqrt(1.1 * off / allowed)).astype(np.int64)
             u = np.append(_between(u, np.clip(parts, np.where(fine, 1, 2), 64)), u[-1])
-        found = start + chord
+        ends = start + chord
         if first + SPANS_AT_ONCE >= len(inner) - 1:
-            found[-1] = points[-1]
-        yield found
+            ends[-1] = points[-1]
+        yield ends
 
 
 def _between(u: Floats, parts: NDArray[np.int64]) -> Floats:

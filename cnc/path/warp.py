@@ -496,13 +496,13 @@ class Warp:
         count = len(end)
         inside = self._surface.inside(end[:, self._x], end[:, self._y])
         starts = self._surface.inside(begin[:1, self._x], begin[:1, self._y])
-        known = np.append(starts, inside[:-1])
+        from_grid = np.append(starts, inside[:-1])
         excess = np.zeros(count)
-        if known[0]:
+        if from_grid[0]:
             excess[0] = self._raise - float(self._height(begin[:1])[0])
             if abs(excess[0]) <= SAME:
                 excess[0] = 0.0
-        both = known & inside
+        both = from_grid & inside
         if both.all() and not self._free(block, begin, excess).any():
             origin = np.arange(count)
             return Moves(begin, end, origin, both, excess, np.zeros(count))
@@ -511,11 +511,11 @@ class Warp:
     def _free(self, block: Polyline, begin: Floats, excess: Floats) -> NDArray[np.bool_]:
         """Return the moves after which Z may not be that of the surface, or that begin so."""
         z = block.points[:, self._z]
-        found: NDArray[np.bool_] = excess != 0.0
+        is_free: NDArray[np.bool_] = excess != 0.0
         if z.max() + self._surface.highest > self._top:
             end_z = z + self._height(block.points)
-            found |= np.isnan(block.feeds) & (end_z > np.maximum(self._top, z))
-        return found
+            is_free |= np.isnan(block.feeds) & (end_z > np.maximum(self._top, z))
+        return is_free
 
     def _height(self, points: Floats) -> Floats:
         return self._surface.heights(points[:, self._x], points[:, self._y])

@@ -550,7 +550,7 @@ class JointPath:
     def _tips(self, path: PathChunk, places: Parts) -> Floats:
         """Return the tip at places of a path (m, axes)."""
         series = tip_series(path, places, 0, bounds=False)
-        return np.stack([np.asarray(each.terms[0]) for each in series], axis=-1)
+        return np.stack([np.asarray(axis.terms[0]) for axis in series], axis=-1)
 
     def _pieces(
         self, path: PathChunk, parts: Parts, leaving: NDArray[np.bool_], joints: Floats

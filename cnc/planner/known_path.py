@@ -288,19 +288,20 @@ class KnownPath:
 
     def under(self, limits: Limits) -> KnownPath:
         """Return the same path under other limits."""
-        other = KnownPath(limits)
-        other.sections.extend(
-            Section(each.stretch, limits, each.base, each.travelled) for each in self.sections
+        path = KnownPath(limits)
+        path.sections.extend(
+            Section(section.stretch, limits, section.base, section.travelled)
+            for section in self.sections
         )
-        other._travelled = self._travelled
-        return other
+        path._travelled = self._travelled
+        return path
 
     def copy(self) -> KnownPath:
         """Return the same path, for another window."""
-        other = KnownPath(self.limits)
-        other.sections.extend(copy(each) for each in self.sections)
-        other._travelled = self._travelled
-        return other
+        path = KnownPath(self.limits)
+        path.sections.extend(copy(section) for section in self.sections)
+        path._travelled = self._travelled
+        return path
 
     def add(
         self, path: PathChunk, previous: PathChunk | None, following: PathChunk | None

@@ -60,7 +60,7 @@ class Limits:
         joints = machine.joint_tables.values()
         tip_columns = machine.tip_columns
 
-        def each(name: str) -> Floats:
+        def of_columns(name: str) -> Floats:
             own = [unless_none(getattr(joint, name)) for joint in joints]
             return np.array([inf] * tip_columns + own)
 
@@ -79,9 +79,9 @@ class Limits:
             chord_error=path.chord_error,
             period=path.period,
             step_deviation=unless_none(path.step_deviation),
-            axis_velocity=each("max_velocity"),
-            axis_acceleration=each("max_acceleration"),
-            axis_jerk=each("max_jerk"),
+            axis_velocity=of_columns("max_velocity"),
+            axis_acceleration=of_columns("max_acceleration"),
+            axis_jerk=of_columns("max_jerk"),
             travel=np.array(travel).T,
             tip_columns=tip_columns,
         )

@@ -84,19 +84,19 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 
 
 @njit
-def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
+def derivatives(k: int, s: float, intervals: Intervals, out: Floats) -> None:
     """Write q', q'', q''' at ``s`` in interval ``k`` to ``out`` (3, axes + 1).
 
     They follow the quartic through the five samples. The last column is for the path itself. All
     are divided by the share of the limits that the interval allows, so that they compare with the
     whole limits.
     """
-    sampled, samples = known.sampled, known.samples
+    sampled, samples = intervals.sampled, intervals.samples
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
     x *= 4.0
-    unit = 1.0 / known.share[k]
+    unit = 1.0 / intervals.share[k]
     w0 = unit * (x - 1.0) * (x - 2.0) * (x - 3.0) * (x - 4.0) / 24.0
     w1 = -unit * x * (x - 2.0) * (x - 3.0) * (x - 4.0) / 6.0
     w2 = unit * x * (x - 1.0) * (x - 3.0) * (x - 4.0) / 4.0
@@ -135,7 +135,7 @@ def largest_shares(
     j: float,
     s_end: float,
     k: int,
-    known: Intervals,
+    intervals: Intervals,
     limits: SumLimits,
     q: Floats,
 ) -> tuple[float, float, int]:
@@ -153,7 +153,7 @@ def largest_shares(
         j: its jerk.
         s_end: arc length at its end, mm.
         k: an interval near its start.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
         q: (SCRATCH, axes + 1): scratch.
 
@@ -161,7 +161,7 @@ def largest_shares(
         The share of the limits of acceleration and jerk, that of the speed bounds, and the interval
         in which the phase ends.
     """
-    end, top = known.end, known.top
+    end, top = intervals.end, intervals.top
     per_a, per_j = limits.per_a, limits.per_j
     worst = 0.0
     fastest = 0.0
@@ -207,7 +207,7 @@ def largest_shares(
                     break
                 k += 1
             fastest = max(fastest, speed / top[k])
-            derivatives(k, here, known, q)
+            derivatives(k, here, intervals, q)
             for i in range(q.shape[1]):
                 taken = (q[0, i] * accel + q[1, i] * speed * speed) * per_a[i]
                 sudden = (
