@@ -57,10 +57,10 @@ from cnc.path.records import Floats, line_records, move_classes
 
 # The spline of a window of a chain: knots, control points, and the proof of the tolerance.
 #
-#     corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
-#       ──► least squares; spans that miss a vertex are cut at one               fit_squares
-#       ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
-#       ──► proof; the spline near a span that fails is made anew                  fit_proof
+#     corners, straight stretches, first knots       kernels/fit_spline, kernels/fit_stretches
+#       ──► least squares; spans that miss a vertex are cut at one         kernels/fit_squares
+#       ──► the smoothest spline inside the tube about the chain           kernels/fit_program
+#       ──► proof; the spline near a span that fails is made anew            kernels/fit_proof
 #
 # A span that is refused for the first time, and is little off, gets more places where its distance
 # is limited. Others are cut, at a vertex if there is one inside, else in the middle. A knot inside

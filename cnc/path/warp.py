@@ -41,8 +41,7 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import command_array, places_of
 from cnc.path.block_pieces import Frame
-from cnc.path.curve import arc_chords
-from cnc.path.fit_curves import SAGITTA, nurbs_chords
+from cnc.path.fit_curves import SAGITTA, arc_chords, nurbs_chords
 from cnc.path.records import axis_classes
 
 # A surface over a grid in X and Y, bilinear or a bicubic natural spline.

@@ -119,13 +119,6 @@ class Limits:
         )
 
     @property
-    def along_path(self) -> bool:
-        """Whether the machine limits acceleration or jerk along the path."""
-        return (
-            min(self.tangential_acceleration, self.tangential_jerk, self.normal_acceleration) < inf
-        )
-
-    @property
     def per_axis(self) -> bool:
         """Whether an axis has a limit of its own for acceleration or jerk."""
         return bool(np.isfinite(self.axis_acceleration).any() or np.isfinite(self.axis_jerk).any())
