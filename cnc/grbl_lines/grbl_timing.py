@@ -42,6 +42,8 @@ from cnc.grbl_lines.writer import BITS_PER_BYTE, BYTE_TIME, LINE_TIME
 from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind, effects_of
 from cnc.model.streams import GcodeLine
 
+Floats = NDArray[np.float64]
+
 # The largest speeds and accelerations of the motion of a GRBL board.
 
 
@@ -151,8 +153,6 @@ class LineArrival:
         self._states["board"] = np.maximum(self._states["board"], total)
         self._states["speed"] = 0.0
 
-
-Floats = NDArray[np.float64]
 
 BATCH = 8192
 """Blocks that are computed at once."""

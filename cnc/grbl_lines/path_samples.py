@@ -39,6 +39,10 @@ from cnc.model.motion_commands import Commands, command_array, joined, places_of
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import ARC, LINE, SPAN, SPAN_BODY, START, U0, U1, curve_eval
 
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
 # A margin at the ends of the travel, so that rounding never trips a soft limit of the board.
 #
 # GRBL compares every target with its travel to the last bit of a 32-bit float (gcode_guide.md and
@@ -239,9 +243,6 @@ def corner_speeds(points: Floats, accelerations: Floats, deviation: float) -> Fl
     squares: Floats = acceleration * deviation * half / np.maximum(1.0 - half, NOTHING)
     return np.sqrt(squares)
 
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 CORNER_COSINE = math.cos(math.radians(30.0))
 """A sharper turn is a corner, where lines meet exactly, as in :mod:`cnc.path.fit`."""
@@ -553,7 +554,6 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
 
 # The fewest lines and arcs along a stretch of path, found by the kernel of the same name.
 
-Ints = NDArray[np.int64]
 
 SAME_LINE = math.cos(math.radians(0.05))
 """Cosine above which two straight moves count as one line."""

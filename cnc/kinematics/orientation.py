@@ -10,7 +10,7 @@ so, on the branch s = +1 or -1 of the sign of t,
 
 A great circle from d0 towards the unit vector e at right angles to it is d(u) = d0 cos wu + e sin
 wu, with u from 0 to 1. The angles become polynomials of degree 7 on parts of it, as the joints do
-in joint_path.py, with the same proof of their error. A circle through the axis of C has no bounded
+in joints.py, with the same proof of their error. A circle through the axis of C has no bounded
 speed of C. A circle that begins or ends there is a meridian: C stands still on it.
 """
 

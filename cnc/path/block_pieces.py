@@ -1,4 +1,7 @@
-"""Records of the pieces of a block that moves, and the checks of its numbers."""
+"""Pieces of the blocks that move: their records, their gathering into chunks, and their checks.
+
+block ──► records (records.py) ──► cut where the tip of a NURBS stands ──► Gatherer ──► PathChunk
+"""
 
 from __future__ import annotations
 

@@ -44,6 +44,8 @@ from cnc.path.block_pieces import Frame
 from cnc.path.fit_curves import SAGITTA, arc_chords, nurbs_chords
 from cnc.path.records import axis_classes
 
+Floats = NDArray[np.float64]
+
 # A surface over a grid in X and Y, bilinear or a bicubic natural spline.
 #
 # Each cell of the grid is a bicubic polynomial in Bernstein form; a bilinear cell is one of degree
@@ -278,7 +280,6 @@ class Cutter:
         return np.maximum(np.ceil(np.sqrt(bend / (8.0 * self._tolerance))), 1.0).astype(np.int64)
 
 
-Floats = NDArray[np.float64]
 MOVES_AT_ONCE = 1024
 PIECES_AT_ONCE = 4096
 SAME = 1e-6

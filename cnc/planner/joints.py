@@ -1,14 +1,10 @@
-"""The joints of a machine: their positions, their path, and the columns of a path.
-
-The kinematics is loaded only for a machine whose joints are not its axes.
-"""
+"""The joints of a machine: their positions, and their columns in a path of the tool tip."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +12,7 @@ from numpy.typing import NDArray
 from cnc.kinematics.base import Kinematics, Point
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.interval import Interval
+from cnc.kinematics.orientation import Swing, angles_of, swing
 from cnc.kinematics.series import Series, Term
 from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block, TipControl
@@ -33,13 +30,11 @@ from cnc.planner.kernels.joint_records import (
 from cnc.planner.limits import Limits
 from cnc.planner.tip_series import Parts, tip_series
 
-if TYPE_CHECKING:
-    from cnc.kinematics.orientation import Swing
+Ints = NDArray[np.int64]
 
 
 Floats = NDArray[np.float64]
 
-WHERE = "write into [machine] start where the machine stands"
 SAME = 1e-3
 """Joints that differ by less are the same pose, mm or degrees."""
 SHORT_LEGS = 4
@@ -91,10 +86,8 @@ class Joints:
         if self._map is None:
             return tip
         if not self.reach(tip):
-            each = zip(self.tip_axes, tip.tolist(), strict=True)
-            place = " ".join(f"{letter.upper()}{value:g}" for letter, value in each)
-            message = f"the joints do not reach the start position {place}"
-            hint = f"{WHERE}, or correct [kinematics]"
+            message = f"the joints do not reach the start position {_words(self.tip_axes, tip)}"
+            hint = "write into [machine] start where the machine stands, or correct [kinematics]"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
         joints: Floats = self._map.inverse(tip[None])[0]
         return joints
@@ -107,8 +100,8 @@ class Joints:
         """
         tip = self.tip(joints)
         if not np.allclose(self.at(tip), joints, rtol=0.0, atol=1e-6):
-            each = zip(self.machine.axes, joints.tolist(), strict=True)
-            place = " ".join(f"{name} = {value:g}" for name, value in each)
+            values = zip(self.machine.axes, joints.tolist(), strict=True)
+            place = " ".join(f"{name} = {value:g}" for name, value in values)
             message = f"the joints of the start are no pose of this kinematics: {place}"
             hint = "angles lie within half a turn of 0; an elbow bends to one side only"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
@@ -205,15 +198,11 @@ class ToolTipOf:
 
     def angles(self, here: list[float], direction: Floats) -> tuple[float, float]:
         """Return tilt and turn of a direction of the tool (3,), from a position (axes,)."""
-        from cnc.kinematics.orientation import angles_of
-
         tilt, turn = angles_of(self._effective(here), direction, self._shift)
         return tilt * self._signs[0], turn * self._signs[1]
 
     def swing(self, here: list[float], direction: Floats) -> Swing | None:
         """Return the great circle from a position (axes,) to a direction of the tool (3,)."""
-        from cnc.kinematics.orientation import swing
-
         turn = swing(self._effective(here), direction, self._shift)
         if turn is None:
             return None
@@ -368,7 +357,6 @@ def _of_five(table: FiveAxis, letters: tuple[str, ...], offset: Point | None) ->
 # place of numbers. So ACCURACY is not measured at samples but proved. A straight line under a
 # linear kinematics stays a line.
 
-Ints = NDArray[np.int64]
 
 ACCURACY = 1e-6
 """Largest distance of a column from the exact motion, mm or degrees."""
@@ -529,8 +517,7 @@ class JointPath:
         begins = self._tip is not None and np.abs(there - self._tip).max() < ACCURACY
         if self._tip is not None and begins:
             there = self._tip
-        each = zip(path.axes, there.tolist(), strict=True)
-        named = " ".join(f"{axis.upper()}{value:.6g}" for axis, value in each)
+        named = _words(path.axes, there)
         if not outside.any():
             code, message = "singular-pose", f"the joints turn without bound near {named}"
             hint = "keep the path clear of the pose in which the kinematics is singular"
@@ -619,6 +606,12 @@ class JointPath:
             a += TURN * turns
             b += TURN * (turns + inside)
         self._now = right[0][-1, axes:].copy()
+
+
+def _words(axes: Sequence[str], position: Floats) -> str:
+    """Return a position (axes,) as words of a program, for messages."""
+    values = zip(axes, position.tolist(), strict=True)
+    return " ".join(f"{axis.upper()}{value:.6g}" for axis, value in values)
 
 
 def _size(term: Term) -> Floats | float:

@@ -39,6 +39,8 @@ from cnc.stock.kernels.sweep import (
     cut_pieces,
 )
 
+Floats = NDArray[np.float64]
+
 # The material that is left: a grid of heights, lowered along a path.
 
 Ints = NDArray[np.int64]
@@ -249,8 +251,6 @@ def _length(match: re.Match[str] | None, scale: float, missing: float) -> float:
 TOLERANCE = 1e-3
 """mm. Rounding alone may take a part of the tool this far into material."""
 COORDINATES = "positions are machine coordinates, after all offsets, of the tool tip"
-
-Floats = NDArray[np.float64]
 
 
 class StockSimulation:

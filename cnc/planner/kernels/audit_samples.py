@@ -39,6 +39,8 @@ from cnc.planner.kernels.audit import (
 )
 from cnc.planner.kernels.timed import is_timed
 
+Floats = NDArray[np.float64]
+
 # Positions of a plan at many instants, for the audit.
 
 Ints = NDArray[np.int64]
@@ -196,9 +198,6 @@ def write_positions(pieces: Pieces, piece_s: Floats, count: int, run: Run) -> No
                 for i in range(position.shape[0]):
                     position[i, KEPT - 1 + k] = q[row, i]
         first = last
-
-
-Floats = NDArray[np.float64]
 
 
 @njit

@@ -25,6 +25,9 @@ from cnc.planner.kernels.intervals import (
 )
 from cnc.planner.kernels.scurve import phase_time
 
+Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
 # Cells of a plan under refinement, and the motion through one.
 #
 #       s0      s1      s2
@@ -424,9 +427,6 @@ def possible_gain(
             total += row["duration"] * (1.0 - math.sqrt(abs(a) / most))
     return total
 
-
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 RAMP_CELLS = 5
 """Cells in the longest jerk phase of a stretch; the others are about as long in time."""

@@ -32,16 +32,14 @@ from cnc.planner.kernels.cells import (
     empty_cells,
     place_rest,
 )
-from cnc.planner.kernels.descent import merit
+from cnc.planner.kernels.descent import HIGH, merit, system_for
 from cnc.planner.kernels.intervals import (
-    HIGH,
     SCRATCH,
     TOUCH,
     Intervals,
     SumLimits,
     interval_at,
     largest_shares,
-    system_for,
 )
 from cnc.planner.kernels.scurve import phase_time
 

@@ -40,9 +40,9 @@ from cnc.planner.kernels.cells import (
     duration_of,
     with_motion,
 )
-from cnc.planner.kernels.descent import centre, merit
+from cnc.planner.kernels.descent import HIGH, NEAR, centre, merit, system_for
 from cnc.planner.kernels.examination import Shares, examine, passable, tighten, with_cuts
-from cnc.planner.kernels.intervals import HIGH, NEAR, TOUCH, Intervals, SumLimits, system_for
+from cnc.planner.kernels.intervals import TOUCH, Intervals, SumLimits
 from cnc.planner.kernels.scurve import phase_time
 
 Floats = NDArray[np.float64]

@@ -46,6 +46,9 @@ from cnc.planner.kernels.scurve import (
     write_profile,
 )
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
 # Profiles over a span of intervals: the fastest one, its violations, and the best cut.
 
 WORTHWHILE = 0.005
@@ -220,9 +223,6 @@ def lowest_violation(
             lowest = v
     return violated
 
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PLANNED = 0
 START_TOO_FAST = 1

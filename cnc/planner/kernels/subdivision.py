@@ -30,6 +30,8 @@ from cnc.planner.kernels.limits import (
 )
 from cnc.planner.kernels.scurve import reachable_speed
 
+Floats = NDArray[np.float64]
+
 # Samples of an interval of path, and the bounds that follow from them.
 
 VARIATION = 0.05
@@ -211,9 +213,6 @@ def bound_derivatives(sampling: Sampling, limits: LimitArrays) -> None:
             first[i] = max(first[i], abs(q[m, 1, i]) + 0.25 * abs(q[m, 1, i] - q[m - 1, 1, i]))
             second[i] = max(second[i], abs(q[m, 2, i]) + 0.25 * abs(q[m, 2, i] - q[m - 1, 2, i]))
             third[i] = max(third[i], abs(q[m, 3, i]) + 0.25 * abs(q[m, 3, i] - q[m - 1, 3, i]))
-
-
-Floats = NDArray[np.float64]
 
 
 MARGIN_OF_FEED = 1.25

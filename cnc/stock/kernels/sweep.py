@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from cnc.compiled.jit import njit, njit_for_threads
 from cnc.path.kernels.curve import LENGTH, LINE, START, U0, U1, Pieces, curve_eval
 
+Floats = NDArray[np.float64]
+
 # Shape of a rotating tool, and the lowest surface that it leaves along a straight move.
 #
 # A tool is a height h(r) of its cutting surface above its tip, for the distance r from its axis:
@@ -260,8 +262,6 @@ def depth_in_column(
             deepest, place = depth, k
     return deepest, place
 
-
-Floats = NDArray[np.float64]
 
 NEAREST = 0.71
 """Cells. A tool of any size covers the cell whose centre is nearest to its axis."""
