@@ -16,8 +16,7 @@ Both passes are sums and minima of whole arrays. The backward pass takes as many
 known ahead. The forward pass, with S the sum of 2 a d so far, is v_k^2 = S_k + min over j <= k of
 (bound_j - S_j).
 
-Short lines may arrive too slowly for this: :mod:`cnc.grbl_lines.grbl_timing` adds the time that is
-lost then.
+Short lines may arrive too slowly for this: :class:`LineArrival` adds the time that is lost then.
 
 All other lines wait until the motion has come to rest (GRBL synchronises for M codes, dwells,
 probes and EEPROM writes). The operator changes overrides: times are kept for a few of them and

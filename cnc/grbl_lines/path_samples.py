@@ -1,4 +1,6 @@
-"""Dense samples of a path, with highest speed, feed and source line of each interval.
+"""Dense samples of a path for a board that plans, and the lines and arcs fitted through them.
+
+A sample begins an interval, which has a highest speed, a feed and a source line.
 
                      cut            cut
     ...o..o..o..o..o..O-------------O~~~
@@ -9,7 +11,7 @@ programmed feed changes, at commands that go with the motion, and at both ends o
 which is one interval whatever its length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
-tolerance. The speed of an interval is that of :mod:`cnc.grbl_lines.path_samples`, or the feed.
+tolerance. The speed of an interval is that of :class:`SpeedLimits`, or the feed.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.grbl_lines.board_limits import PLANNER_MOVES
 from cnc.grbl_lines.kernels.arc_fit import STRAIGHT, FitLimits, arc_stays_inside, fit_fewest
 from cnc.grbl_lines.number_format import (
     BOARD_LETTERS,
@@ -552,15 +555,12 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
     return points
 
 
-# The fewest lines and arcs along a stretch of path, found by the kernel of the same name.
-
+# The fewest lines and arcs along a stretch of path (:mod:`cnc.grbl_lines.kernels.arc_fit`).
 
 SAME_LINE = math.cos(math.radians(0.05))
 """Cosine above which two straight moves count as one line."""
 AS_FAST = 0.98
 """Part of the speed along straight moves that an arc must have to replace them."""
-BLOCKS = 15
-"""Moves that the planner of a GRBL board holds: so many may follow each other faster than lines."""
 
 
 class Fit(NamedTuple):
@@ -651,8 +651,8 @@ def _starving(samples: PathSamples, speeds: Floats, line_time: float) -> Flags:
     lengths = np.linalg.norm(np.diff(samples.points, axis=0), axis=1)
     sums = np.concatenate(([0.0], np.cumsum(lengths / np.maximum(speeds, NOTHING))))
     places = np.arange(len(lengths))
-    first = np.maximum(places - BLOCKS // 2, 0)
-    last = np.minimum(places + BLOCKS // 2 + 1, len(lengths))
+    first = np.maximum(places - PLANNER_MOVES // 2, 0)
+    last = np.minimum(places + PLANNER_MOVES // 2 + 1, len(lengths))
     starving: Flags = sums[last] - sums[first] < line_time * (last - first)
     return starving
 

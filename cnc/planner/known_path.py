@@ -159,7 +159,7 @@ class Stretch:
     following: PathChunk | None
 
     def intervals(self, limits: Limits, refined: float = REFINED, begin: float = 0.0) -> Intervals:
-        """Return its intervals; see :func:`cnc.planner.known_path.intervals_of`."""
+        """Return its intervals; see :func:`intervals_of`."""
         before = after = STANDSTILL
         if self.previous is not None:
             before = junction_between(self.previous, self.path, limits)

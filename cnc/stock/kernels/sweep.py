@@ -1,8 +1,7 @@
 """Removal of material from a height field by a tool that moves along the pieces of a path.
 
 The stock is a grid of cells over X and Y. Each has one height, that of the material at its centre.
-A move lowers the cells that the tool passes to the surface that it leaves there
-(:mod:`cnc.stock.kernels.sweep`):
+A move lowers the cells that the tool passes to the surface that it leaves there:
 
     y ^      ,---------------.        For each column of cells (one x) the cells under the tool are
       |     (  o--------->o   )       one range of y, because the area is convex.
