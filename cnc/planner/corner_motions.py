@@ -24,8 +24,8 @@ from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
-from cnc.planner.kernels.corner_known import Known, new_known
 from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
+from cnc.planner.kernels.corner_search import Solutions, new_solutions
 from cnc.planner.kernels.corner_stops import CORNER_STEPS, PassedChains, corner_size, pass_corners
 from cnc.planner.kernels.legs import REST
 from cnc.planner.limits import Limits
@@ -48,14 +48,14 @@ class CornerMotions:
     refuses such a motion stay stops.
     """
 
-    def __init__(self, limits: Limits, audit: Audit, known: Known | None = None) -> None:
+    def __init__(self, limits: Limits, audit: Audit, solutions: Solutions | None = None) -> None:
         """Create the stage behind the window.
 
-        ``audit`` checks its results. ``known``: motions that were found with the same limits.
+        ``audit`` checks its results. ``solutions``: of searches with the same limits.
         """
         self._limits = limits
         self._audit = audit
-        self._known = new_known() if known is None else known
+        self._solutions = new_solutions() if solutions is None else solutions
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
@@ -210,7 +210,7 @@ class CornerMotions:
             limits.feeds(plan.path),
             limits.arrays,
             limits.travel,
-            self._known,
+            self._solutions,
             out,
             out_plan,
             chains,

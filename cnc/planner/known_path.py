@@ -28,7 +28,9 @@ ROUNDING = 1e-4
 """Part of TOUCH that is left for rounding."""
 
 REFINED = 2.0
-"""Usual ratio of the speed for which intervals are cut to their bound of the speed."""
+"""The refinement may cross an interval this much faster than the bound that leaves acceleration for
+any direction. The interval is cut for that speed. Faster motion is compared with the path itself.
+"""
 
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:

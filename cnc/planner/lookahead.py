@@ -37,7 +37,7 @@ from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.joints import Joints
-from cnc.planner.kernels.corner_known import new_known
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -189,12 +189,12 @@ class LookAhead:
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
-        searched = new_known()
+        solutions = new_solutions()
         choice = (
-            partial(passed_together, limits=self.limits, searched=searched) if chooses else None
+            partial(passed_together, limits=self.limits, solutions=solutions) if chooses else None
         )
         self._blending = CornerBlending(self.limits, together=choice)
-        self._corners = CornerMotions(self.limits, self.audit, searched)
+        self._corners = CornerMotions(self.limits, self.audit, solutions)
         self._rewind = Rewind()
         self._factor = 1.0
         """The factor of the feeds for which the plan was made that counts."""

@@ -220,11 +220,6 @@ MARGIN_OF_FEED = 1.25
 at two samples may be below it between them.
 """
 
-REFINED = 2.0
-"""The refinement may cross an interval this much faster than the bound that leaves acceleration for
-any direction. The interval is cut for that speed. Faster motion is compared with the path itself.
-"""
-
 BENT_SHARE = 1.0 / 16.0
 """Share of the jerk for the last stretch before a stop in a bend of less radius than SHORTEST. From
 a distance d the motion stops with v = (9/2 J d^2)^(1/3) and a = (6 J^2 d)^(1/3). Where the radius
